@@ -1,0 +1,72 @@
+"""The CubeMars AK models of board generations V1 and V2, which speak MIT mode.
+
+Three different torques, easily confused:
+    rated   what the motor holds for ever
+    peak    what it gives for seconds
+    wire    what the largest code on the wire means: a scale, not a rating
+
+Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a model.
+Ratings: the vendor's product pages.
+"""
+
+from dataclasses import dataclass
+
+from graph.block import suggestion
+
+POSITION = 12.5         # rad, half the wire range of every model
+STIFFNESS = 500.0       # N·m/rad, from 0
+DAMPING = 5.0           # N·m·s/rad, from 0
+
+
+@dataclass(frozen=True)
+class Model:
+    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction."""
+
+    name: str
+    rated: float
+    peak: float
+    wire_torque: float
+    wire_velocity: float
+    gear: int
+
+
+MODELS = {
+    model.name: model
+    for model in (
+        #     name           rated   peak   wire torque  velocity  gear
+        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9),
+        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36),
+        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6),
+        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6),
+        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8),
+        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9),
+        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64),
+    )
+}
+
+# Names that mean more than one generation of one motor, whose boards speak different protocols.
+AMBIGUOUS = {"AK10-9": "AK10-9-V2.0", "AK60-6": "AK60-6-V1.1"}
+
+
+def find(name):
+    """The model of that name, without regard to case, spaces or underscores. ValueError with a suggestion if there is none."""
+    wanted = _plain(name)
+    for model in MODELS.values():
+        if _plain(model.name) == wanted:
+            return model
+    for short, full in AMBIGUOUS.items():
+        if _plain(short) == wanted:
+            raise ValueError(
+                f"{short} was sold with two driver boards that speak different protocols: write {full!r} for the older one (its label "
+                f"says V1 or V2, and it is configured by a serial cable of three wires); V3.0 boards are not supported yet")
+    if wanted.endswith("V30"):
+        raise ValueError(f"{name}: boards V3.0 speak another protocol, which is not supported yet; this block drives V1 and V2")
+    hint = suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
+    raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table" + (f": {hint}" if hint else f"; there are {', '.join(MODELS)}"))
+
+
+def _plain(name):
+    return "".join(letter for letter in str(name).upper() if letter.isalnum())

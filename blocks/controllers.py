@@ -1,0 +1,101 @@
+"""Controllers of joints."""
+
+import numpy as np
+
+from cext.kernels import controllers as kernels
+from graph import Block, Input, Interval, Memory, Output, Param
+
+
+class Impedance(Block):
+    """Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω.   (Hogan 1985)"""
+
+    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, max=150.0, live=True)
+    damping = Param(1.0, "N·m·s/rad", "B", min=0.0, max=10.0, live=True)
+
+    position = Input("rad", "joint angle θ")
+    velocity = Input("rad/s", "joint velocity ω")
+    equilibrium = Input("rad", "angle θ₀ at which the spring is slack", default=0.0)
+    torque = Output("N·m", "τ")
+
+    kernel = kernels.impedance
+
+    def output_range(self, position, velocity, equilibrium):
+        return self.span("stiffness") * (equilibrium - position) - self.span("damping") * velocity
+
+
+class TorqueProfile(Block):
+    """A torque over the gait phase: τ = scale · p(phase), p a periodic curve through given points that never leaves their range.
+
+    The curve is a monotone piecewise cubic (Fritsch and Carlson 1980), smooth across the end of the stride. No torque where `enable` is
+    false. NaN passes. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
+    """
+
+    points = Param(((0.0, 0.0), (0.5, 0.0)), "1", "pairs (phase from 0 to 1, torque in N·m), at least two, in order", dtype=tuple)
+    scale = Param(1.0, "1", "share of the profile that is applied", min=0.0, max=1.0, live=True)
+
+    phase = Input("1", "gait phase, 0 at heel strike, 1 at the next")
+    enable = Input("1", "whether the wearer walks", dtype=bool, default=True)
+    torque = Output("N·m", "τ")
+    knots = Memory(0.0, "phase of each point, the first again at the end")
+    cubics = Memory(0.0, "four coefficients for each piece")
+    bounds = Memory(0.0, "smallest and largest torque")
+
+    kernel = kernels.torque_profile
+
+    def configure(self):
+        points = np.asarray(self.points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ValueError(f"points are at least two pairs (phase, torque), not {self.points!r}")
+        phases, torques = points.T
+        if not np.all(np.isfinite(points)) or phases[0] < 0.0 or phases[-1] >= 1.0 or np.any(np.diff(phases) <= 0.0):
+            raise ValueError(f"the phases must rise from 0 to below 1, and they are {phases.tolist()}")
+        knots = np.append(phases, phases[0] + 1.0)
+        values = np.append(torques, torques[0])
+        self.knots, self.cubics = knots, monotone_cubics(knots, values).ravel()
+        self.bounds = torques.min(), torques.max()
+
+    def output_range(self, phase, enable):
+        return self.span("scale") * Interval(*map(float, self.bounds)) | Interval.point(0.0)
+
+
+def monotone_cubics(knots, values):
+    """Coefficients (n, 4), constant first, of a periodic monotone cubic through n + 1 knots, values[0] == values[-1]."""
+    width = np.diff(knots)
+    slope = np.diff(values) / width
+    before, before_width = np.roll(slope, 1), np.roll(width, 1)
+    # The weighted harmonic mean of the slopes on both sides; flat at a peak.
+    w1, w2 = 2.0 * width + before_width, width + 2.0 * before_width
+    rising = slope * before > 0.0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tangent = np.where(rising, (w1 + w2) / (w1 / before + w2 / slope), 0.0)
+    after = np.roll(tangent, -1)
+    return np.column_stack((
+        values[:-1], tangent, (3.0 * slope - 2.0 * tangent - after) / width, (tangent + after - 2.0 * slope) / width**2,
+    ))
+
+
+class GaitPhase(Block):
+    """Gait phase from the knee alone: time since the swing knee last passed a flexion threshold, over the mean stride time.
+
+    Principle: 1. a stride is counted when the angle rises through `threshold` (near toe-off) after having been below half of it; 2. its
+    duration, if between `shortest` and `longest`, enters a running mean; 3. phase = event_phase + elapsed / mean, modulo 1; 4. `walking`
+    from the third event on, until none comes for one and a half strides. NaN in the angle gives NaN in the phase.
+    """
+
+    threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)
+    event_phase = Param(0.63, "1", "gait phase at the event: 0.63 at toe-off", min=0.0, max=1.0)
+    shortest = Param(0.6, "s", "shortest stride believed", above=0.0)
+    longest = Param(2.5, "s", "longest stride believed", above=0.0)
+
+    angle = Input("rad", "knee flexion")
+    velocity = Input("rad/s", "knee flexion velocity")
+    phase = Output("1", "0 at heel strike, 1 at the next", range=(0.0, 1.0))
+    walking = Output("1", "whether the phase is known", dtype=bool, range=(0.0, 1.0))
+    stride_time = Output("s", "mean stride time, 0 while unknown")
+    strides = Output("1", "events since the start", dtype=int)
+    elapsed = Memory(0.0, "s since the last event")
+    armed = Memory(0.0, "whether the knee was extended since")
+    mean = Memory(0.0, "mean stride time")
+    valid = Memory(0.0, "strides in a row that were believed")
+
+    kernel = kernels.gait_phase

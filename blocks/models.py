@@ -1,0 +1,119 @@
+"""What a robot is attached to: limbs, and the people who move them. These stand in a plant."""
+
+import csv
+
+import numpy as np
+
+from cext.kernels import models as kernels
+from graph import Block, Input, Memory, Output, Param
+
+# Knee flexion in degrees at every 5 % of an average stride of an adult at natural cadence, from heel strike.
+# (Winter, The Biomechanics and Motor Control of Human Gait, 2nd ed. 1991, read off and rounded.)
+KNEE_FLEXION = (4, 9, 15, 18, 17, 14, 11, 8, 6, 7, 12, 21, 35, 50, 60, 62, 56, 42, 24, 9)
+
+
+class Limb(Block):
+    """A joint moved by its wearer and by a drive: I (α − α₀) = τ + K (θ₀ − θ) + B (ω₀ − ω) − d (ω − ω₀).
+
+    The wearer means to move along θ₀, ω₀, α₀ and holds to it like a spring with a damper; τ is what the drive adds. With no wearer
+    (stiffness and reflex 0) it is a free inertia. Semi-implicit Euler; no direct feedthrough.
+    """
+
+    inertia = Param(0.35, "kg·m²", "of shank and foot about the knee", above=0.0)
+    damping = Param(1.0, "N·m·s/rad", "of the tissue, d", min=0.0)
+    stiffness = Param(120.0, "N·m/rad", "of the wearer, K", min=0.0)
+    reflex = Param(8.0, "N·m·s/rad", "of the wearer, B", min=0.0)
+    start = Param(0.0, "rad", "angle at the start")
+
+    torque = Input("N·m", "of the drive", default=0.0)
+    angle = Input("rad", "where the wearer means to be, θ₀", default=0.0)
+    rate = Input("rad/s", "its derivative, ω₀", default=0.0)
+    acceleration = Input("rad/s²", "and the next, α₀", default=0.0)
+    position = Output("rad", "joint angle θ")
+    velocity = Output("rad/s", "joint velocity ω")
+    state = Memory((0.0, 0.0), "θ and ω")
+
+    kernel = kernels.limb
+    update_kernel = kernels.limb_next
+    feedthrough = ()
+
+    def configure(self):
+        self.state = (self.start, 0.0)
+
+
+class WalkingKnee(Block):
+    """The knee of an average adult who walks: a Fourier series over the stride, with its derivatives."""
+
+    stride_time = Param(1.1, "s", "duration of a stride", above=0.0)
+    start = Param(0.0, "1", "gait phase at t = 0: 0 for one leg, 0.5 for the other")
+    harmonics = Param(6, "1", "of the stride frequency", min=1, max=9)
+
+    angle = Output("rad", "knee flexion")
+    velocity = Output("rad/s", "its derivative")
+    acceleration = Output("rad/s²", "and the next")
+    mean = Memory(0.0, "mean angle")
+    cosines = Memory(0.0, "of each harmonic")
+    sines = Memory(0.0, "of each harmonic")
+
+    kernel = kernels.fourier
+
+    def configure(self):
+        spectrum = np.fft.rfft(np.radians(KNEE_FLEXION)) / len(KNEE_FLEXION)
+        self.mean = spectrum[0].real
+        self.cosines = 2.0 * spectrum[1 : self.harmonics + 1].real
+        self.sines = -2.0 * spectrum[1 : self.harmonics + 1].imag
+
+
+class RecordedKnee(Block):
+    """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time` column in s."""
+
+    file = Param("", "1", "path of the CSV file", required=True, dtype=str)
+    column = Param("", "1", "name of its column, in degrees", required=True, dtype=str)
+    rate = Param(200.0, "Hz", "samples a second, found from the file", above=0.0)
+
+    angle = Output("rad", "knee flexion")
+    velocity = Output("rad/s", "its derivative")
+    acceleration = Output("rad/s²", "and the next")
+    angles = Memory(0.0, "every sample")
+    velocities = Memory(0.0, "every sample")
+    accelerations = Memory(0.0, "every sample")
+
+    kernel = kernels.playback
+
+    def configure(self):
+        times, angles = read_column(self.file, self.column)
+        self.rate = (len(times) - 1) / (times[-1] - times[0])
+        velocities = np.gradient(angles, 1.0 / self.rate)
+        end = seam(angles, velocities, int(self.rate))
+        self.angles, self.velocities = angles[:end], velocities[:end]
+        self.accelerations = np.gradient(velocities, 1.0 / self.rate)[:end]
+
+
+def read_column(file, column):
+    """(times in s, angles in rad) of a CSV file. ValueError or OSError saying what is wrong with it."""
+    with open(file, newline="") as stream:
+        rows = csv.reader(stream)
+        header = next(rows, [])
+        for name in ("time", column):
+            if name not in header:
+                raise ValueError(f"{file} has no column {name!r}; it has {', '.join(header) or 'none'}")
+        indices = header.index("time"), header.index(column)
+        samples = []
+        for number, row in enumerate(rows, start=2):
+            try:
+                samples.append([float(row[index]) for index in indices])
+            except (ValueError, IndexError):
+                raise ValueError(f"{file}, line {number}: a number is missing in column 'time' or {column!r}") from None
+    times, angles = np.array(samples).reshape(-1, 2).T
+    if len(times) < 100 or not np.all(np.isfinite(times + angles)) or not np.allclose(np.diff(times), np.median(np.diff(times)), rtol=0.02):
+        raise ValueError(f"{file}: at least 100 evenly spaced finite samples are needed")
+    return times, np.radians(angles)
+
+
+def seam(angles, velocities, window):
+    """Where to cut a recording so that its end meets its beginning: the sample of the last `window` that is most like the first."""
+    if len(angles) < 4 * window:
+        return len(angles)
+    first = len(angles) - 2 * window
+    unlike = np.abs(angles[first:] - angles[0]) + 0.1 * np.abs(velocities[first:] - velocities[0])
+    return first + int(np.argmin(unlike)) + 1

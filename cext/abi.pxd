@@ -1,0 +1,98 @@
+"""The kernel ABI: what a native block is made of. Public: labs compile their own blocks against this file.
+
+Everything a schedule computes with lives in one contiguous array of doubles, the arena: the clock first, then signals,
+parameters and the memory of blocks. A kernel is a C function that is told where in the arena its things are:
+
+    slots[i]   where item i begins
+    sizes[i]   how many doubles it has (1 for a scalar)
+
+with the items in the order of the block's declaration: inputs, outputs, parameters, memory. It runs without the GIL; it
+must not allocate, lock, print or wait. It returns OK, or a status of its own above FIRST_OWN_STATUS, which is a fault.
+
+Handed over from Python, a kernel is a PyCapsule whose name is its C signature (KERNEL below), as SciPy's LowLevelCallable
+has it, or anything with a ctypes address, such as a Numba cfunc.
+"""
+
+from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t
+
+ctypedef int (*kernel_t)(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil
+
+# A device has two more: it is offered every frame its bus receives, and fills the frames it wants sent.
+ctypedef int (*decode_t)(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil
+ctypedef int (*encode_t)(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil
+
+cdef enum: # slots at the start of every arena, written by the executor
+    TIME = 0                # s, nominal: tick / rate
+    TICK = 1                # the grid point
+    DT = 2                  # s from the previous executed tick: more than PERIOD after a skip
+    PERIOD = 3              # s, 1 / rate
+    WAKE = 4                # s, when the tick really began
+    LATENESS = 5            # s, WAKE - TIME
+    AUTHORITY = 6           # 0 to 1, the share of every command that is let through: fades in after arming
+    CLOCK_SLOTS = 8
+
+cdef enum: # what a kernel returns; encode_t returns these negated, or a number of frames
+    OK = 0
+    NOT_FINITE = 1          # a command is NaN or infinite
+    OUT_OF_LIMITS = 2       # a command has left the interval that was proved
+    PYTHON_ERROR = 3        # a Python block raised
+    NO_ANSWER = 4           # a device did not answer while arming
+    SILENT = 5              # a device has been silent for longer than its timeout
+    DEVICE_FAULT = 6        # a device reports a fault
+    BUS_ERROR = 7           # a bus cannot receive or send
+    FIRST_OWN_STATUS = 64
+
+cdef enum: # what decode_t returns
+    FOREIGN = 0             # not for this device
+    TAKEN = 1
+    MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
+
+cdef enum:
+    FRAME_BYTES = 64        # CAN FD
+    FRAMES_PER_DEVICE = 4   # most that encode_t may fill
+    FRAMES_PER_TICK = 64    # most that a bus hands over in one tick
+
+cdef enum: # Linux's struct can_frame: flags in the high bits of the identifier
+    EXTENDED = 0x80000000
+    REMOTE = 0x40000000
+    ERROR_FRAME = 0x20000000
+    ID_MASK = 0x1FFFFFFF
+
+cdef struct Frame:
+    int64_t time            # ns since the run began, that is, since its arming
+    uint32_t id
+    uint8_t length
+    uint8_t flags           # CAN FD's own
+    uint8_t bus
+    uint8_t sent            # 1 we sent it, 0 we received it
+    uint8_t data[FRAME_BYTES]
+
+cdef struct Bus:
+    # Neither waits. receive fills at most `capacity` frames and returns how many; send returns how many went out.
+    # Below zero: the bus failed.
+    int (*receive)(void *context, Frame *frames, int capacity) noexcept nogil
+    int (*send)(void *context, const Frame *frames, int count) noexcept nogil
+    void *context
+
+# The names of capsules.
+cdef inline const char *KERNEL() noexcept nogil:
+    return "int (double *, int32_t const *, int32_t const *)"
+
+cdef inline const char *DECODE() noexcept nogil:
+    return "int (double *, int32_t const *, int32_t const *, Frame const *)"
+
+cdef inline const char *ENCODE() noexcept nogil:
+    return "int (double *, int32_t const *, int32_t const *, Frame *)"
+
+
+from cpython.pycapsule cimport PyCapsule_New
+
+cdef inline object export(kernel_t kernel):
+    """The capsule by which a kernel is handed over: `gain = export(gain_kernel)`."""
+    return PyCapsule_New(<void *>kernel, KERNEL(), NULL)
+
+cdef inline object export_decode(decode_t decode):
+    return PyCapsule_New(<void *>decode, DECODE(), NULL)
+
+cdef inline object export_encode(encode_t encode):
+    return PyCapsule_New(<void *>encode, ENCODE(), NULL)

@@ -1,0 +1,24 @@
+from cext.abi cimport Bus, Frame
+
+cdef enum:
+    QUEUE = 1024
+
+cdef struct Queue:
+    long head, tail
+    long dropped
+    Frame frames[QUEUE]
+
+cdef struct End:                 # of a memory bus: reads from one queue, writes to the other
+    Queue *inbox
+    Queue *outbox
+
+cdef class BusEnd:
+    """One end of a bus, as the executor knows it."""
+    cdef Bus bus
+    cdef object owner            # keeps the memory behind the context alive
+
+cdef class MemoryBus:
+    cdef Queue *queues
+    cdef End ends[2]
+    cdef readonly BusEnd host, device
+    cdef _wire(self, BusEnd end, int index)

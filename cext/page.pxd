@@ -1,0 +1,101 @@
+"""The shared page: what the control process shows to the others, and the ring that its recording runs through.
+
+One memory file, mapped by every process of a run. The control process writes, the recorder reads; only `fence` and the
+ring's tail go the other way. Nothing here locks.
+"""
+
+from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
+
+from cext.abi cimport Frame
+from cext.histogram cimport Histogram
+
+cdef extern from *:
+    """
+    #define tw_load(pointer) __atomic_load_n((pointer), __ATOMIC_ACQUIRE)
+    #define tw_store(pointer, value) __atomic_store_n((pointer), (value), __ATOMIC_RELEASE)
+    """
+    uint64_t load_u64 "tw_load"(const uint64_t *pointer) noexcept nogil
+    int64_t load_i64 "tw_load"(const int64_t *pointer) noexcept nogil
+    int32_t load_i32 "tw_load"(const int32_t *pointer) noexcept nogil
+    void store_u64 "tw_store"(uint64_t *pointer, uint64_t value) noexcept nogil
+    void store_i64 "tw_store"(int64_t *pointer, int64_t value) noexcept nogil
+    void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
+
+cdef enum:
+    INIT = 0
+    ARMING = 1
+    RUNNING = 2
+    STOPPING = 3
+    SAFE = 4
+
+cdef enum: # of a record in the ring
+    PADDING = 0                 # the rest of the ring, up to its end
+    ROW = 1                     # doubles: tick, time, then the recorded signals
+    FRAME = 2                   # a struct Frame
+    EVENT = 3                   # JSON
+
+cdef struct Header:             # in front of every record
+    uint32_t kind
+    uint32_t bytes              # of the payload, a multiple of 8
+
+cdef struct PageLayout:
+    uint64_t magic
+    uint64_t capacity           # of the ring, bytes, a power of two
+    int32_t state
+    int32_t fence               # once 1, no process sends a command frame
+    int32_t closed              # 1: nothing will be pushed any more
+    int32_t status              # why it stopped
+    int64_t began               # ns, CLOCK_MONOTONIC of the run's begin; frames are timed from here
+    int64_t wall                # ns, CLOCK_REALTIME of the run's begin
+    int64_t first_tick          # ns from the run's begin to tick 0; rows are timed from there
+    int64_t tick                # the last completed
+    int64_t ticks               # how many completed
+    int64_t missed              # grid points that were skipped
+    int64_t dropped             # records that found the ring full
+    int64_t frames_received
+    int64_t frames_sent
+    int64_t frames_foreign      # that no device took
+    int64_t frames_malformed
+    int64_t waited              # ns spent waiting for the recorder, in virtual time only
+    int64_t busy                # ns spent inside ticks
+    Histogram lateness          # wake-up against the grid
+    Histogram execution         # of a tick
+    uint64_t head               # bytes ever written; the producer's
+    uint64_t spare[7]           # keeps the two ends on cache lines of their own
+    uint64_t tail               # bytes ever read; the consumer's
+    uint64_t more[7]
+
+cdef inline char *ring(PageLayout *page) noexcept nogil:
+    return <char *>page + sizeof(PageLayout)
+
+cdef inline void *reserve(PageLayout *page, uint32_t kind, uint32_t size) noexcept nogil:
+    """Room for one record, `size` a multiple of 8; NULL when the ring is full. Nothing is visible before `commit`."""
+    cdef uint64_t head = page.head
+    cdef uint64_t mask = page.capacity - 1
+    cdef uint64_t free = page.capacity - (head - load_u64(&page.tail))
+    cdef uint64_t to_end = page.capacity - (head & mask)
+    cdef uint64_t need = sizeof(Header) + size
+    cdef Header *header
+    if need > to_end:                       # a record never wraps: pad to the end and start over
+        if need + to_end > free:
+            return NULL
+        header = <Header *>(ring(page) + (head & mask))
+        header.kind = PADDING
+        header.bytes = <uint32_t>(to_end - sizeof(Header))
+        head += to_end
+        store_u64(&page.head, head)
+    elif need > free:
+        return NULL
+    header = <Header *>(ring(page) + (head & mask))
+    header.kind = kind
+    header.bytes = size
+    return <char *>header + sizeof(Header)
+
+cdef inline void commit(PageLayout *page) noexcept nogil:
+    cdef Header *header = <Header *>(ring(page) + (page.head & (page.capacity - 1)))
+    store_u64(&page.head, page.head + sizeof(Header) + header.bytes)
+
+cdef class Page:
+    cdef PageLayout *layout
+    cdef object memory
+    cdef readonly int fd

@@ -1,0 +1,136 @@
+# cython: freethreading_compatible=True
+"""The shared page from Python: made by the control process, read by the recorder."""
+
+import mmap
+import os
+
+from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
+from libc.string cimport memcpy
+
+from cext.histogram cimport BUCKETS, Histogram, lower_edge
+
+cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
+
+STATES = ("init", "arming", "running", "stopping", "safe")
+RECORD_ROW, RECORD_FRAME, RECORD_EVENT = ROW, FRAME, EVENT
+
+
+cdef class Page:
+    """One memory file shared by the processes of a run.
+
+    Page(capacity)  makes it, with a ring of `capacity` bytes rounded up to a power of two
+    Page(fd=fd)     maps the one behind `fd`, which another process made
+    """
+
+    def __cinit__(self, capacity=1 << 22, fd=None):
+        cdef Py_buffer buffer
+        if fd is None:
+            room = 1 << max(12, (int(capacity) - 1).bit_length())
+            fd = os.memfd_create("tickwork")
+            os.ftruncate(fd, sizeof(PageLayout) + room)
+        self.fd = fd
+        self.memory = mmap.mmap(fd, 0)
+        if len(self.memory) <= <Py_ssize_t>sizeof(PageLayout):
+            raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
+        PyObject_GetBuffer(self.memory, &buffer, PyBUF_WRITABLE)
+        self.layout = <PageLayout *>buffer.buf
+        PyBuffer_Release(&buffer)                  # self.memory stays mapped as long as this object lives
+        if self.layout.magic == 0:
+            self.layout.capacity = len(self.memory) - sizeof(PageLayout)
+            self.layout.tick = -1
+            self.layout.magic = MAGIC
+        elif self.layout.magic != MAGIC:
+            raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
+
+    def push(self, uint32_t kind, bytes payload):
+        """Append one record from outside the loop. The payload is padded with spaces to a multiple of 8 bytes."""
+        payload += b" " * (-len(payload) % 8)
+        cdef void *room = reserve(self.layout, kind, <uint32_t>len(payload))
+        if room == NULL:
+            self.layout.dropped += 1
+            return False
+        memcpy(room, <const char *>payload, len(payload))
+        commit(self.layout)
+        return True
+
+    def drain(self, int most=4096):
+        """Take up to `most` records out of the ring: a list of (kind, payload) with the payload as bytes."""
+        cdef PageLayout *page = self.layout
+        cdef uint64_t tail = page.tail
+        cdef uint64_t head = load_u64(&page.head)
+        cdef Header *header
+        cdef list records = []
+        while tail != head and len(records) < most:
+            header = <Header *>(ring(page) + (tail & (page.capacity - 1)))
+            if header.kind != PADDING:
+                records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
+            tail += sizeof(Header) + header.bytes
+            store_u64(&page.tail, tail)
+        return records
+
+    def raise_fence(self):
+        """From now on no process of this run sends a command frame. There is no way back."""
+        store_i32(&self.layout.fence, 1)
+
+    def close(self):
+        """Say that nothing will be pushed any more."""
+        store_i32(&self.layout.closed, 1)
+
+    @property
+    def closed(self):
+        return load_i32(&self.layout.closed) != 0
+
+    @property
+    def fenced(self):
+        return load_i32(&self.layout.fence) != 0
+
+    @property
+    def state(self):
+        return STATES[load_i32(&self.layout.state)]
+
+    @property
+    def empty(self):
+        return load_u64(&self.layout.head) == load_u64(&self.layout.tail)
+
+    def statistics(self):
+        """A dict of everything the page counts: ticks, missed, dropped, frames, and percentiles of lateness and execution in s."""
+        cdef PageLayout *page = self.layout
+        return {
+            "ticks": load_i64(&page.ticks),
+            "last_tick": load_i64(&page.tick),
+            "missed": load_i64(&page.missed),
+            "dropped": load_i64(&page.dropped),
+            "frames": {
+                "received": load_i64(&page.frames_received),
+                "sent": load_i64(&page.frames_sent),
+                "foreign": load_i64(&page.frames_foreign),
+                "malformed": load_i64(&page.frames_malformed),
+            },
+            "waited_for_recorder": load_i64(&page.waited) * 1e-9,
+            "busy": load_i64(&page.busy) * 1e-9,
+            "lateness": summary(&page.lateness),
+            "execution": summary(&page.execution),
+        }
+
+    @property
+    def wall(self):
+        """ns, CLOCK_REALTIME of the run's begin; 0 before it."""
+        return load_i64(&self.layout.wall)
+
+    @property
+    def first_tick(self):
+        """ns from the run's begin to tick 0."""
+        return load_i64(&self.layout.first_tick)
+
+
+cdef dict summary(Histogram *histogram):
+    """Percentiles of a histogram, in s. Each is the upper edge of its bucket, so never better than the truth."""
+    cdef uint64_t seen = 0
+    cdef int bucket
+    result = {"count": histogram.count, "max": histogram.largest * 1e-9, "max_at_tick": histogram.largest_at}
+    wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
+    for bucket in range(BUCKETS):
+        seen += histogram.buckets[bucket]
+        while wanted and histogram.count and seen >= wanted[0][1] * histogram.count:
+            result[wanted.pop(0)[0]] = min(lower_edge(bucket + 1), histogram.largest) * 1e-9
+    return result

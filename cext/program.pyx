@@ -1,0 +1,467 @@
+# cython: freethreading_compatible=True
+"""A schedule loaded into native memory: its arena, its steps in order, its devices, and the phases of a tick over them.
+
+    receive    every bus drained, each frame offered to the devices on it
+    output     steps in order, in segments of one kind, so that the GIL is taken once for neighbouring Python steps
+    command    each device encodes its frames; nothing is sent if one of them refuses
+    transmit   the frames go out
+    update     steps that prepare the next tick
+
+The life cycle around these, the clock and the recording are the executor's.
+"""
+
+import numpy as np
+
+from cpython.bool cimport PyBool_FromLong
+from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExact, PyFloat_FromDouble
+from cpython.long cimport PyLong_FromDouble
+from cpython.object cimport PyObject_IsTrue
+from cpython.pycapsule cimport PyCapsule_CheckExact, PyCapsule_GetPointer
+from cpython.ref cimport Py_DECREF, Py_XDECREF
+from libc.stdint cimport uint8_t, uint32_t, uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport (
+    BUS_ERROR, CLOCK_SLOTS, DECODE, DEVICE_FAULT, ENCODE, EXTENDED, FOREIGN, KERNEL, MALFORMED, OK, PYTHON_ERROR, SILENT,
+    TAKEN,
+)
+from cext.page cimport FRAME, commit, reserve
+
+cdef extern from "Python.h":
+    PyObject *PyObject_Vectorcall(PyObject *callable, PyObject **arguments, size_t flags, PyObject *names)
+    const size_t PY_VECTORCALL_ARGUMENTS_OFFSET
+
+cdef enum:
+    REAL
+    INTEGER
+    TRUTH
+    ARRAY
+
+KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
+
+
+cdef class PythonStep:
+    """A Python callable with its arguments taken from the arena and its results put there.
+
+    Parameters
+    ----------
+    callable : called with one positional argument per input
+    name : path of the block, for errors
+    inputs, outputs : lists of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
+    arena : the float64 array that the slots point into
+    """
+
+    def __cinit__(self, callable, str name, inputs, outputs, arena):
+        if len(inputs) > 32 or len(outputs) > 32:
+            raise ValueError("%s: a Python block has at most 32 inputs and 32 outputs" % name)
+        self.callable, self.name = callable, name
+        self.input_count, self.output_count = len(inputs), len(outputs)
+        self.input_views, self.output_views = [], []
+        self.output_names = [port for port, *_ in outputs]
+        memset(self.arguments, 0, sizeof(self.arguments))
+        for index, (port, slot, dtype, shape) in enumerate(inputs):
+            self.input_slots[index] = slot
+            self.input_kinds[index] = ARRAY if shape else KINDS[dtype]
+            if shape:
+                view = arena[slot : slot + int(np.prod(shape))].reshape(shape)
+                view.flags.writeable = False
+                self.input_views.append(view)
+                self.arguments[index + 1] = <PyObject *>view
+        for index, (port, slot, dtype, shape) in enumerate(outputs):
+            self.output_slots[index] = slot
+            self.output_kinds[index] = ARRAY if shape else KINDS[dtype]
+            self.output_views.append(arena[slot : slot + int(np.prod(shape))].reshape(shape) if shape else None)
+
+    cdef int call(self, double *arena) except -1:
+        cdef int index, kind
+        cdef double value
+        cdef PyObject *result
+        cdef object number
+        for index in range(self.input_count):
+            kind = self.input_kinds[index]
+            if kind == ARRAY:
+                continue
+            value = arena[self.input_slots[index]]
+            if kind == REAL:
+                number = PyFloat_FromDouble(value)
+            elif kind == INTEGER:
+                number = PyLong_FromDouble(value)
+            else:
+                number = PyBool_FromLong(value != 0.0)
+            Py_XDECREF(self.arguments[index + 1])
+            self.arguments[index + 1] = <PyObject *>number
+            incref(number)
+        result = PyObject_Vectorcall(
+            <PyObject *>self.callable, &self.arguments[1], self.input_count | PY_VECTORCALL_ARGUMENTS_OFFSET, NULL
+        )
+        if result == NULL:
+            raise_current()
+        try:
+            if self.output_count == 1:
+                if self.output_kinds[0] == REAL and PyFloat_CheckExact(<object>result):
+                    arena[self.output_slots[0]] = PyFloat_AS_DOUBLE(<object>result)
+                else:
+                    self.store(0, <object>result, arena)
+            elif self.output_count > 1:
+                if not isinstance(<object>result, (tuple, list)) or len(<object>result) != self.output_count:
+                    raise TypeError("%s.step must return %d values (%s), and returned %r" % (
+                        self.name, self.output_count, ", ".join(self.output_names), <object>result))
+                for index in range(self.output_count):
+                    self.store(index, (<object>result)[index], arena)
+        finally:
+            Py_DECREF(<object>result)
+        return 0
+
+    cdef int store(self, int index, object value, double *arena) except -1:
+        cdef int kind = self.output_kinds[index]
+        try:
+            if kind == ARRAY:
+                view = self.output_views[index]
+                if np.shape(value) != view.shape:
+                    raise ValueError("shape %s where %s is declared" % (np.shape(value), view.shape))
+                view[...] = value
+            elif kind == TRUTH:
+                arena[self.output_slots[index]] = 1.0 if PyObject_IsTrue(value) else 0.0
+            elif kind == INTEGER:
+                arena[self.output_slots[index]] = float(value.__index__())
+            else:
+                arena[self.output_slots[index]] = PyFloat_AsDouble(value)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise TypeError("%s.step returned %r for %s: %s" % (self.name, value, self.output_names[index], error)) from None
+        return 0
+
+    def __call__(self, arena):
+        """Call it once on an arena of doubles; for tests and for `block.step`."""
+        cdef double[::1] view = arena
+        self.call(&view[0])
+
+    def __dealloc__(self):
+        cdef int index
+        for index in range(self.input_count):
+            if self.input_kinds[index] != ARRAY:
+                Py_XDECREF(self.arguments[index + 1])
+
+
+cdef extern from *:
+    """
+    static inline void tw_incref(PyObject *object) { Py_INCREF(object); }
+    static inline int tw_reraise(void) { return -1; }
+    """
+    void incref "tw_incref"(object value)
+    int raise_current "tw_reraise"() except -1
+
+
+def address(kernel, kind="kernel"):
+    """The address of a native kernel, given as a PyCapsule named by its C signature, a ctypes function pointer, or a Numba cfunc.
+
+    kind is "kernel", "decode" or "encode". TypeError if it is none of these, or its signature is another.
+    """
+    cdef const char *name = DECODE() if kind == "decode" else ENCODE() if kind == "encode" else KERNEL()
+    if PyCapsule_CheckExact(kernel):
+        try:
+            return <uintptr_t>PyCapsule_GetPointer(kernel, name)
+        except ValueError:
+            raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(), kernel)) from None
+    if hasattr(kernel, "address"):
+        return int(kernel.address)
+    import ctypes
+
+    try:
+        return int(ctypes.cast(kernel, ctypes.c_void_p).value)
+    except (ctypes.ArgumentError, TypeError):
+        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel)) from None
+
+
+def call_kernel(kernel, double[::1] arena, int32_t[::1] slots, int32_t[::1] sizes):
+    """Run one kernel once, with the GIL, and return its status. For `block.step` and tests, not for the tick."""
+    cdef kernel_t function = <kernel_t><uintptr_t>address(kernel)
+    return function(&arena[0], &slots[0], &sizes[0])
+
+
+cdef class Program:
+    """Loads a `graph.Schedule`.
+
+    Parameters
+    ----------
+    schedule : graph.Schedule
+    ends : BusEnd, one for each of schedule.buses
+    """
+
+    def __init__(self, schedule, ends=()):
+        if len(ends) != len(schedule.buses):
+            raise ValueError("the schedule has %d buses, and %d ends were given" % (len(schedule.buses), len(ends)))
+        self.schedule = schedule
+        self.image = np.ascontiguousarray(schedule.arena, dtype=np.float64)
+        self.memory = self.image.copy()
+        self.arena = <double *><uintptr_t>self.memory.ctypes.data
+        self.keep = []
+        self.blocks = list(schedule.python_blocks)
+        self.load_phase(&self.settle, schedule.settle)
+        self.load_phase(&self.output, schedule.output)
+        self.load_phase(&self.update, schedule.update)
+        self.ends = list(ends)
+        self.bus_count = len(ends)
+        self.bus_ends = <void **>calloc(max(1, len(ends)), sizeof(void *))
+        for index, end in enumerate(self.ends):
+            self.bus_ends[index] = <void *>(<BusEnd?>end)
+        self.load_devices(schedule.devices)
+        self.column_count = len(schedule.columns)
+        self.columns = <int32_t *>calloc(max(1, self.column_count), sizeof(int32_t))
+        for index, slot in enumerate(schedule.columns):
+            self.columns[index] = slot
+
+    def __dealloc__(self):
+        free(self.settle.steps); free(self.settle.segments)
+        free(self.output.steps); free(self.output.segments)
+        free(self.update.steps); free(self.update.segments)
+        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.columns)
+
+    cdef int load_phase(self, Phase *phase, steps) except -1:
+        """Copy the steps and cut them into segments of neighbours of one kind and rate."""
+        cdef Step *step
+        cdef Segment *segment = NULL
+        cdef int index
+        phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
+        phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
+        phase.step_count = len(steps)
+        phase.segment_count = 0
+        for index, entry in enumerate(steps):
+            step = &phase.steps[index]
+            if entry.kernel is not None:
+                step.kernel = <kernel_t><uintptr_t>address(entry.kernel)
+                self.keep.append(entry.kernel)
+                step.slots, step.sizes = self.table(entry.slots), self.table(entry.sizes)
+            else:
+                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory)
+                self.keep.append(call)
+                step.python = <PyObject *>call
+            if segment == NULL or segment.python != (step.kernel == NULL) or segment.every != entry.every:
+                segment = &phase.segments[phase.segment_count]
+                phase.segment_count += 1
+                segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
+            segment.last = index + 1
+        return 0
+
+    cdef int32_t *table(self, values) except? NULL:
+        cdef object array = np.array(list(values) or [0], dtype=np.int32)
+        self.keep.append(array)
+        return <int32_t *><uintptr_t>array.ctypes.data
+
+    cdef int load_devices(self, devices) except -1:
+        cdef Device *device
+        cdef int index
+        self.device_count = len(devices)
+        self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
+        self.outgoing = <Frame *>calloc(max(1, len(devices)) * FRAMES_PER_DEVICE, sizeof(Frame))
+        self.outgoing_count = <int32_t *>calloc(max(1, self.bus_count), sizeof(int32_t))
+        for index, entry in enumerate(devices):              # the schedule lists them bus by bus
+            device = &self.devices[index]
+            device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
+            device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
+            self.keep += [entry.decode, entry.encode]
+            device.slots, device.sizes = self.table(entry.slots), self.table(entry.sizes)
+            device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+            load_batch(&device.enable, entry.enable)
+            load_batch(&device.zero, entry.zero)
+            load_batch(&device.disable, entry.disable)
+        return 0
+
+    def reset(self):
+        """Everything as at the first tick: arena, devices, Python blocks."""
+        cdef int index
+        self.memory[:] = self.image
+        for block in self.blocks:
+            block.reset()
+        for index in range(self.device_count):
+            self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
+        self.error = None
+        self.failed_step = self.failed_device = self.failed_bus = -1
+
+    @property
+    def values(self):
+        """The arena as an array: the live memory, not a copy."""
+        return self.memory
+
+    @property
+    def culprit(self):
+        """Path of the block, device or bus whose step failed last, or None."""
+        if self.failed_device >= 0:
+            return self.schedule.devices[self.failed_device].name
+        if self.failed_bus >= 0:
+            return self.schedule.buses[self.failed_bus]
+        if self.failed_step >= 0:
+            return (self.schedule.settle, self.schedule.output, self.schedule.update)[self.failed_phase][self.failed_step].name
+        return None
+
+    def silent_devices(self):
+        """Paths of the devices that have sent fewer replies than were wanted of them."""
+        return [
+            self.schedule.devices[index].name
+            for index in range(self.device_count)
+            if self.devices[index].replies < self.devices[index].replies_wanted
+        ]
+
+    cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
+        cdef int index, step, status
+        cdef Segment *segment
+        for index in range(phase.segment_count):
+            segment = &phase.segments[index]
+            if segment.every != 1 and not due(tick, previous, segment.every):
+                continue
+            if segment.python:
+                status = self.run_python(phase, segment)
+                if status != OK:
+                    return status
+                continue
+            for step in range(segment.first, segment.last):
+                status = phase.steps[step].kernel(self.arena, phase.steps[step].slots, phase.steps[step].sizes)
+                if status != OK:
+                    self.blame_step(phase, step)
+                    return status
+        return OK
+
+    cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
+        self.failed_step = step
+        self.failed_phase = 0 if phase == &self.settle else 1 if phase == &self.output else 2
+
+    cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil:
+        cdef int step = segment.first
+        with gil:
+            try:
+                for step in range(segment.first, segment.last):
+                    (<PythonStep>phase.steps[step].python).call(self.arena)
+            except BaseException as error:
+                self.error = error
+                self.blame_step(phase, step)
+                return PYTHON_ERROR
+        return OK
+
+    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
+        """Drain every bus, at most FRAMES_PER_TICK each; offer each frame to the devices on it. `page` may be NULL."""
+        cdef int bus, count, index, number
+        cdef Frame *frame
+        cdef Device *device
+        cdef int answer = FOREIGN
+        for bus in range(self.bus_count):
+            count = (<BusEnd>self.bus_ends[bus]).bus.receive(
+                (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+            if count < 0:
+                self.failed_bus = bus
+                return BUS_ERROR
+            for index in range(count):
+                frame = &self.received[index]
+                frame.bus = <uint8_t>bus
+                frame.sent = 0
+                answer = FOREIGN
+                for number in range(self.device_count):
+                    device = &self.devices[number]
+                    if device.bus != bus:
+                        continue
+                    answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                    if answer == TAKEN:
+                        device.heard = frame.time
+                        device.replies += 1
+                    if answer != FOREIGN:
+                        break
+                if page != NULL:
+                    page.frames_received += 1
+                    page.frames_foreign += answer == FOREIGN
+                    page.frames_malformed += answer == MALFORMED
+                    log_frame(page, frame)
+        for number in range(self.device_count):
+            device = &self.devices[number]
+            if device.age >= 0:
+                self.arena[device.age] = (now - device.heard) * 1e-9
+        return OK
+
+    cdef int watch(self, int64_t now) noexcept nogil:
+        """A device that is silent past its timeout, or reports a fault, ends the run."""
+        cdef int number
+        cdef Device *device
+        for number in range(self.device_count):
+            device = &self.devices[number]
+            if device.timeout > 0.0 and (now - device.heard) * 1e-9 > device.timeout:
+                self.failed_device = number
+                return SILENT
+            if device.fault >= 0 and self.arena[device.fault] != 0.0:
+                self.failed_device = number
+                return DEVICE_FAULT
+        return OK
+
+    cdef int command(self) noexcept nogil:
+        """Each device encodes into `outgoing`, bus by bus. If one refuses, nothing of the tick is sent."""
+        cdef int number, count
+        cdef int total = 0
+        cdef Device *device
+        memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
+        for number in range(self.device_count):
+            device = &self.devices[number]
+            count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
+            if count < 0:
+                memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
+                self.failed_device = number
+                return -count
+            total += count
+            self.outgoing_count[device.bus] += count
+        return OK
+
+    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int bus, status
+        cdef int first = 0
+        for bus in range(self.bus_count):
+            status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page)
+            if status != OK:
+                return status
+            first += self.outgoing_count[bus]
+        return OK
+
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int index
+        if count == 0:
+            return OK
+        for index in range(count):
+            frames[index].time = now
+            frames[index].bus = <uint8_t>bus
+            frames[index].sent = 1
+        if (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count) < 0:
+            self.failed_bus = bus
+            return BUS_ERROR
+        if page != NULL:
+            page.frames_sent += count
+            for index in range(count):
+                log_frame(page, &frames[index])
+        return OK
+
+    cdef void record(self, double *row) noexcept nogil:
+        cdef int index
+        for index in range(self.column_count):
+            row[index] = self.arena[self.columns[index]]
+
+
+cdef inline bint due(int64_t tick, int64_t previous, int every) noexcept nogil:
+    return previous < 0 or tick / every != previous / every
+
+
+cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
+    cdef void *room = reserve(page, FRAME, sizeof(Frame))
+    if room == NULL:
+        page.dropped += 1
+        return
+    memcpy(room, frame, sizeof(Frame))
+    commit(page)
+
+
+cdef int load_batch(Batch *batch, frames) except -1:
+    """frames: a list of (arbitration id, is extended, data)."""
+    cdef Frame *frame
+    if len(frames) > FRAMES_PER_DEVICE:
+        raise ValueError("at most %d frames a device, not %d" % (FRAMES_PER_DEVICE, len(frames)))
+    batch.count = len(frames)
+    for index, (identifier, extended, data) in enumerate(frames):
+        frame = &batch.frames[index]
+        frame.id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
+        frame.length = <uint8_t>len(data)
+        for position, byte in enumerate(data):
+            frame.data[position] = byte
+    return 0

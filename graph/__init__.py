@@ -1,0 +1,18 @@
+"""The language: blocks with typed ports, wired into diagrams, compiled into schedules. No I/O, no hardware, no threads.
+
+    from graph import Block, Diagram, Input, Output, Param, compile, subsystem
+"""
+
+from graph.block import Block, Input, Memory, Output, Param, Sink
+from graph.compiler import compile
+from graph.device import Actuator, Device
+from graph.diagnostics import Diagnostic, DiagramError
+from graph.diagram import Diagram, Signal, subsystem
+from graph.interval import Interval
+from graph.schedule import Schedule
+from graph.units import deg
+
+__all__ = [
+    "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Memory", "Output", "Param",
+    "Schedule", "Signal", "Sink", "compile", "deg", "subsystem",
+]

@@ -1,0 +1,417 @@
+"""From a diagram to a schedule: a list of named checks, then a sort, then a layout.
+
+Every check adds what it finds to one list; all of it is raised together.
+"""
+
+import math
+
+import heapq
+
+import networkx as nx
+import numpy as np
+
+from graph import units
+from graph.block import CLOCK, Block, Sink, range_of, size_of
+from graph.device import Actuator, Device
+from graph.diagnostics import Diagnostic, DiagramError
+from graph.diagram import Signal
+from graph.interval import EVERYTHING, Interval
+from graph.layout import Layout, kernel_tables
+from graph.schedule import Column, DeviceSteps, Proof, Schedule, SignalPlace, SinkColumns, Step
+
+
+def compile(diagram):
+    """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
+    compilation = Compilation(diagram)
+    for check in (
+        compilation.check_names,
+        compilation.check_wires,
+        compilation.check_steps,
+        compilation.infer_shapes,
+        compilation.infer_units,
+        compilation.check_actuators,
+        compilation.check_addresses,
+        compilation.sort,
+        compilation.prove,
+        compilation.check_use,
+    ):
+        check()
+    errors = [d for d in compilation.diagnostics if d.severity == "error"]
+    if errors:
+        raise DiagramError(errors)
+    return compilation.schedule()
+
+
+class Compilation:
+    """One compile: what is known so far of each block and signal."""
+
+    def __init__(self, diagram):
+        self.diagram = diagram
+        self.blocks = sorted(diagram, key=lambda block: block.path)
+        self.diagnostics = []
+        self.sources = {}           # (block, input name): Signal or constant array
+        self.wires = {}             # (block, input name): Wire
+        self.taps = {}              # sink: [(label, Signal)]
+        self.shapes = {}            # (block, port name): shape
+        self.units = {}             # (block, port name): unit
+        self.ranges = {}            # Signal: Interval
+        self.order = None
+
+    def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
+        place = where or (block.location if block is not None else None)
+        self.diagnostics.append(Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity))
+
+    # What is wired to what
+
+    def check_names(self):
+        for wanted, block in self.diagram.duplicates:
+            first = self.diagram[wanted]
+            self.report("TW009", f"the name is taken by the block made at {first.location}", block, hint="choose another `name=`")
+
+    def check_wires(self):
+        for wire in self.diagram.wires:
+            if wire.block.variadic:
+                label = wire.port or wire.source.path
+                self.taps.setdefault(wire.block, []).append((label, wire.source))
+                continue
+            key = (wire.block, wire.port)
+            if key in self.sources:
+                self.report("TW004", f"is already wired at {self.wires[key].where}", wire.block, wire.port, wire.where,
+                            "an input takes one wire: add the two signals with a Sum, or choose with a Switch")
+                continue
+            self.sources[key] = wire.source if isinstance(wire.source, Signal) else np.asarray(wire.source, dtype=float)
+            self.wires[key] = wire
+        for block in self.blocks:
+            for name, port in block.inputs.items():
+                if isinstance(block, Sink) and isinstance(self.sources.get((block, name)), Signal):
+                    self.taps.setdefault(block, []).append((name, self.sources[block, name]))
+                if (block, name) in self.sources:
+                    continue
+                if port.default is None:
+                    self.report("TW001", f"nothing is wired to it, and it has no default [{port.unit}]", block, name,
+                                hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)")
+                self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
+
+    def check_steps(self):
+        for block in self.blocks:
+            computes = block.is_python or block.kernel is not None or block.update_kernel is not None or block.has_python_update
+            if not computes and not isinstance(block, (Device, Sink)):
+                self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block)
+
+    # Shapes and units: "any" and `...` are variables, one a block, found along the wires
+
+    def infer_shapes(self):
+        free = {}
+        for _ in range(len(self.blocks) + 1):
+            changed = False
+            for block in self.blocks:
+                if block in free:
+                    continue
+                for name, port in block.inputs.items():
+                    shape = self.shape_of(self.sources[block, name], free)
+                    if port.shape is ... and shape is not None and (isinstance(self.sources[block, name], Signal) or shape):
+                        free[block] = shape
+                        changed = True
+                        break
+            if not changed:
+                break
+        for block in self.blocks:
+            for name, port in (block.inputs | block.outputs).items():
+                self.shapes[block, name] = free.get(block, ()) if port.shape is ... else port.shape
+        for block in self.blocks:
+            for name, port in block.inputs.items():
+                source = self.sources[block, name]
+                wanted, got = self.shapes[block, name], self.shape_of(source, free, ())
+                scalar_constant = not isinstance(source, Signal) and got == ()
+                if wanted != got and not scalar_constant:
+                    self.report("TW003", f"expected shape {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name))
+
+    def shape_of(self, source, free, unknown=None):
+        if not isinstance(source, Signal):
+            return source.shape
+        shape = source.declaration.shape
+        return free.get(source.block, unknown) if shape is ... else shape
+
+    def infer_units(self):
+        known = {(b, n): p.unit for b in self.blocks for n, p in (b.inputs | b.outputs).items()}
+        for _ in range(len(self.blocks) + 1):
+            before = dict(known)
+            for block in self.blocks:
+                self.infer_block_units(block, known)
+            if known == before:
+                break
+        self.units = known
+        for block in self.blocks:
+            shared = next((known[block, n] for n, p in block.inputs.items() if p.unit == units.ANY and known[block, n] != units.ANY), units.ANY)
+            special = type(block).output_units is not Block.output_units
+            for name, port in block.inputs.items():
+                source = self.sources[block, name]
+                if not isinstance(source, Signal):
+                    continue
+                got = known[source.block, source.port]
+                wanted = (units.ANY if special else shared) if port.unit == units.ANY else port.unit
+                if units.ANY in (wanted, got) or wanted == got:
+                    continue
+                self.report("TW002", f"expected {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name),
+                            self.unit_hint(got, wanted))
+
+    def infer_block_units(self, block, known):
+        for name, port in block.inputs.items():
+            source = self.sources[block, name]
+            if port.unit == units.ANY and isinstance(source, Signal):
+                known[block, name] = known[source.block, source.port]
+        special = block.output_units(**{n: known[block, n] for n in block.inputs}) if not block.variadic else {}
+        shared = next((known[block, n] for n, p in block.inputs.items() if p.unit == units.ANY and known[block, n] != units.ANY), units.ANY)
+        for name, port in block.outputs.items():
+            if name in special:
+                known[block, name] = units.canonical(special[name])
+            elif port.unit == units.ANY:
+                known[block, name] = shared
+
+    def unit_hint(self, got, wanted):
+        try:
+            units.conversion(got, wanted)
+        except ValueError:
+            return ""
+        return f"units never convert by themselves: convert the signal to {wanted} first"
+
+    def where(self, block, name):
+        wire = self.wires.get((block, name))
+        return wire.where if wire else block.location
+
+    def origin(self, source):
+        return f" from {source.path}" if isinstance(source, Signal) else ""
+
+    # Devices
+
+    def check_actuators(self):
+        for block in self.blocks:
+            if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
+                self.report("TW005", f"none of its commands is wired ({', '.join(block.inputs)})", block,
+                            hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or take the actuator out")
+
+    def check_addresses(self):
+        taken = {}
+        for block in self.blocks:
+            for address in block.addresses() if isinstance(block, Device) else ():
+                other = taken.setdefault((type(block).__module__, block.bus, address), block)
+                if other is not block:
+                    self.report("TW013", f"shares CAN id {address[0]} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
+                                hint="give each device on a bus its own `can_id`")
+
+    # Order
+
+    def sort(self):
+        graph = nx.DiGraph()
+        graph.add_nodes_from(block for block in self.blocks if self.steps(block))
+        for block in graph.nodes:
+            for name in block.step_inputs():
+                source = self.sources.get((block, name))
+                if isinstance(source, Signal) and source.block in graph and source.port not in getattr(source.block, "sent_outputs", ()):
+                    graph.add_edge(source.block, block, port=name, source=source.port)
+        for component in nx.strongly_connected_components(graph):
+            first = min(component, key=lambda block: block.path)
+            if len(component) > 1 or graph.has_edge(first, first):
+                self.report_loop(graph.subgraph(component), first)
+        if not any(d.code == "TW006" for d in self.diagnostics):
+            self.order = cluster(graph)
+
+    def steps(self, block):
+        return block.is_python or block.kernel is not None
+
+    def report_loop(self, graph, first):
+        if graph.has_edge(first, first):
+            cycle = [first, first]
+        else:
+            back = nx.shortest_path(graph, first)
+            last = min((b for b in graph.predecessors(first)), key=lambda b: (len(back[b]), b.path))
+            cycle = back[last] + [first]
+        spelled = [f"{a.path}.{graph.edges[a, b]['source']} -> {b.path}.{graph.edges[a, b]['port']}" for a, b in zip(cycle, cycle[1:])]
+        self.report("TW006", "each of these needs the other in the same tick: " + ", ".join(spelled), first,
+                    where=self.where(first, graph.edges[cycle[-2], first]["port"]),
+                    hint="break the loop with a block that has no direct feedthrough, such as UnitDelay")
+
+    # Range proof
+
+    def prove(self):
+        if self.order is None:
+            return
+        for _ in range(2):          # every pass starts from a sound answer, so a second one only narrows what loops left open
+            for block in [b for b in self.blocks if not self.steps(b)] + self.order:
+                self.find_ranges(block)
+        self.proofs = []
+        for block in self.blocks:
+            if isinstance(block, Actuator):
+                for name, limit in block.command_limits().items():
+                    self.prove_command(block, name, limit)
+
+    def find_ranges(self, block):
+        if not block.outputs:
+            return
+        inputs = {name: self.interval(self.sources[block, name]) for name in block.inputs}
+        found = block.output_range(**inputs)
+        for name in block.outputs:
+            self.ranges[Signal(block, name)] = range_of(block, name, found)
+
+    def interval(self, source):
+        if isinstance(source, Signal):
+            return self.ranges.get(source, EVERYTHING)
+        return Interval.point(float(source)) if source.ndim == 0 else Interval.point(float(source.min())) | Interval.point(float(source.max()))
+
+    def prove_command(self, block, name, limit):
+        source = self.sources[block, name]
+        interval = self.interval(source)
+        bounded_by = source.block.path if isinstance(source, Signal) else "a constant"
+        unit = block.inputs[name].unit
+        proof = Proof(block.path, name, unit, interval, limit, bounded_by)
+        self.proofs.append(proof)
+        if not proof.holds:
+            what = f"can reach {interval} {unit}" if interval.bounded else "is not bounded by anything"
+            self.report("TW007", f"{what}{self.origin(source)}, and the limit is {limit} {unit} ({block.rating()})", block, name,
+                        self.where(block, name), f"put a limiter last, as in {block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
+                        if unit == "N·m" else "put a Saturation last, in front of the actuator")
+
+    def check_use(self):
+        used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
+        if any(isinstance(block, Sink) and block not in self.taps for block in self.blocks):
+            return
+        for block in self.blocks:
+            if block.outputs and block not in used and not isinstance(block, Device):
+                self.report("TW020", "nobody uses or records what it computes", block, severity="warning")
+
+    # Layout
+
+    def schedule(self):
+        layout = Layout()
+        places, constants = {}, {}
+        for block in self.blocks:
+            block.width = size_of(next((self.shapes[block, n] for n, p in (block.inputs | block.outputs).items() if p.shape is ...), ()))
+            block.dt = block.every / self.diagram.rate
+            block._attempt(block.prepare, block.dt)
+        in_order = [b for b in self.blocks if b not in set(self.order)] + self.order
+        for block in in_order:
+            for name, port in block.outputs.items():
+                shape = self.shapes[block, name]
+                slot = layout.place(np.zeros(size_of(shape)))
+                places[Signal(block, name)] = SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.units[block, name])
+
+        def input_slot(block, name):
+            source = self.sources[block, name]
+            if isinstance(source, Signal):
+                return places[source].slot
+            if (block, name) not in constants:
+                constants[block, name] = layout.place(np.broadcast_to(source, self.shapes[block, name]))
+            return constants[block, name]
+
+        def described(block, name):
+            if name in CLOCK and name not in block.inputs:
+                return name, CLOCK[name], "int" if name == "tick" else "float", ()
+            return name, input_slot(block, name), block.inputs[name].dtype, self.shapes[block, name]
+
+        tables, parameters = {}, {}
+        for block in in_order:
+            if block.is_python or isinstance(block, Sink):
+                continue
+            tables[block] = kernel_tables(
+                block, layout, [input_slot(block, n) for n in block.inputs], [places[Signal(block, n)].slot for n in block.outputs],
+                [size_of(self.shapes[block, n]) for n in block.inputs], [size_of(self.shapes[block, n]) for n in block.outputs])
+            at = len(block.inputs) + len(block.outputs)
+            for index, name in enumerate(n for n, p in block.parameters.items() if p.numeric):
+                parameters[f"{block.path}.{name}"] = tables[block][0][at + index]
+
+        def native(block, kernel):
+            slots, sizes = tables[block]
+            return Step(block.path, block.every, kernel=kernel, slots=tuple(slots), sizes=tuple(sizes))
+
+        def python(block, method, names, outputs):
+            return Step(block.path, block.every, function=method, inputs=tuple(described(block, n) for n in names),
+                        outputs=tuple((n, places[Signal(block, n)].slot, p.dtype, self.shapes[block, n]) for n, p in outputs.items()))
+
+        def output_step(block):
+            return python(block, block.step, block.step_inputs(), block.outputs) if block.is_python else native(block, block.kernel)
+
+        output = [output_step(block) for block in self.order]
+        settle = []
+        for block, step in zip(self.order, output):
+            if block.settle_kernel is not None:
+                settle.append(native(block, block.settle_kernel))
+            elif hasattr(block, "settle") and block.is_python:
+                settle.append(python(block, block.settle, _method_inputs(block.settle), {}))
+            settle.append(step)
+        update = sorted(
+            [native(b, b.update_kernel) for b in self.blocks if b.update_kernel is not None]
+            + [python(b, b.update, b.update_inputs(), {}) for b in self.blocks if b.has_python_update],
+            key=lambda step: (step.every, step.kernel is None))
+        buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
+        devices = [self.device_steps(block, tables[block], places, buses) for block in self.blocks if isinstance(block, Device)]
+        devices.sort(key=lambda device: device.bus)
+        columns, sinks = self.recorded(places)
+        return Schedule(
+            name=self.diagram.name, rate=self.diagram.rate, arena=layout.arena(), settle=settle, output=output, update=update,
+            devices=devices, buses=buses, signals={place.path: place for place in places.values()}, columns=columns, sinks=sinks,
+            python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters,
+            proofs=self.proofs, warnings=[d for d in self.diagnostics if d.severity == "warning"])
+
+    def device_steps(self, block, table, places, buses):
+        def slot(name):
+            return places[Signal(block, name)].slot if name in block.outputs else -1
+
+        slots, sizes = table
+        return DeviceSteps(
+            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, slots=tuple(slots), sizes=tuple(sizes),
+            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
+            enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()))
+
+    def recorded(self, places):
+        """Slots of everything that some sink takes, and each sink's columns among them."""
+        slots, index_of, sinks = [], {}, []
+        everything = [(place.path, signal) for signal, place in sorted(places.items(), key=lambda item: item[1].path)]
+        for block in self.blocks:
+            if not isinstance(block, Sink):
+                continue
+            columns = []
+            for label, signal in self.taps.get(block) or everything:
+                place = places[signal]
+                for offset in range(place.size):
+                    slot = place.slot + offset
+                    if slot not in index_of:
+                        index_of[slot] = len(slots)
+                        slots.append(slot)
+                    where = "".join(f"[{i}]" for i in np.unravel_index(offset, place.shape)) if place.shape else ""
+                    columns.append(Column(index_of[slot], label + where, place.dtype, place.unit))
+            sinks.append(SinkColumns(block, tuple(columns)))
+        return np.array(slots, dtype=np.int32), sinks
+
+
+def cluster(graph):
+    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can."""
+    waiting = dict(graph.in_degree())
+    ready = {}                                  # kind: heap of (path, block)
+
+    def release(block):
+        heapq.heappush(ready.setdefault(kind(block), []), (block.path, block))
+
+    for block, count in waiting.items():
+        if count == 0:
+            release(block)
+    order, current = [], None
+    while ready:
+        current = current if current in ready else min(ready)
+        _, block = heapq.heappop(ready[current])
+        if not ready[current]:
+            del ready[current]
+        order.append(block)
+        for follower in graph.successors(block):
+            waiting[follower] -= 1
+            if waiting[follower] == 0:
+                release(follower)
+    return order
+
+
+def kind(block):
+    return block.every, block.is_python
+
+
+def _method_inputs(method):
+    code = method.__func__.__code__
+    return list(code.co_varnames[1 : code.co_argcount])

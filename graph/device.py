@@ -1,0 +1,54 @@
+"""Devices: blocks that stand for something at the end of a bus. One block, two steps: feedback in, command out."""
+
+from graph.block import Block
+from graph.interval import Interval
+
+
+class Device(Block):
+    """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at the end.
+
+    decode, encode : native, cext.abi's decode_t and encode_t
+    bus : logical name; a rig says which interface stands behind it
+    timeout : s of silence after which the run ends in the safe stop; 0 for never
+    """
+
+    decode = encode = None
+    bus = ""
+    timeout = 0.0
+    sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
+    feedthrough = ()
+
+    def addresses(self):
+        """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
+        return []
+
+    def enable_frames(self):
+        """Frames, (arbitration id, is extended, data), that make the device ready without moving it."""
+        return []
+
+    def zero_frames(self):
+        """Frames that command nothing: zero torque."""
+        return []
+
+    def disable_frames(self):
+        """Frames that make the device passive. Enabling again takes arming."""
+        return []
+
+    def emulator(self):
+        """The block that plays this device in a simulation: called inside the plant's diagram, wired by the caller."""
+        raise TypeError(f"{type(self).__name__} has no emulator")
+
+
+class Actuator(Device):
+    """A device that moves something. Each command must lie inside its limit, provably, before anything moves."""
+
+    def command_limits(self):
+        """Interval by name of input: what each command must provably stay inside, or {}."""
+        return {}
+
+    def rating(self):
+        """In words, where the limits come from, for the proof: 'rated torque of AK80-9'."""
+        return ""
+
+    def limit_interval(self, limit):
+        return Interval(-limit, limit)

@@ -1,0 +1,87 @@
+"""What the compiler has to say: data first, text last."""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+CODES = {
+    "TW001": "unconnected input",
+    "TW002": "unit mismatch",
+    "TW003": "shape mismatch",
+    "TW004": "input wired twice",
+    "TW005": "actuator never commanded",
+    "TW006": "algebraic loop",
+    "TW007": "command not provably inside its limit",
+    "TW008": "dtype mismatch",
+    "TW009": "name used twice",
+    "TW010": "wrong parameter",
+    "TW011": "wired outside a diagram",
+    "TW012": "no such port",
+    "TW013": "two devices on one address",
+    "TW014": "rates that do not divide",
+    "TW015": "block without a step",
+    "TW020": "outputs that nobody uses",
+}
+
+
+@dataclass(frozen=True)
+class Location:
+    """Where in the user's files something was made or wired."""
+
+    file: str
+    line: int
+
+    def __str__(self):
+        return f"{self.file}:{self.line}"
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One thing that is wrong, or dubious, with a diagram.
+
+    code : key of CODES
+    message : what is wrong, with what was expected and what was got
+    path : of the block, "left/knee"
+    port : name of the port, or ""
+    where : Location in the user's files, or None
+    hint : the cure
+    severity : "error" or "warning"
+    """
+
+    code: str
+    message: str
+    path: str = ""
+    port: str = ""
+    where: Location | None = None
+    hint: str = ""
+    severity: str = "error"
+
+    @property
+    def title(self):
+        return CODES[self.code]
+
+    def __str__(self):
+        subject = f"{self.path}.{self.port}" if self.port else self.path
+        place = f"{self.where}: " if self.where else ""
+        line = f"{place}{self.severity} {self.code} {self.title}: "
+        line += f"{subject}: {self.message}" if subject else self.message
+        return f"{line}\n    {self.hint}" if self.hint else line
+
+
+class DiagramError(Exception):
+    """A diagram, a block or a wire that cannot be: carries every diagnostic in `diagnostics`."""
+
+    def __init__(self, diagnostics):
+        self.diagnostics = [diagnostics] if isinstance(diagnostics, Diagnostic) else list(diagnostics)
+        super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
+
+
+_OWN = tuple(str(Path(__file__).resolve().parent.parent / room) + "/" for room in ("graph", "blocks"))
+
+
+def caller():
+    """Location of the nearest frame outside the language and the block library: the user's own line."""
+    frame = sys._getframe(1)
+    while frame is not None and frame.f_code.co_filename.startswith(_OWN):
+        frame = frame.f_back
+    return Location(frame.f_code.co_filename, frame.f_lineno) if frame is not None else None

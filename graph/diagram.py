@@ -1,0 +1,161 @@
+"""Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the compiler's to say."""
+
+from collections import namedtuple
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from graph.diagnostics import Diagnostic, DiagramError, Location, caller
+
+_scope = ContextVar("tickwork_scope", default=None)
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One output port of one block: what wires carry. Made by `block.port` and by wiring, never by hand."""
+
+    block: object
+    port: str
+
+    @property
+    def path(self):
+        return f"{self.block.path}.{self.port}"
+
+    @property
+    def declaration(self):
+        return self.block.outputs[self.port]
+
+    def __repr__(self):
+        return f"<Signal {self.path} [{self.declaration.unit}]>"
+
+    def __bool__(self):
+        raise TypeError(f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead")
+
+
+@dataclass(frozen=True)
+class Wire:
+    source: object              # a Signal, or a number or array
+    block: object
+    port: str | None            # None: a place of its own in a variadic block
+    where: Location
+
+
+@lru_cache(maxsize=None)
+def _outputs_type(names):
+    return namedtuple("Outputs", names, rename=True)
+
+
+def Outputs(names, signals):
+    """A named tuple of signals: `phase, walking = block(...)` and `block(...).phase` both work."""
+    return _outputs_type(tuple(names))(*signals)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """Where new blocks go: a diagram, and a path of subsystems in it."""
+
+    diagram: "Diagram"
+    prefix: str = ""
+
+    def adopt(self, block, name):
+        self.diagram.add(block, name, self.prefix)
+
+
+def current_scope():
+    return _scope.get()
+
+
+class Diagram:
+    """A block diagram that runs at `rate` Hz. Blocks made inside `with Diagram(...)` belong to it.
+
+        with Diagram("knee", rate=200) as diagram:
+            ...
+
+    diagram["left/knee"] is the block at that path; iterating gives all blocks.
+    """
+
+    def __init__(self, name, rate):
+        if not (isinstance(rate, (int, float)) and 0 < rate < float("inf")):
+            raise DiagramError(Diagnostic("TW010", f"the rate must be above 0 Hz, got {rate!r}", path=str(name), where=caller()))
+        self.name, self.rate = name, rate
+        self.blocks = {}
+        self.wires = []
+        self.duplicates = []            # blocks whose name was taken, for the compiler to report
+        self._token = None
+
+    def __enter__(self):
+        self._token = _scope.set(Scope(self))
+        return self
+
+    def __exit__(self, *exception):
+        _scope.reset(self._token)
+
+    def __getitem__(self, path):
+        try:
+            return self.blocks[path]
+        except KeyError:
+            from graph.block import suggestion
+
+            hint = suggestion(path, self.blocks)
+            raise KeyError(f"{self.name} has no block {path!r}" + (f": {hint}" if hint else "")) from None
+
+    def __iter__(self):
+        return iter(self.blocks.values())
+
+    def __len__(self):
+        return len(self.blocks)
+
+    def add(self, block, name, prefix):
+        from graph.block import snake_case
+
+        wanted = prefix + (name or snake_case(type(block).__name__))
+        path, number = wanted, 1
+        while path in self.blocks:
+            number += 1
+            path = f"{wanted}_{number}"
+        if name is not None and path != wanted:
+            self.duplicates.append((wanted, block))
+        block.diagram, block.path = self, path
+        block.dt = block.every / self.rate
+        self.blocks[path] = block
+
+    def wire(self, source, block, port, where):
+        if isinstance(source, Signal):
+            if source.block.diagram is not self:
+                raise DiagramError(Diagnostic(
+                    "TW011", f"the signal {source.path} comes from a block that is not in this diagram", path=block.path,
+                    port=port or "", where=where, hint="make both blocks inside the same `with Diagram(...)`"))
+        elif isinstance(source, tuple) and source and all(isinstance(item, Signal) for item in source):
+            raise DiagramError(Diagnostic(
+                "TW012", f"got {len(source)} signals ({', '.join(item.port for item in source)}) where one is wanted", path=block.path,
+                port=port or "", where=where, hint="choose one by name, as in block(...).position"))
+        else:
+            try:
+                array = np.asarray(source, dtype=float)
+            except (TypeError, ValueError):
+                array = None
+            if array is None or block.variadic:
+                raise DiagramError(Diagnostic(
+                    "TW012", f"{source!r} is neither a signal nor a number", path=block.path, port=port or "", where=where,
+                    hint="wire a block's output, as in knee.position, or what a call returned"))
+        self.wires.append(Wire(source, block, port, where))
+
+    def __repr__(self):
+        return f"<Diagram {self.name}: {len(self.blocks)} blocks at {self.rate:g} Hz>"
+
+
+@contextmanager
+def subsystem(name):
+    """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested."""
+    scope = _scope.get()
+    if scope is None:
+        raise DiagramError(Diagnostic(
+            "TW011", f"subsystem({name!r}) stands outside a diagram", where=caller(), hint="open it inside `with Diagram(...)`"))
+    token = _scope.set(Scope(scope.diagram, f"{scope.prefix}{name}/"))
+    try:
+        yield name
+    finally:
+        _scope.reset(token)

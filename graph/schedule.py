@@ -1,0 +1,119 @@
+"""The result of a compile: an arena, steps in order, devices, what is recorded. Data only; `cext` runs it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from graph.interval import Interval
+
+
+@dataclass(frozen=True)
+class Step:
+    """One call of a tick. Native: kernel, slots and sizes. Python: function, inputs and outputs as (name, slot, dtype, shape)."""
+
+    name: str
+    every: int = 1
+    kernel: object = None
+    slots: tuple = ()
+    sizes: tuple = ()
+    function: object = None
+    inputs: tuple = ()
+    outputs: tuple = ()
+
+
+@dataclass(frozen=True)
+class DeviceSteps:
+    """A device: its two kernels, where its things lie, and the frames of arming and of the safe stop."""
+
+    name: str
+    bus: int
+    decode: object
+    encode: object
+    slots: tuple
+    sizes: tuple
+    age: int
+    fault: int
+    timeout: float
+    enable: tuple
+    zero: tuple
+    disable: tuple
+
+
+@dataclass(frozen=True)
+class SignalPlace:
+    """Where a signal lies in the arena, and what it is."""
+
+    path: str
+    slot: int
+    shape: tuple
+    dtype: str
+    unit: str
+
+    @property
+    def size(self):
+        return int(np.prod(self.shape))
+
+
+@dataclass(frozen=True)
+class Column:
+    """One recorded number: its place in the row, and its header."""
+
+    index: int
+    path: str
+    dtype: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class SinkColumns:
+    """A recorder or viewer, and the columns it takes."""
+
+    block: object
+    columns: tuple
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What is known of one command of one actuator before anything moves."""
+
+    path: str
+    port: str
+    unit: str
+    interval: Interval
+    limit: Interval
+    bounded_by: str             # path of the block that bounds it
+
+    @property
+    def holds(self):
+        return self.interval in self.limit
+
+
+@dataclass
+class Schedule:
+    name: str
+    rate: float
+    arena: np.ndarray
+    settle: list
+    output: list
+    update: list
+    devices: list
+    buses: list
+    signals: dict               # path: SignalPlace
+    columns: np.ndarray         # slots of the recorded numbers
+    sinks: list
+    python_blocks: list
+    parameters: dict            # "left/impedance.stiffness": slot, native blocks only
+    proofs: list = field(default_factory=list)
+    warnings: list = field(default_factory=list)
+
+    @property
+    def gil_sections(self):
+        """How often a tick takes the GIL."""
+        count, python = 0, False
+        for phase in (self.output, self.update):
+            python = False
+            for step in phase:
+                now = step.kernel is None
+                count += now and not python
+                python = now
+        return count

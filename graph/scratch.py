@@ -1,0 +1,80 @@
+"""One native block on an arena of its own, so that `block.step(...)` computes as it does in a diagram."""
+
+import numpy as np
+
+from cext.program import call_kernel
+from graph.block import Block, size_of
+from graph.layout import Layout, kernel_tables
+
+
+class Scratch:
+    """Runs a block's kernels by hand. Not for the tick."""
+
+    def __init__(self, block):
+        if block.kernel is None and block.update_kernel is None:
+            raise TypeError(f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel")
+        if block.dt is None and type(block).prepare is not Block.prepare:
+            raise TypeError(
+                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, in s, before the first step")
+        self.block = block
+        self.arena = None
+
+    def build(self, inputs):
+        block = self.block
+        free = next((np.shape(inputs[n]) for n, p in block.inputs.items() if p.shape is ...), ())
+        self.shapes = {n: free if p.shape is ... else p.shape for n, p in (block.inputs | block.outputs).items()}
+        block.width = size_of(free)
+        block.prepare(block.dt)
+        layout = Layout()
+        sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
+        self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
+        slots, item_sizes = kernel_tables(
+            block, layout, [self.slots_of[n] for n in block.inputs], [self.slots_of[n] for n in block.outputs],
+            [sizes[n] for n in block.inputs], [sizes[n] for n in block.outputs])
+        self.first_parameter = len(self.shapes)
+        self.slots, self.sizes, self.arena = np.array(slots, np.int32), np.array(item_sizes, np.int32), layout.arena()
+        period = block.dt if block.dt is not None else 1e-3
+        self.arena[[2, 3, 6]] = period, period, 1.0
+        self.tick = 0
+
+    def load(self, values, named):
+        block = self.block
+        names = list(block.inputs)
+        if len(values) > len(names) or set(named) - set(names):
+            raise TypeError(f"{type(block).__name__} takes {', '.join(names) or 'no inputs'}")
+        inputs = {n: p.default for n, p in block.inputs.items()}
+        inputs.update(zip(names, values))
+        inputs.update(named)
+        if self.arena is None:
+            self.build(inputs)
+        for name, value in inputs.items():
+            if value is None:
+                continue
+            self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
+        for index, (name, param) in enumerate((n, p) for n, p in block.parameters.items() if p.numeric):
+            value = getattr(block, name)
+            self.arena[self.slots[self.first_parameter + index]] = np.nan if value is None else value
+
+    def call(self, kernel):
+        status = call_kernel(kernel, self.arena, self.slots, self.sizes)
+        if status != 0:
+            raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")
+
+    def step(self, values, named):
+        self.load(values, named)
+        self.arena[0], self.arena[1] = self.tick * self.arena[3], self.tick
+        if self.block.kernel is not None:
+            self.call(self.block.kernel)
+        self.tick += 1
+        results = []
+        for name, port in self.block.outputs.items():
+            run = self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])]
+            shape = self.shapes[name]
+            kind = {"float": float, "int": int, "bool": bool}[port.dtype]
+            results.append(run.reshape(shape).copy() if shape else kind(run[0]) if run[0] == run[0] else float(run[0]))
+        return results[0] if len(results) == 1 else tuple(results)
+
+    def update(self, values, named):
+        self.load(values, named)
+        if self.block.update_kernel is not None:
+            self.call(self.block.update_kernel)

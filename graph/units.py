@@ -1,0 +1,184 @@
+"""Units of ports and parameters: canonical SI strings, strict comparison, conversion only when asked.
+
+    canonical("N*m/rad")            'N·m/rad'
+    convert(60.0, "deg", "rad")     1.047...
+    multiply("N·m/rad", "rad")      'N·m'
+
+A unit is a product of symbols with whole exponents. "any" is the only wildcard; "1" is a plain number.
+"""
+
+import difflib
+import math
+import re
+from functools import lru_cache
+
+ANY, ONE = "any", "1"
+
+# symbol: (factor to the base unit, exponents of the base unit). The order is the order in which symbols are written.
+_BASE = {
+    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
+    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
+    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
+    "kg": (1.0, {"kg": 1}),
+    "g": (1e-3, {"kg": 1}),
+    "km": (1e3, {"m": 1}),
+    "m": (1.0, {"m": 1}),
+    "cm": (1e-2, {"m": 1}),
+    "mm": (1e-3, {"m": 1}),
+    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "mV": (1e-3, {"kg": 1, "m": 2, "s": -3, "A": -1}),
+    "A": (1.0, {"A": 1}),
+    "mA": (1e-3, {"A": 1}),
+    "Ω": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
+    "T": (1.0, {"kg": 1, "s": -2, "A": -1}),
+    "µT": (1e-6, {"kg": 1, "s": -2, "A": -1}),
+    "G": (1e-4, {"kg": 1, "s": -2, "A": -1}),
+    "Pa": (1.0, {"kg": 1, "m": -1, "s": -2}),
+    "Hz": (1.0, {"s": -1}),
+    "h": (3600.0, {"s": 1}),
+    "min": (60.0, {"s": 1}),
+    "s": (1.0, {"s": 1}),
+    "ms": (1e-3, {"s": 1}),
+    "µs": (1e-6, {"s": 1}),
+    "rad": (1.0, {"rad": 1}),
+    "deg": (math.pi / 180.0, {"rad": 1}),
+    "rev": (2.0 * math.pi, {"rad": 1}),
+    "rpm": (2.0 * math.pi / 60.0, {"rad": 1, "s": -1}),
+    "K": (1.0, {"K": 1}),
+    "°C": (1.0, {"K": 1}),
+    "%": (1e-2, {}),
+}
+_ORDER = {symbol: index for index, symbol in enumerate(_BASE)}
+_SPELLINGS = {
+    "uT": "µT", "us": "µs", "degC": "°C", "C": "°C", "degrees": "deg", "degree": "deg", "°": "deg", "radians": "rad", "ohm": "Ω",
+    "Nm": "N·m", "g0": "g0",
+}
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_TO_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_FACTOR = re.compile(r"^(1|[^\d\s^⁰¹²³⁴⁵⁶⁷⁸⁹⁻-]+)(?:\^?\(?(-?\d+)\)?)?$")
+
+
+def _symbol(text):
+    text = text.replace("μ", "µ")                       # Greek mu to the micro sign
+    return _SPELLINGS.get(text, text)
+
+
+@lru_cache(maxsize=None)
+def parse(unit):
+    """A unit string as ((symbol, exponent), ...) in canonical order. ValueError if it is not a unit."""
+    if not isinstance(unit, str):
+        raise ValueError(f"a unit is a string, not {unit!r}")
+    exponents = {}
+    sign = 1
+    text = unit.strip().replace("**", "^")
+    for part in re.split(r"([*·⋅./])", text):
+        part = part.strip()
+        if part in "*·⋅.":
+            if not part:
+                raise ValueError(f"{unit!r} is not a unit")
+            continue
+        if part == "/":
+            sign = -1
+            continue
+        match = _FACTOR.match(part.translate(_SUPERSCRIPTS))
+        if not match:
+            raise ValueError(f"{unit!r} is not a unit")
+        symbol, exponent = _symbol(match[1]), int(match[2] or 1)
+        if symbol == "N·m":
+            for symbol in ("N", "m"):
+                exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
+            continue
+        if symbol == ONE:
+            continue
+        if symbol not in _BASE:
+            close = difflib.get_close_matches(symbol, _BASE, n=1)
+            raise ValueError(f"{symbol!r} in {unit!r} is not a unit" + (f"; did you mean {close[0]!r}?" if close else ""))
+        exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
+    return tuple(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
+
+
+def _write(exponents):
+    def power(symbol, exponent):
+        return symbol if exponent == 1 else symbol + str(exponent).translate(_TO_SUPERSCRIPTS)
+
+    above = [power(s, e) for s, e in exponents if e > 0]
+    below = [power(s, -e) for s, e in exponents if e < 0]
+    return ("·".join(above) or ONE) + "".join("/" + factor for factor in below)
+
+
+@lru_cache(maxsize=None)
+def canonical(unit):
+    """The one spelling of a unit: 'N*m' gives 'N·m', 'm/s^2' gives 'm/s²', 'any' stays. ValueError if it is not a unit."""
+    return ANY if unit == ANY else _write(parse(unit))
+
+
+def ascii_name(unit):
+    """The unit in ASCII, for file headers: 'N·m' gives 'N*m', 'm/s²' gives 'm/s^2', '°C' gives 'degC'."""
+    text = "*".join(unit.split("·")).replace("°C", "degC").replace("µ", "u").replace("Ω", "ohm")
+    return re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda power: "^" + power[0].translate(_SUPERSCRIPTS), text)
+
+
+def multiply(a, b):
+    """Unit of a product. 'any' with anything is 'any'."""
+    return _combine(a, b, 1)
+
+
+def divide(a, b):
+    """Unit of a quotient. 'any' with anything is 'any'."""
+    return _combine(a, b, -1)
+
+
+def _combine(a, b, sign):
+    if ANY in (a, b):
+        return ANY
+    exponents = dict(parse(a))
+    for symbol, exponent in parse(b):
+        exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
+    return _write(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
+
+
+def _scale(unit):
+    factor, base = 1.0, {}
+    for symbol, exponent in parse(unit):
+        unit_factor, unit_base = _BASE[symbol]
+        factor *= unit_factor**exponent
+        for name, power in unit_base.items():
+            base[name] = base.get(name, 0) + power * exponent
+    return factor, {name: power for name, power in base.items() if power}
+
+
+def conversion(source, target):
+    """(factor, offset) with target = factor · source + offset. ValueError where the two do not measure the same thing."""
+    source, target = canonical(source), canonical(target)
+    if source == target:
+        return 1.0, 0.0
+    if ANY in (source, target):
+        raise ValueError(f"nothing converts from {source!r} to {target!r}")
+    source_factor, source_base = _scale(source)
+    target_factor, target_base = _scale(target)
+    if source_base != target_base:
+        raise ValueError(f"{source} does not convert to {target}")
+    offset = {("°C", "K"): 273.15, ("K", "°C"): -273.15}.get((source, target), 0.0)
+    return source_factor / target_factor, offset
+
+
+def convert(value, source, target):
+    """A value in another unit of the same dimension. ValueError where there is none."""
+    factor, offset = conversion(source, target)
+    return value * factor + offset
+
+
+def deg(angle):
+    """An angle in degrees, in rad."""
+    return math.radians(angle)
+
+
+def parse_quantity(text, unit):
+    """A number that may carry a unit, '60 deg', in `unit`. ValueError if it is not a number or the unit does not convert."""
+    match = re.match(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf|nan)\s*(.*)$", text)
+    if not match:
+        raise ValueError(f"{text!r} is not a number")
+    value = float(match[1])
+    if not match[2]:
+        return value
+    return value if unit == ANY else convert(value, match[2], unit)
