@@ -42,7 +42,7 @@ class Limb(Block):
 
 
 class WalkingKnee(Block):
-    """The knee of an average adult who walks: a Fourier series over the stride, with its derivatives."""
+    """The knee of an average adult who walks: a Fourier series over the stride, with its derivatives. `at_start` is the angle at t = 0."""
 
     stride_time = Param(1.1, "s", "duration of a stride", above=0.0)
     start = Param(0.0, "1", "gait phase at t = 0: 0 for one leg, 0.5 for the other")
@@ -62,10 +62,14 @@ class WalkingKnee(Block):
         self.mean = spectrum[0].real
         self.cosines = 2.0 * spectrum[1 : self.harmonics + 1].real
         self.sines = -2.0 * spectrum[1 : self.harmonics + 1].imag
+        turn = 2.0 * np.pi * self.start * np.arange(1, self.harmonics + 1)
+        self.at_start = float(self.mean + self.cosines @ np.cos(turn) + self.sines @ np.sin(turn))
 
 
 class RecordedKnee(Block):
-    """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time` column in s."""
+    """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time` column in s.
+
+    `at_start` is the angle at t = 0."""
 
     file = Param("", "1", "path of the CSV file", required=True, dtype=str)
     column = Param("", "1", "name of its column, in degrees", required=True, dtype=str)
@@ -87,6 +91,7 @@ class RecordedKnee(Block):
         end = seam(angles, velocities, int(self.rate))
         self.angles, self.velocities = angles[:end], velocities[:end]
         self.accelerations = np.gradient(velocities, 1.0 / self.rate)[:end]
+        self.at_start = float(angles[0])
 
 
 def read_column(file, column):

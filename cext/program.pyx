@@ -294,6 +294,10 @@ cdef class Program:
             return (self.schedule.settle, self.schedule.output, self.schedule.update)[self.failed_phase][self.failed_step].name
         return None
 
+    def inputs(self, str path):
+        """Present values at the scalar inputs of a block, by name; empty if the schedule does not know it."""
+        return {name: float(self.memory[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
+
     def silent_devices(self):
         """Paths of the devices that have sent fewer replies than were wanted of them."""
         return [

@@ -126,6 +126,13 @@ class Param(_Declaration):
             if text.lower() not in truths:
                 raise ValueError(f"expected true or false, got {text!r}")
             return truths[text.lower()]
+        if self.dtype is object:
+            try:
+                return self.check(float(text))
+            except ValueError:
+                return self.check(text)
+        if self.dtype is tuple:
+            raise ValueError("cannot be set from the command line")
         if not self.numeric:
             return self.check(text)
         value = units.parse_quantity(text, self.unit)
@@ -307,6 +314,18 @@ class Block:
 
     def update_inputs(self):
         return _arguments(type(self).update) if self.has_python_update else []
+
+    def set(self, name, text):
+        """Set a parameter from command-line text, before the compile. DiagramError if there is none of that name or the value is wrong."""
+        if name not in self.parameters:
+            raise DiagramError(Diagnostic(
+                "TW010", f"has no parameter {name!r}", path=self.path,
+                hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}"))
+        try:
+            setattr(self, name, self.parameters[name].parse(text))
+        except ValueError as error:
+            raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
+        self._attempt(self.configure)
 
     def span(self, name):
         """Interval of a parameter: its value, or all it may become if it is live."""

@@ -345,11 +345,12 @@ class Compilation:
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         devices = [self.device_steps(block, tables[block], places, buses) for block in self.blocks if isinstance(block, Device)]
         devices.sort(key=lambda device: device.bus)
+        inputs = {b.path: {n: input_slot(b, n) for n in b.inputs if self.shapes[b, n] == ()} for b in self.blocks if not isinstance(b, Sink)}
         columns, sinks = self.recorded(places)
         return Schedule(
             name=self.diagram.name, rate=self.diagram.rate, arena=layout.arena(), settle=settle, output=output, update=update,
             devices=devices, buses=buses, signals={place.path: place for place in places.values()}, columns=columns, sinks=sinks,
-            python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters,
+            python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters, inputs=inputs,
             proofs=self.proofs, warnings=[d for d in self.diagnostics if d.severity == "warning"])
 
     def device_steps(self, block, table, places, buses):

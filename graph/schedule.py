@@ -102,6 +102,7 @@ class Schedule:
     columns: np.ndarray         # slots of the recorded numbers
     sinks: list
     python_blocks: list
+    inputs: dict                # path: {input name: slot}, scalars only
     parameters: dict            # "left/impedance.stiffness": slot, native blocks only
     proofs: list = field(default_factory=list)
     warnings: list = field(default_factory=list)

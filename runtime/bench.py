@@ -1,0 +1,150 @@
+"""`python -m runtime bench`: what a tick and a block cost here, beside the same computation as a plain Python function."""
+
+import math
+import platform
+import statistics
+import time
+
+from blocks.limiters import Saturation
+from blocks.mathematics import Gain, Sum
+from blocks.sources import Sine
+from cext.program import Program
+from cext.executor import Executor
+from graph import Block, Diagram, Input, Output, compile
+
+GROUPS = 33                     # of gain, saturation and sum, behind one sine: 100 blocks
+RATE = 1000.0
+
+
+class PythonSine(Block):
+    """The same wave as Sine(1.0, 1.0), in Python."""
+
+    y = Output("any")
+
+    def step(self, t):
+        return math.sin(6.283185307179586 * t)
+
+
+class PythonGain(Block):
+    """y = 1.01 u, in Python."""
+
+    u = Input("any")
+    y = Output("any")
+
+    def reset(self):
+        self.gain = 1.01
+
+    def step(self, u):
+        return self.gain * u
+
+
+class PythonSaturation(Block):
+    """u between -1 and 1, in Python."""
+
+    u = Input("any")
+    y = Output("any")
+
+    def step(self, u):
+        return -1.0 if u < -1.0 else 1.0 if u > 1.0 else u
+
+
+class PythonSum(Block):
+    """y = a - b, in Python."""
+
+    a = Input("any")
+    b = Input("any")
+    y = Output("any")
+
+    def step(self, a, b):
+        return a - b
+
+
+def native_chain():
+    with Diagram("native", RATE) as diagram:
+        u = Sine(1.0, 1.0)()
+        for _ in range(GROUPS):
+            u = Sum("+-")(Saturation(-1.0, 1.0)(Gain(1.01)(u)), 0.001)
+    return diagram, u
+
+
+def python_chain():
+    with Diagram("python", RATE) as diagram:
+        u = PythonSine()()
+        for _ in range(GROUPS):
+            u = PythonSum()(PythonSaturation()(PythonGain()(u)), 0.001)
+    return diagram, u
+
+
+def plain_function():
+    """The same 100 computations as one straight-line function of t."""
+    lines = ["def tick(t):", "    u = sin(6.283185307179586 * t)"]
+    lines += ["    u = 1.01 * u", "    u = -1.0 if u < -1.0 else 1.0 if u > 1.0 else u", "    u = u - 0.001"] * GROUPS
+    namespace = {"sin": math.sin}
+    exec("\n".join([*lines, "    return u"]), namespace)
+    return namespace["tick"]
+
+
+class Chain:
+    """A diagram ready to spin: `seconds(n)` is how long n ticks take, `value` what came out of the last."""
+
+    def __init__(self, diagram, signal):
+        schedule = compile(diagram)
+        self.program = Program(schedule)
+        self.executor = Executor(self.program, RATE)
+        self.slot = schedule.signals[signal.path].slot
+
+    def seconds(self, ticks):
+        return self.executor.spin(ticks) * 1e-9
+
+    @property
+    def value(self):
+        return self.program.values[self.slot]
+
+
+class Plain:
+    """The plain function, timed the same way."""
+
+    def __init__(self):
+        self.tick = plain_function()
+
+    def seconds(self, ticks):
+        tick, value = self.tick, 0.0
+        began = time.perf_counter()
+        for k in range(ticks):
+            value = tick(k / RATE)
+        self.value = value
+        return time.perf_counter() - began
+
+
+def bench(seconds, repeats):
+    """Print ns per tick and block: minimum, median and maximum of `repeats` measurements of about `seconds` each, taken in turn."""
+    blocks = 1 + 3 * GROUPS
+    rows = {"native blocks": Chain(*native_chain()), "Python blocks": Chain(*python_chain()), "plain Python function": Plain()}
+    check_equal(rows)
+    ticks = {name: calibrate(row, seconds) for name, row in rows.items()}
+    found = {name: [] for name in rows}
+    for _ in range(repeats):
+        for name, row in rows.items():
+            found[name].append(row.seconds(ticks[name]) / ticks[name] * 1e9)
+    print(f"a chain of {blocks} blocks, one thread, no sleeping; {repeats} measurements of {seconds:g} s each, taken in turn")
+    print(f"Python {platform.python_version()} on {platform.machine()}")
+    print(f"{'':24}{'ns a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>14}")
+    for name, values in found.items():
+        median = statistics.median(values)
+        print(f"{name:24}{min(values):16.0f}{median:12.0f}{max(values):12.0f}{median / blocks:14.2f}")
+
+
+def check_equal(rows):
+    """All rows must compute the same before their times are compared."""
+    for row in rows.values():
+        row.seconds(123)
+    values = [row.value for row in rows.values()]
+    if max(values) != min(values):
+        raise AssertionError(f"the rows disagree: {values}")
+
+
+def calibrate(row, seconds):
+    ticks = 10
+    while row.seconds(ticks) < 0.2 * seconds:
+        ticks *= 2
+    return max(1, round(ticks * seconds / row.seconds(ticks)))

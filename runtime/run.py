@@ -1,0 +1,147 @@
+"""One run: a diagram file becomes a schedule, meets its plant, is armed, runs, stops, and is told about."""
+
+import json
+import os
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cext.executor import Executor
+from cext.page import RECORD_EVENT, Page
+from cext.program import Program
+from graph import Sink, compile
+from runtime.load import load
+from runtime.recorder import RecorderProcess
+from runtime.simulation import Simulation
+
+ROW_SECONDS = 2.5               # how much of a run the ring holds at least
+FRAME_BYTES = 88                # of a frame in the ring
+
+
+@dataclass
+class Request:
+    """What the command line asks of a run. duration in s, None until stopped; rate in Hz, None for the diagram's own."""
+
+    file: Path
+    rate: float | None = None
+    duration: float | None = None
+    fast: bool = False
+    settings: list = field(default_factory=list)
+    record: Path | None = None          # None: recordings/ if the diagram has a recorder
+    no_record: bool = False
+    plotjuggler: tuple | None = None    # (host, port)
+
+
+@dataclass
+class Result:
+    """What became of a run. outcome : cext.executor.Outcome; recording : the recorder's report; statistics : of the page."""
+
+    request: Request
+    diagram: object
+    schedule: object
+    simulation: Simulation
+    outcome: object
+    statistics: dict
+    recording: dict
+    asked: int                          # grid points, -1 until stopped
+    inputs: dict                        # of the device or block that failed: value by name of input
+
+
+def run(request):
+    """Carry out a Request. Returns a Result; raises BadInput, DiagramError or RecorderError before anything is armed."""
+    file, diagram = load(request.file, request.settings)
+    adapt(diagram, request)
+    schedule = compile(diagram)
+    simulation = Simulation(file, diagram, schedule)
+    page = Page(ring_bytes(schedule))
+    ticks = -1 if request.duration is None else round(request.duration * schedule.rate)
+    recorder = RecorderProcess(page)
+    try:
+        recorder.configure(plan(request, schedule, simulation))
+        control = Program(schedule, simulation.ends())
+        executor = Executor(
+            control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
+            reader=recorder.pidfd)
+    except BaseException:
+        recorder.abandon()
+        raise
+    outcome = None
+    try:
+        outcome = executor.run(ticks)
+    finally:
+        if outcome is not None:
+            page.push(RECORD_EVENT, ending(outcome))
+        page.close()
+        recording = recorder.finish()
+    return Result(request, diagram, schedule, simulation, outcome, page.statistics(), recording, ticks, inputs_of(control, diagram, outcome))
+
+
+def adapt(diagram, request):
+    """Options that change the diagram before it is compiled."""
+    if request.rate is not None:
+        diagram.rate = request.rate
+    from blocks.recorders import CsvRecorder
+    from blocks.sinks import PlotJuggler
+
+    if request.plotjuggler is not None:
+        host, port = request.plotjuggler
+        viewers = [block for block in diagram if isinstance(block, PlotJuggler)]
+        with diagram:
+            for viewer in viewers or [PlotJuggler()]:
+                viewer.host, viewer.port = host, port
+    if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
+        with diagram:
+            CsvRecorder()
+
+
+def ring_bytes(schedule):
+    """Room for ROW_SECONDS of rows and frames, and 1 MiB at least."""
+    a_tick = 8 * (3 + len(schedule.columns)) + 4 * FRAME_BYTES * len(schedule.devices)
+    return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
+
+
+def plan(request, schedule, simulation):
+    """What the recorder process has to do."""
+    sinks = [
+        {
+            "service": sink.block.service,
+            "path": sink.block.path,
+            "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
+            "columns": [vars(column) for column in sink.columns],
+        }
+        for sink in schedule.sinks
+        if not (request.no_record and writes_files(sink.block))
+    ]
+    records = not request.no_record and (request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks))
+    return {
+        "name": schedule.name,
+        "folder": str(request.record or "recordings") if records else None,
+        "stem": f"{Path(request.file).stem}_{time.strftime('%Y-%m-%d_%H-%M-%S')}",
+        "rate": schedule.rate,
+        "duration": request.duration,
+        "virtual": request.fast,
+        "simulated": simulation.program is not None,
+        "columns": len(schedule.columns),
+        "buses": schedule.buses,
+        "sinks": sinks,
+        "status_line": True,
+        "metadata": {"diagram_file": str(request.file), "settings": dict(request.settings), "control_pid": os.getpid()},
+    }
+
+
+def writes_files(sink):
+    return type(sink).__module__.endswith("recorders") if isinstance(sink, Sink) else False
+
+
+def ending(outcome):
+    event = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
+    return json.dumps(event).encode()
+
+
+def inputs_of(control, diagram, outcome):
+    """Values at the inputs of the block or device that failed, for the report."""
+    if outcome is None or outcome.culprit not in diagram.blocks or not outcome.faulted:
+        return {}
+    return control.inputs(outcome.culprit)
+
+

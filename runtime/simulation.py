@@ -1,0 +1,59 @@
+"""What stands behind a robot when there is no rig: a plant on in-memory buses."""
+
+from cext.buses import MemoryBus
+from cext.program import Program
+from graph import Actuator, Device, Diagram, compile, subsystem
+from runtime.errors import BadInput
+from runtime.load import build_plant
+
+
+class Simulation:
+    """The plant of a robot, compiled, and the buses between the two.
+
+    file : DiagramFile or None; without a `plant` in it, every device is emulated, each actuator on a free inertia
+    robot : Diagram
+    schedule : the robot's Schedule
+    """
+
+    def __init__(self, file, robot, schedule):
+        self.given = file is not None and file.has_plant
+        diagram = build_plant(file, robot) if self.given else default_plant(robot)
+        self.substeps = substeps(robot, diagram) if diagram is not None else 1
+        self.buses = {name: MemoryBus() for name in schedule.buses}
+        self.program = None
+        if diagram is not None:
+            plant = compile(diagram)
+            strangers = [name for name in plant.buses if name not in self.buses]
+            if strangers:
+                raise BadInput(f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {', '.join(self.buses) or 'none'}")
+            self.program = Program(plant, [self.buses[name].device for name in plant.buses])
+
+    def ends(self):
+        """The robot's end of each bus, in the schedule's order."""
+        return [bus.host for bus in self.buses.values()]
+
+
+def substeps(robot, plant):
+    ratio = plant.rate / robot.rate
+    if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
+        raise BadInput(
+            f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: make it `rate=5 * robot.rate`")
+    return round(ratio)
+
+
+def default_plant(robot):
+    """Every device emulated, each actuator on a free inertia; None for a robot without devices."""
+    devices = [block for block in robot if isinstance(block, Device)]
+    if not devices:
+        return None
+    from blocks.models import Limb
+
+    with Diagram(f"{robot.name}_plant", rate=5 * robot.rate) as plant:
+        for device in devices:
+            with subsystem(device.path):
+                emulated = device.emulator()
+                if isinstance(device, Actuator):
+                    limb = Limb(inertia=0.1, damping=0.1, stiffness=0.0, reflex=0.0)
+                    limb(torque=emulated.torque)
+                    emulated(position=limb.position, velocity=limb.velocity)
+    return plant
