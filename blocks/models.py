@@ -1,6 +1,7 @@
 """What a robot is attached to: limbs, and the people who move them. These stand in a plant."""
 
 import csv
+import math
 
 import numpy as np
 
@@ -16,7 +17,8 @@ class Limb(Block):
     """A joint moved by its wearer and by a drive: I (α − α₀) = τ + K (θ₀ − θ) + B (ω₀ − ω) − d (ω − ω₀).
 
     The wearer means to move along θ₀, ω₀, α₀ and holds to it like a spring with a damper; τ is what the drive adds. With no wearer
-    (stiffness and reflex 0) it is a free inertia. Semi-implicit Euler; no direct feedthrough.
+    (stiffness and reflex 0) it is a free inertia. Below `lower` the ligaments pull back with `ligament`, a straight knee's end of
+    motion. Semi-implicit Euler; no direct feedthrough.
     """
 
     inertia = Param(0.35, "kg·m²", "of shank and foot about the knee", above=0.0)
@@ -24,6 +26,8 @@ class Limb(Block):
     stiffness = Param(120.0, "N·m/rad", "of the wearer, K", min=0.0)
     reflex = Param(8.0, "N·m·s/rad", "of the wearer, B", min=0.0)
     start = Param(0.0, "rad", "angle at the start")
+    lower = Param(-math.inf, "rad", "where the ligaments begin to pull")
+    ligament = Param(500.0, "N·m/rad", "how stiff they are", min=0.0)
 
     torque = Input("N·m", "of the drive", default=0.0)
     angle = Input("rad", "where the wearer means to be, θ₀", default=0.0)

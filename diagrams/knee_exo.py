@@ -15,7 +15,7 @@ from blocks.mathematics import Sum
 from blocks.models import Limb, RecordedKnee, WalkingKnee
 from blocks.recorders import CsvRecorder, StrideReport
 from blocks.sinks import PlotJuggler
-from graph import Diagram, subsystem
+from graph import Diagram, deg, subsystem
 
 # Torque over the stride, (gait phase, N·m): hold the knee as it loads, lift it into swing, catch it before heel strike.
 PROFILE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, -5.0), (0.97, 0.0))
@@ -54,7 +54,7 @@ def plant(robot, gait="", stride_time=1.1):
             with subsystem(side):
                 motion = RecordedKnee(gait, column) if gait else WalkingKnee(stride_time, start)
                 drive = robot[f"{side}/knee"].emulator()
-                limb = Limb(inertia=0.35, start=motion.at_start)
+                limb = Limb(inertia=0.35, lower=deg(-1), start=motion.at_start)
                 limb(torque=drive.torque, angle=motion.angle, rate=motion.velocity, acceleration=motion.acceleration)
                 drive(position=limb.position, velocity=limb.velocity)
     return wearer

@@ -8,16 +8,19 @@ from cext.abi cimport DT, OK, TIME, export
 
 
 cdef int limb_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque, angle, rate, acceleration, position, velocity, inertia, damping, stiffness, reflex, start, state[2]
-    arena[slots[4]] = arena[slots[11]]
-    arena[slots[5]] = arena[slots[11] + 1]
+    # torque, angle, rate, acceleration, position, velocity, inertia, damping, stiffness, reflex, start, lower, ligament,
+    # state[2]
+    arena[slots[4]] = arena[slots[13]]
+    arena[slots[5]] = arena[slots[13] + 1]
     return OK
 
 
 cdef int limb_update(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double *q = arena + slots[11]
+    cdef double *q = arena + slots[13]
     cdef double dt = arena[DT]
     cdef double wearer = arena[slots[8]] * (arena[slots[1]] - q[0]) + arena[slots[9]] * (arena[slots[2]] - q[1])
+    if q[0] < arena[slots[11]]:
+        wearer += arena[slots[12]] * (arena[slots[11]] - q[0])
     q[1] += dt * ((arena[slots[0]] + wearer - arena[slots[7]] * (q[1] - arena[slots[2]])) / arena[slots[6]] + arena[slots[3]])
     q[0] += dt * q[1]           # semi-implicit Euler: the new velocity moves the joint
     return OK
