@@ -336,8 +336,11 @@ class Block:
         """Run one of the author's hooks; a ValueError becomes a diagnostic at the user's line."""
         try:
             return method(*arguments)
-        except (ValueError, OSError) as error:
-            raise DiagramError(Diagnostic("TW010", str(error), path=self.path, where=self.location)) from None
+        except OSError as error:
+            message = f"cannot read {error.filename}: {error.strerror}"
+        except ValueError as error:
+            message = str(error)
+        raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
 
     def __repr__(self):
         return f"<{type(self).__name__} {self.path}>"

@@ -38,7 +38,7 @@ def compile(diagram):
         check()
     errors = [d for d in compilation.diagnostics if d.severity == "error"]
     if errors:
-        raise DiagramError(errors)
+        raise DiagramError(sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0)))
     return compilation.schedule()
 
 

@@ -78,8 +78,10 @@ def guarded(path, function, *arguments, **named):
     """Call the user's code; whatever it raises becomes BadInput with the user's own line."""
     try:
         return function(*arguments, **named)
-    except (DiagramError, BadInput):
+    except BadInput:
         raise
+    except DiagramError as error:
+        raise BadInput("\n".join(map(str, error.diagnostics))) from None
     except SyntaxError as error:
         raise BadInput(f"{error.filename}:{error.lineno}: syntax error: {error.msg}" + (f"\n    {error.text.strip()}" if error.text else "")) from None
     except UnicodeDecodeError:

@@ -60,8 +60,8 @@ def find(name):
     for short, full in AMBIGUOUS.items():
         if _plain(short) == wanted:
             raise ValueError(
-                f"{short} was sold with two driver boards that speak different protocols: write {full!r} for the older one (its label "
-                f"says V1 or V2, and it is configured by a serial cable of three wires); V3.0 boards are not supported yet")
+                f"{short} was sold with driver boards of two generations, which speak different protocols: write {full!r} for boards V1 and "
+                f"V2 (MIT mode in standard frames); V3.0 boards (extended frames) are not supported yet")
     if wanted.endswith("V30"):
         raise ValueError(f"{name}: boards V3.0 speak another protocol, which is not supported yet; this block drives V1 and V2")
     hint = suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
