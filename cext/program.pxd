@@ -11,10 +11,12 @@ cdef struct Step:
     const int32_t *sizes
     PyObject *python             # a PythonStep
 
-cdef struct Segment:             # neighbours of one kind and one rate
+cdef struct Segment:             # neighbours of one kind, one rate and one condition
     int first
     int last
-    int every
+    int every                    # runs when floor(tick / every) has changed
+    int condition_count
+    const int32_t *conditions    # slots that must all be true; the segment holds while one is not
     bint python
 
 cdef struct Phase:
@@ -81,6 +83,8 @@ cdef class Program:
     cdef int load_devices(self, devices) except -1
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil
+    cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil
+    cdef bint enabled(self, Segment *segment) noexcept nogil
     cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil

@@ -23,7 +23,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, CLOCK_SLOTS, DECODE, DEVICE_FAULT, ENCODE, EXTENDED, FOREIGN, KERNEL, MALFORMED, OK, PYTHON_ERROR, SILENT,
+    BUS_ERROR, DECODE, DEVICE_FAULT, DT, ENCODE, EXTENDED, FOREIGN, KERNEL, MALFORMED, OK, PERIOD, PYTHON_ERROR, SILENT,
     TAKEN,
 )
 from cext.page cimport FRAME, commit, reserve
@@ -218,7 +218,7 @@ cdef class Program:
         free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.columns)
 
     cdef int load_phase(self, Phase *phase, steps) except -1:
-        """Copy the steps and cut them into segments of neighbours of one kind and rate."""
+        """Copy the steps and cut them into segments of neighbours of one kind, rate and condition."""
         cdef Step *step
         cdef Segment *segment = NULL
         cdef int index
@@ -226,6 +226,7 @@ cdef class Program:
         phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
         phase.step_count = len(steps)
         phase.segment_count = 0
+        previous = None
         for index, entry in enumerate(steps):
             step = &phase.steps[index]
             if entry.kernel is not None:
@@ -236,10 +237,13 @@ cdef class Program:
                 call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory)
                 self.keep.append(call)
                 step.python = <PyObject *>call
-            if segment == NULL or segment.python != (step.kernel == NULL) or segment.every != entry.every:
+            kind = (step.kernel == NULL, entry.every, entry.conditions)
+            if segment == NULL or kind != previous:
                 segment = &phase.segments[phase.segment_count]
                 phase.segment_count += 1
                 segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
+                segment.condition_count, segment.conditions = len(entry.conditions), self.table(entry.conditions)
+                previous = kind
             segment.last = index + 1
         return 0
 
@@ -307,23 +311,47 @@ cdef class Program:
         ]
 
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
-        cdef int index, step, status
+        cdef int index
+        cdef int status = OK
         cdef Segment *segment
+        cdef int64_t periods
+        cdef double dt = self.arena[DT]
+        cdef double period = self.arena[PERIOD]
         for index in range(phase.segment_count):
             segment = &phase.segments[index]
-            if segment.every != 1 and not due(tick, previous, segment.every):
+            if segment.condition_count and not self.enabled(segment):
                 continue
-            if segment.python:
-                status = self.run_python(phase, segment)
-                if status != OK:
-                    return status
-                continue
-            for step in range(segment.first, segment.last):
-                status = phase.steps[step].kernel(self.arena, phase.steps[step].slots, phase.steps[step].sizes)
-                if status != OK:
-                    self.blame_step(phase, step)
-                    return status
+            if segment.every == 1:
+                status = self.run_segment(phase, segment)
+            else:
+                periods = tick // segment.every - previous // segment.every if previous >= 0 else 1
+                if periods > 0:
+                    # A slow block sees its own clock: its period, and how many of them have passed.
+                    self.arena[PERIOD] = period * segment.every
+                    self.arena[DT] = periods * self.arena[PERIOD]
+                    status = self.run_segment(phase, segment)
+                    self.arena[DT], self.arena[PERIOD] = dt, period
+            if status != OK:
+                return status
         return OK
+
+    cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil:
+        cdef int step, status
+        if segment.python:
+            return self.run_python(phase, segment)
+        for step in range(segment.first, segment.last):
+            status = phase.steps[step].kernel(self.arena, phase.steps[step].slots, phase.steps[step].sizes)
+            if status != OK:
+                self.blame_step(phase, step)
+                return status
+        return OK
+
+    cdef bint enabled(self, Segment *segment) noexcept nogil:
+        cdef int index
+        for index in range(segment.condition_count):
+            if not self.arena[segment.conditions[index]] > 0.5:
+                return False    # NaN does not enable
+        return True
 
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
         self.failed_step = step
@@ -441,10 +469,6 @@ cdef class Program:
         cdef int index
         for index in range(self.column_count):
             row[index] = self.arena[self.columns[index]]
-
-
-cdef inline bint due(int64_t tick, int64_t previous, int every) noexcept nogil:
-    return previous < 0 or tick / every != previous / every
 
 
 cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:

@@ -3,7 +3,7 @@
     from graph import Block, Diagram, Input, Output, Param, compile, subsystem
 """
 
-from graph.block import Block, Input, Memory, Output, Param, Sink
+from graph.block import Block, Input, Live, Memory, Output, Param, Sink
 from graph.compiler import compile
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
@@ -13,6 +13,6 @@ from graph.schedule import Schedule
 from graph.units import deg
 
 __all__ = [
-    "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Memory", "Output", "Param",
+    "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Output", "Param",
     "Schedule", "Signal", "Sink", "compile", "deg", "subsystem",
 ]

@@ -139,6 +139,25 @@ class Param(_Declaration):
         return self.check(int(value) if self.dtype is int and value == int(value) else value)
 
 
+class Live:
+    """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0)`.
+
+    Bounds left out are the parameter's own; a live parameter needs both, and the proof takes it over all of them.
+    """
+
+    def __init__(self, value, *, min=None, max=None):
+        self.value, self.min, self.max = value, min, max
+
+    def bounds(self, param):
+        low = param.min if self.min is None else param.check(self.min)
+        high = param.max if self.max is None else param.check(self.max)
+        if low is None or high is None or not param.numeric:
+            raise ValueError("a live parameter needs both bounds: write Live(value, min=..., max=...)")
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            raise ValueError(f"live bounds must be finite and in order, got {low:g} to {high:g}")
+        return low, high
+
+
 class Memory(_Declaration):
     """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another of any length."""
 
@@ -166,6 +185,9 @@ class Block:
     variadic = False            # takes any number of signals
     dt = None                   # s, the block's own sampling period, once it is known
     width = 1                   # how many elements its `...` ports have, once it is known
+    every = 1                   # runs at every n-th tick
+    conditions = ()             # signals that must all be true for it to run
+    resamples = False           # may stand between rates that do not divide
     diagram = None
     path = ""
 
@@ -189,7 +211,11 @@ class Block:
 
     def __init__(self, *values, name=None, every=1, **named):
         self.location = caller()
+        self.live_bounds = {}
         self._set_parameters(values, named)
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}",
+                                          path=type(self).__name__, where=self.location))
         self.every = every
         scope = current_scope()
         if scope is not None:
@@ -225,7 +251,13 @@ class Block:
                 continue
             value = given.get(key, param.default)
             try:
+                if isinstance(value, Live):
+                    self.live_bounds[key] = value.bounds(param)
+                    value = value.value
                 setattr(self, key, param.check(value) if value is not None else None)
+                low, high = self.live_bounds.get(key, (-math.inf, math.inf))
+                if key in self.live_bounds and not low <= getattr(self, key) <= high:
+                    raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
             except (ValueError, TypeError) as error:
                 wrong(f"{key}: {error}", param.description)
         if problems:
@@ -327,10 +359,15 @@ class Block:
             raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
         self._attempt(self.configure)
 
+    def live(self, name):
+        """(smallest, largest) value that a parameter may take while running, or None if it is not live."""
+        param = self.parameters[name]
+        return self.live_bounds.get(name) or ((param.min, param.max) if param.live else None)
+
     def span(self, name):
         """Interval of a parameter: its value, or all it may become if it is live."""
-        param = self.parameters[name]
-        return Interval(param.min, param.max) if param.live else Interval.point(getattr(self, name))
+        bounds = self.live(name)
+        return Interval(*map(float, bounds)) if bounds else Interval.point(getattr(self, name))
 
     def _attempt(self, method, *arguments):
         """Run one of the author's hooks; a ValueError becomes a diagnostic at the user's line."""

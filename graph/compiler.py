@@ -31,6 +31,7 @@ def compile(diagram):
         compilation.infer_units,
         compilation.check_actuators,
         compilation.check_addresses,
+        compilation.check_rates,
         compilation.sort,
         compilation.prove,
         compilation.check_use,
@@ -199,6 +200,33 @@ class Compilation:
                     self.report("TW013", f"shares CAN id {address[0]} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
                                 hint="give each device on a bus its own `can_id`")
 
+    # Rates and conditions
+
+    def check_rates(self):
+        self.holds = []
+        for block in self.blocks:
+            if isinstance(block, (Device, Sink)) and block.every != 1:
+                self.report("TW014", f"runs at every {block.every} ticks, and a {'device' if isinstance(block, Device) else 'recorder'} runs at every tick",
+                            block, hint="take it out of the slow subsystem, and leave the blocks behind it there")
+            for name in block.inputs:
+                source = self.sources[block, name]
+                if not isinstance(source, Signal) or isinstance(block, (Device, Sink)) or source.block.every == block.every:
+                    continue
+                slow, fast = max(source.block.every, block.every), min(source.block.every, block.every)
+                if slow % fast and not (block.resamples or source.block.resamples):
+                    self.report("TW014", f"runs at every {block.every} ticks, and {source.path} at every {source.block.every}: neither divides the other",
+                                block, name, self.where(block, name), "put a Resample between them, which says at which rate")
+                else:
+                    self.holds.append((source.path, source.block.every, f"{block.path}.{name}", block.every))
+        for block in self.blocks:
+            if isinstance(block, Actuator):
+                for name in block.inputs:
+                    source = self.sources[block, name]
+                    if isinstance(source, Signal) and source.block.conditions and not block.conditions:
+                        conditions = " and ".join(signal.path for signal in source.block.conditions)
+                        self.report("TW021", f"keeps its last value while {conditions} is false{self.origin(source)}", block, name,
+                                    self.where(block, name), "put a Switch behind the subsystem that chooses 0 while it is disabled", "warning")
+
     # Order
 
     def sort(self):
@@ -209,6 +237,9 @@ class Compilation:
                 source = self.sources.get((block, name))
                 if isinstance(source, Signal) and source.block in graph and source.port not in getattr(source.block, "sent_outputs", ()):
                     graph.add_edge(source.block, block, port=name, source=source.port)
+            for condition in block.conditions:
+                if condition.block in graph:
+                    graph.add_edge(condition.block, block, port="enabled", source=condition.port)
         for component in nx.strongly_connected_components(graph):
             first = min(component, key=lambda block: block.path)
             if len(component) > 1 or graph.has_edge(first, first):
@@ -251,7 +282,10 @@ class Compilation:
         inputs = {name: self.interval(self.sources[block, name]) for name in block.inputs}
         found = block.output_range(**inputs)
         for name in block.outputs:
-            self.ranges[Signal(block, name)] = range_of(block, name, found)
+            interval = range_of(block, name, found)
+            if block.conditions:
+                interval = interval | Interval.point(0.0)           # what it holds until it has been enabled
+            self.ranges[Signal(block, name)] = interval
 
     def interval(self, source):
         if isinstance(source, Signal):
@@ -319,12 +353,15 @@ class Compilation:
             for index, name in enumerate(n for n, p in block.parameters.items() if p.numeric):
                 parameters[f"{block.path}.{name}"] = tables[block][0][at + index]
 
+        def when(block):
+            return tuple(places[condition].slot for condition in block.conditions)
+
         def native(block, kernel):
             slots, sizes = tables[block]
-            return Step(block.path, block.every, kernel=kernel, slots=tuple(slots), sizes=tuple(sizes))
+            return Step(block.path, block.every, when(block), kernel=kernel, slots=tuple(slots), sizes=tuple(sizes))
 
         def python(block, method, names, outputs):
-            return Step(block.path, block.every, function=method, inputs=tuple(described(block, n) for n in names),
+            return Step(block.path, block.every, when(block), function=method, inputs=tuple(described(block, n) for n in names),
                         outputs=tuple((n, places[Signal(block, n)].slot, p.dtype, self.shapes[block, n]) for n, p in outputs.items()))
 
         def output_step(block):
@@ -341,7 +378,7 @@ class Compilation:
         update = sorted(
             [native(b, b.update_kernel) for b in self.blocks if b.update_kernel is not None]
             + [python(b, b.update, b.update_inputs(), {}) for b in self.blocks if b.has_python_update],
-            key=lambda step: (step.every, step.kernel is None))
+            key=lambda step: (step.every, step.conditions, step.kernel is None))
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         devices = [self.device_steps(block, tables[block], places, buses) for block in self.blocks if isinstance(block, Device)]
         devices.sort(key=lambda device: device.bus)
@@ -351,7 +388,7 @@ class Compilation:
             name=self.diagram.name, rate=self.diagram.rate, arena=layout.arena(), settle=settle, output=output, update=update,
             devices=devices, buses=buses, signals={place.path: place for place in places.values()}, columns=columns, sinks=sinks,
             python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters, inputs=inputs,
-            proofs=self.proofs, warnings=[d for d in self.diagnostics if d.severity == "warning"])
+            proofs=self.proofs, holds=self.holds, warnings=[d for d in self.diagnostics if d.severity == "warning"])
 
     def device_steps(self, block, table, places, buses):
         def slot(name):
@@ -410,7 +447,7 @@ def cluster(graph):
 
 
 def kind(block):
-    return block.every, block.is_python
+    return block.every, tuple(condition.path for condition in block.conditions), block.is_python
 
 
 def _method_inputs(method):

@@ -21,6 +21,7 @@ CODES = {
     "TW014": "rates that do not divide",
     "TW015": "block without a step",
     "TW020": "outputs that nobody uses",
+    "TW021": "command that may be held",
 }
 
 

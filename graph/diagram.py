@@ -1,7 +1,6 @@
 """Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the compiler's to say."""
 
 from collections import namedtuple
-from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import lru_cache
@@ -55,12 +54,16 @@ def Outputs(names, signals):
 
 @dataclass(frozen=True)
 class Scope:
-    """Where new blocks go: a diagram, and a path of subsystems in it."""
+    """Where new blocks go: a diagram, a path of subsystems in it, and what these say of rate and condition."""
 
     diagram: "Diagram"
     prefix: str = ""
+    every: int = 1
+    conditions: tuple = ()
 
     def adopt(self, block, name):
+        block.every *= self.every
+        block.conditions = self.conditions
         self.diagram.add(block, name, self.prefix)
 
 
@@ -147,15 +150,29 @@ class Diagram:
         return f"<Diagram {self.name}: {len(self.blocks)} blocks at {self.rate:g} Hz>"
 
 
-@contextmanager
-def subsystem(name):
-    """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested."""
-    scope = _scope.get()
-    if scope is None:
-        raise DiagramError(Diagnostic(
-            "TW011", f"subsystem({name!r}) stands outside a diagram", where=caller(), hint="open it inside `with Diagram(...)`"))
-    token = _scope.set(Scope(scope.diagram, f"{scope.prefix}{name}/"))
-    try:
-        yield name
-    finally:
-        _scope.reset(token)
+class subsystem:
+    """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested.
+
+    every : its blocks run at every n-th tick, and hold their outputs in between
+    enabled : a signal; its blocks run while it is true, and hold their outputs while it is false
+    """
+
+    def __init__(self, name, *, every=1, enabled=None):
+        scope = _scope.get()
+        where = caller()
+        if scope is None:
+            raise DiagramError(Diagnostic(
+                "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
+        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+            raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}", path=str(name), where=where))
+        if enabled is not None and (not isinstance(enabled, Signal) or enabled.declaration.shape not in ((), ...)):
+            raise DiagramError(Diagnostic("TW012", f"enabled must be a scalar signal, got {enabled!r}", path=str(name), where=where))
+        conditions = scope.conditions + ((enabled,) if enabled is not None else ())
+        self.scope = Scope(scope.diagram, f"{scope.prefix}{name}/", scope.every * every, conditions)
+
+    def __enter__(self):
+        self.token = _scope.set(self.scope)
+        return self
+
+    def __exit__(self, *exception):
+        _scope.reset(self.token)

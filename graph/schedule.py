@@ -13,6 +13,7 @@ class Step:
 
     name: str
     every: int = 1
+    conditions: tuple = ()      # slots that must all be true
     kernel: object = None
     slots: tuple = ()
     sizes: tuple = ()
@@ -105,6 +106,7 @@ class Schedule:
     inputs: dict                # path: {input name: slot}, scalars only
     parameters: dict            # "left/impedance.stiffness": slot, native blocks only
     proofs: list = field(default_factory=list)
+    holds: list = field(default_factory=list)       # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)
 
     @property
