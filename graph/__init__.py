@@ -8,11 +8,12 @@ from graph.compiler import compile
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Signal, subsystem
+from graph.function import block
 from graph.interval import Interval
 from graph.schedule import Schedule
 from graph.units import deg
 
 __all__ = [
     "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Output", "Param",
-    "Schedule", "Signal", "Sink", "compile", "deg", "subsystem",
+    "Schedule", "Signal", "Sink", "block", "compile", "deg", "subsystem",
 ]

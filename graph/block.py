@@ -273,6 +273,7 @@ class Block:
 
     def reset(self):
         """Back to the state before the first step."""
+        self.__dict__["_scratch"] = None
 
     def output_range(self, **inputs):
         """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs declare."""

@@ -22,6 +22,9 @@ CODES = {
     "TW015": "block without a step",
     "TW020": "outputs that nobody uses",
     "TW021": "command that may be held",
+    "TW030": "format of a newer Tickwork",
+    "TW031": "missing library",
+    "TW032": "block of a local file",
 }
 
 

@@ -1,0 +1,54 @@
+"""Blocks from functions: the signature is the declaration.
+
+    @block
+    def spring(angle: Input("rad"), stiffness: Param(30.0, "N·m/rad")) -> Output("N·m"):
+        \"\"\"Virtual spring: τ = -K θ.\"\"\"
+        return -stiffness * angle
+
+    torque = spring(stiffness=40.0)(knee.position)
+"""
+
+import inspect
+
+from graph.block import CLOCK, Block, Input, Output, Param
+
+
+def block(function):
+    """A Block class from an annotated function without state.
+
+    Arguments annotated with Input become inputs, those with Param parameters; `t`, `tick` and `dt` need no annotation. The return
+    annotation is one Output, whose port is called `y`, or a dict of them by name. TypeError, when decorating, if the signature says less.
+    """
+    annotations = inspect.get_annotations(function, eval_str=True)
+    outputs = annotations.pop("return", None)
+    if isinstance(outputs, Output):
+        outputs = {"y": outputs}
+    if not isinstance(outputs, dict) or not all(isinstance(port, Output) for port in outputs.values()):
+        raise TypeError(f"{function.__name__} must say what it returns: -> Output(unit), or -> {{name: Output(unit), ...}}")
+    body = {"__doc__": function.__doc__, "__module__": function.__module__, "__qualname__": function.__qualname__, "function": staticmethod(function)}
+    arguments, parameters = [], []
+    for name in inspect.signature(function).parameters:
+        declaration = annotations.get(name)
+        if isinstance(declaration, Param):
+            parameters.append(name)
+        elif isinstance(declaration, Input) or (declaration is None and name in CLOCK):
+            arguments.append(name)
+        else:
+            raise TypeError(f"{function.__name__}: annotate {name} with Input(unit) or Param(default, unit)")
+        if declaration is not None:
+            body[name] = declaration
+    for name, port in outputs.items():
+        if name in body:
+            raise TypeError(f"{function.__name__}: the name {name!r} is used twice")
+        body[name] = port
+    body["step"] = make_step(function, arguments, parameters)
+    return type(function.__name__, (Block,), body)
+
+
+def make_step(function, arguments, parameters):
+    """A `step` with the function's own argument names, which is how a block says what its inputs are."""
+    call = ", ".join(f"{name}={name}" for name in arguments) + "".join(f", {name}=self.{name}" for name in parameters)
+    source = f"def step(self, {', '.join(arguments)}):\n    return function({call.removeprefix(', ')})"
+    namespace = {"function": function}
+    exec(source, namespace)
+    return namespace["step"]

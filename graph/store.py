@@ -1,0 +1,215 @@
+"""Diagrams as JSON, and their content hash.
+
+The text holds blocks as `module:qualname` with their parameters, wires, and the versions of the libraries they come from. Two diagrams with one
+hash compute the same: it covers blocks with their source, parameters, wires and rate, and nothing of files, lines or the order of making.
+"""
+
+import hashlib
+import importlib
+import importlib.metadata
+import inspect
+import json
+import math
+from pathlib import Path
+
+from graph.block import Block, Live
+from graph.diagnostics import Diagnostic, DiagramError
+from graph.diagram import Diagram, Scope, Signal, _scope
+
+FORMAT = 1
+ENTRY_POINTS = "tickwork.blocks"
+OWN = ("blocks", "graph")
+
+
+def to_json(diagram):
+    """The diagram as JSON text, the same for every order in which its blocks were made and wired."""
+    data = describe(diagram)
+    data["hash"] = digest(data)
+    return json.dumps(data, indent=1, ensure_ascii=False)
+
+
+def content_hash(diagram):
+    """'sha256:...' of what the diagram computes."""
+    return digest(describe(diagram))
+
+
+def describe(diagram):
+    """A diagram as a dict of plain data."""
+    blocks = sorted(diagram, key=lambda block: block.path)
+    order = {id(wire): index for index, wire in enumerate(diagram.wires)}
+    wires = sorted(diagram.wires, key=lambda w: (w.block.path, "" if w.block.variadic else w.port, order[id(w)] if w.block.variadic else 0))
+    return {
+        "format": FORMAT,
+        "name": diagram.name,
+        "rate": diagram.rate,
+        "libraries": dict(sorted({library(type(block)) for block in blocks})),
+        "blocks": [describe_block(block) for block in blocks],
+        "wires": [describe_wire(wire) for wire in wires],
+    }
+
+
+def describe_block(block):
+    kind = type(block)
+    data = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source_hash(kind)}
+    if not loadable(kind):
+        data["local"] = True
+    parameters = {}
+    for name in block.parameters:
+        value = encode(getattr(block, name))
+        parameters[name] = {"live": [value, *map(encode, block.live_bounds[name])]} if name in block.live_bounds else value
+    if parameters:
+        data["parameters"] = parameters
+    if block.every != 1:
+        data["every"] = block.every
+    if block.conditions:
+        data["conditions"] = [signal.path for signal in block.conditions]
+    return data
+
+
+def describe_wire(wire):
+    data = {"to": wire.block.path}
+    if wire.port is not None:
+        data["port"] = wire.port
+    data["from"] = wire.source.path if isinstance(wire.source, Signal) else {"constant": encode(wire.source)}
+    return data
+
+
+def encode(value):
+    """A parameter or constant as JSON can hold it: infinities as text, tuples and arrays as lists."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return {"float": repr(value)}
+    if isinstance(value, (list, tuple)):
+        return [encode(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): encode(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        return encode(value.tolist())
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"{value!r} cannot be written to JSON")
+
+
+def decode(value):
+    if isinstance(value, dict):
+        if set(value) == {"float"}:
+            return float(value["float"])
+        return {key: decode(item) for key, item in value.items()}
+    return tuple(decode(item) for item in value) if isinstance(value, list) else value
+
+
+def digest(data):
+    essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
+    text = json.dumps(essence, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
+
+
+def source_hash(kind):
+    """Of the source of a block's class, or of the function it was made from; of its name where there is no source."""
+    try:
+        source = inspect.getsource(getattr(kind, "function", kind))
+    except (OSError, TypeError):
+        source = f"{kind.__module__}:{kind.__qualname__}"
+    return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def loadable(kind):
+    """Whether a class can be found again by its module and name, in a library."""
+    return kind.__module__.split(".")[0] in registered() and "<locals>" not in kind.__qualname__
+
+
+def registered():
+    """{top package: the distribution that brings it} of all block libraries installed, ours among them."""
+    found = dict.fromkeys(OWN, "tickwork")
+    for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        found[point.module.split(".")[0]] = point.dist.name if point.dist else point.name
+    return found
+
+
+def library(kind):
+    """(distribution, version) that a class comes from; (file, "local") for one from a user's own file."""
+    distribution = registered().get(kind.__module__.split(".")[0])
+    if distribution is None:
+        return Path(getattr(inspect.getmodule(kind), "__file__", kind.__module__)).name, "local"
+    try:
+        return distribution, importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return distribution, "not installed"
+
+
+def from_json(text, *, trust=()):
+    """The diagram of a JSON text.
+
+    trust : names of modules that may be imported although no library registers them
+
+    Raises DiagramError: a newer format (TW030), a missing library, with the line that installs it (TW031), or a local block (TW032).
+    """
+    data = json.loads(text)
+    if data.get("format") != FORMAT:
+        raise DiagramError(Diagnostic(
+            "TW030", f"the text has format {data.get('format')!r}, and this Tickwork reads format {FORMAT}", path=str(data.get("name", "")),
+            hint="pip install --upgrade tickwork"))
+    types, problems = {}, []
+    for entry in data["blocks"]:
+        try:
+            types[entry["type"]] = find_type(entry, data["libraries"], trust)
+        except DiagramError as error:
+            problems += [d for d in error.diagnostics if d not in problems]
+    if problems:
+        raise DiagramError(problems)
+    diagram = Diagram(data["name"], data["rate"])
+    for entry in data["blocks"]:
+        prefix, _, name = entry["path"].rpartition("/")
+        token = _scope.set(Scope(diagram, f"{prefix}/" if prefix else ""))
+        try:
+            block = types[entry["type"]](name=name, **parameters_of(entry))
+        finally:
+            _scope.reset(token)
+        block.every = entry.get("every", 1)
+        block.dt = block.every / diagram.rate
+    for entry in data["blocks"]:
+        diagram[entry["path"]].conditions = tuple(signal_at(diagram, path) for path in entry.get("conditions", ()))
+    for entry in data["wires"]:
+        source = entry["from"]
+        source = signal_at(diagram, source) if isinstance(source, str) else decode(source["constant"])
+        block = diagram[entry["to"]]
+        diagram.wire(source, block, entry.get("port"), block.location)
+    return diagram
+
+
+def parameters_of(entry):
+    parameters = {}
+    for name, value in entry.get("parameters", {}).items():
+        if isinstance(value, dict) and set(value) == {"live"}:
+            value, low, high = map(decode, value["live"])
+            parameters[name] = Live(value, min=low, max=high)
+        elif value is not None:
+            parameters[name] = decode(value)
+    return parameters
+
+
+def signal_at(diagram, path):
+    block, _, port = path.rpartition(".")
+    return Signal(diagram[block], port)
+
+
+def find_type(entry, libraries, trust):
+    module, _, qualname = entry["type"].partition(":")
+    top = module.split(".")[0]
+    if entry.get("local") and module not in trust:
+        raise DiagramError(Diagnostic(
+            "TW032", f"{qualname} was defined in a file of its own ({module}), not in a library", path=entry["path"],
+            hint=f"run that file again, or import it and load with trust=({module!r},)"))
+    if top not in registered() and module not in trust and top not in trust:
+        owner = next((f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)), top)
+        raise DiagramError(Diagnostic("TW031", f"{entry['type']} comes from a library that is not installed", path=entry["path"], hint=f"pip install {owner}"))
+    try:
+        found = importlib.import_module(module)
+        for name in qualname.split("."):
+            found = getattr(found, name)
+    except (ImportError, AttributeError) as error:
+        raise DiagramError(Diagnostic(
+            "TW031", f"{entry['type']} is not in the library that is installed ({error})", path=entry["path"], hint="install the version it was made with")
+        ) from None
+    if not (isinstance(found, type) and issubclass(found, Block)):
+        raise DiagramError(Diagnostic("TW031", f"{entry['type']} is not a block", path=entry["path"]))
+    return found
