@@ -1,0 +1,168 @@
+"""The recorder as the control process sees it: a process of its own that drains the page's ring into files, viewers and the terminal.
+
+    recorder = RecorderProcess(page)      # its start-up overlaps with the compiling
+    recorder.configure(plan)              # files are open from here on
+    ...                                   # the run
+    page.close()
+    report = recorder.finish()
+
+The plan is a dict that JSON can carry:
+
+    name, stem      of the diagram; of the files
+    folder          of the recording, or None to write no files
+    rate, duration  Hz; s or None
+    virtual         whether time is: files of two runs are then byte-identical
+    simulated       whether a plant stands behind the buses
+    columns, buses  how many numbers a row has; the names of the buses
+    sinks           of each: service ("module:class"), path, parameters, columns (index, path, dtype, unit)
+    status_line     whether the terminal may be used
+    metadata        what else the sidecar file shall carry
+
+Page(fd) -> rows, frames and events -> runtime.recorder.recording -> services (runtime.recorder.service) and files.
+"""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+
+READY_TIMEOUT = 30.0        # s, for a slow disk
+ABANDON_TIMEOUT = 5.0       # s
+_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+# The parent's packages, whatever the working folder holds; then the parent's path, for services of other packages.
+_BOOT = """
+import sys
+path = sys.argv[5:]
+sys.path[:] = [sys.argv[4], *path]
+import cext, runtime
+sys.path[:] = path
+from runtime.recorder.process import main
+main(*map(int, sys.argv[1:4]))
+"""
+
+
+class RecorderError(Exception):
+    """The recording cannot be made. The text says why, in one line."""
+
+
+class RecorderProcess:
+    """The recorder process of one run. Spawned at once.
+
+    page : cext.page.Page
+    pidfd : file descriptor that becomes readable when the process has ended
+    pid : its number
+    """
+
+    def __init__(self, page):
+        answers, their_answers = os.pipe()
+        control = os.pidfd_open(os.getpid())
+        path = [os.path.abspath(entry) for entry in sys.path]
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-c", _BOOT, str(page.fd), str(their_answers), str(control), _ROOT, *path],
+                stdin=subprocess.PIPE, pass_fds=(page.fd, their_answers, control), start_new_session=True)
+        finally:
+            os.close(their_answers)
+            os.close(control)
+        self.pid = self._child.pid
+        self.pidfd = os.pidfd_open(self.pid)
+        self._answers, self._heard = answers, b""
+        self._files = []
+        self._over = False
+
+    def configure(self, plan):
+        """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left behind."""
+        from graph.units import ascii_name        # the child shall not import the language for this
+
+        sinks = [
+            {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
+            for sink in plan["sinks"]
+        ]
+        order = json.dumps({**plan, "sinks": sinks}).encode() + b"\n"
+        try:
+            self._child.stdin.write(order)
+            self._child.stdin.flush()
+            answer = self._answer(READY_TIMEOUT)
+        except BrokenPipeError:
+            answer = None
+        except TimeoutError:
+            self.abandon()
+            raise RecorderError(f"the recorder process was not ready within {READY_TIMEOUT:g} s") from None
+        if answer is None:
+            how = self._end()
+            raise RecorderError(f"the recorder process ended before it was ready ({how})")
+        if "error" in answer:
+            self._end()
+            raise RecorderError(answer["error"])
+        self._files = answer["files"]
+
+    def finish(self, timeout=60.0):
+        """After page.close(): wait until all is written, and return the report.
+
+        The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and more:
+        what the sidecar file holds. If the process has died, or needs longer than `timeout` s, `problems` says so and
+        `files` are those it had opened.
+        """
+        try:
+            report = self._answer(timeout)
+        except TimeoutError:
+            return self._lost(f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself")
+        how = self._end()
+        if report is None:
+            return self._lost(f"the recorder process died before the end ({how}): the files stop where it did")
+        return report
+
+    def abandon(self):
+        """The run fails before it began: the process ends and takes its files with it."""
+        if self._over:
+            return
+        try:
+            self._child.stdin.write(b"abandon\n")
+            self._child.stdin.flush()
+        except OSError:
+            pass                                # it has ended already
+        self._end(ABANDON_TIMEOUT)
+
+    def _lost(self, problem):
+        return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
+
+    def _answer(self, timeout):
+        """The next line of JSON from the process; None if it ended without one. TimeoutError."""
+        deadline = time.monotonic() + timeout
+        poll = select.poll()
+        poll.register(self._answers, select.POLLIN)
+        while b"\n" not in self._heard:
+            if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
+                raise TimeoutError
+            data = os.read(self._answers, 1 << 16)
+            if not data:
+                return None
+            self._heard += data
+        line, _, self._heard = self._heard.partition(b"\n")
+        return json.loads(line)
+
+    def _end(self, timeout=10.0):
+        """Wait for the process to end, kill it if it does not, and say how it ended."""
+        if not self._over:
+            self._over = True
+            try:
+                self._child.stdin.close()
+            except OSError:
+                pass
+            try:
+                self._child.wait(timeout)
+            except subprocess.TimeoutExpired:
+                self._child.kill()
+                self._child.wait()
+            os.close(self._answers)
+        code = self._child.returncode
+        return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+    def __del__(self):
+        pidfd = getattr(self, "pidfd", None)
+        if pidfd is not None:
+            os.close(pidfd)

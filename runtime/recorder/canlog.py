@@ -1,0 +1,70 @@
+"""The CAN log: every frame of every bus, in the format of `candump -L`, by python-can's own writer.
+
+    (1763683200.004512) legs 001#7FFF7FF0000007FF T
+
+The time is the wall clock; in virtual time it begins at 0. R was received, T sent by us. Frames stand in the order in which
+the control process handled them, which is what a replay needs.
+"""
+
+import os
+from struct import Struct
+
+from runtime.recorder.files import LineFile, create
+from runtime.recorder.service import Service
+
+FRAME = Struct("=qIBBBB64s")                # struct Frame of cext/abi.pxd
+EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
+RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4        # struct canfd_frame's flags
+CLASSIC_BYTES = 8
+FLUSH_FRAMES = 1000
+
+
+class CanLog(Service):
+    def __init__(self, plan, page):
+        super().__init__(plan, {"path": "can log", "columns": [], "parameters": {}})
+        self.page = page
+
+    def open(self):
+        self.file = LineFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
+        self.files[self.file.path] = ""
+        self.frames = 0
+        self.began = None
+
+    def begin(self):
+        """Import python-can, which takes a tenth of a second."""
+        from can import Message
+        from can.io.canutils import CanutilsLogWriter
+
+        self.writer = CanutilsLogWriter(self.file)
+        self.message = Message(data=b"", check=False)          # filled anew for every frame
+
+    def frame(self, payload):
+        time, identifier, length, flags, bus, sent, data = FRAME.unpack(payload)
+        if self.began is None:
+            self.began = 0 if self.plan["virtual"] else self.page.wall
+        message = self.message
+        message.timestamp = (self.began + time) * 1e-9
+        message.arbitration_id = identifier & ID_MASK
+        message.is_extended_id = bool(identifier & EXTENDED)
+        message.is_remote_frame = bool(identifier & REMOTE)
+        message.is_error_frame = bool(identifier & ERROR)
+        message.is_fd = length > CLASSIC_BYTES or bool(flags & FLEXIBLE)
+        message.bitrate_switch = bool(flags & RATE_SWITCH)
+        message.error_state_indicator = bool(flags & ERROR_STATE)
+        message.is_rx = not sent
+        message.channel = self.plan["buses"][bus]
+        message.data = data[:length]
+        message.dlc = length
+        self.writer.last_timestamp = None                      # or it would move a frame of another bus to a later time
+        self.writer.on_message_received(message)
+        self.frames += 1
+        if self.frames % FLUSH_FRAMES == 0:
+            self.file.flush()
+
+    def flush(self):
+        self.file.flush()
+
+    def close(self):
+        self.file.close()
+        self.files[self.file.path] = f"{self.frames} CAN frames"
+        return {"file": self.file.path, "frames": self.frames}

@@ -1,0 +1,75 @@
+"""Files of a recording: never overwritten, always ending in a whole line."""
+
+import os
+from itertools import count
+
+SIDECAR = ".json"
+
+
+def make_folder(path):
+    """Create a folder and its parents. Returns those that were not there, outermost first."""
+    made = []
+    above = os.path.abspath(path)
+    while not os.path.lexists(above):
+        made.insert(0, above)
+        above = os.path.dirname(above)
+    os.makedirs(path, exist_ok=True)
+    return made
+
+
+def create(stem, ending):
+    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file descriptor)."""
+    for number in count(1):
+        path = f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}"
+        try:
+            return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except FileExistsError:
+            pass
+
+
+def reserve(folder, stem):
+    """A stem that no file in `folder` has yet, made ours by creating its sidecar. Returns (stem, path of the sidecar, descriptor)."""
+    for number in count(1):
+        free = stem if number == 1 else f"{stem}-{number}"
+        if any(name.startswith(free + ".") for name in os.listdir(folder)):
+            continue
+        path = os.path.join(folder, free + SIDECAR)
+        try:
+            return free, path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except FileExistsError:
+            pass
+
+
+class LineFile:
+    """A text file, written in whole lines. What is written waits in memory until `flush`.
+
+    A flush hands the lines to the kernel, so that they outlive this process; `close` waits for the disk.
+    """
+
+    def __init__(self, path, descriptor):
+        self.path, self.descriptor = path, descriptor
+        self.lines = []
+        self.size = 0               # bytes of whole lines in the file
+
+    def write(self, text):
+        self.lines.append(text)
+
+    def flush(self):
+        data = "".join(self.lines).encode()
+        self.lines.clear()
+        written = 0
+        try:
+            while written < len(data):
+                written += os.write(self.descriptor, data[written:])
+        except OSError:
+            self.size += data.rfind(b"\n", 0, written) + 1
+            os.ftruncate(self.descriptor, self.size)        # a full disk cuts in the middle of a line
+            raise
+        self.size += written
+
+    def close(self):
+        try:
+            self.flush()
+            os.fsync(self.descriptor)
+        finally:
+            os.close(self.descriptor)

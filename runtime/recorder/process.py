@@ -1,0 +1,133 @@
+"""The recorder process itself: gets its plan, drains the ring until the run is over, finishes the files, reports, ends.
+
+It outlives the control process: whatever had reached the ring when that died is written. Signals do not end it; the end of
+the control process does.
+"""
+
+import json
+import os
+import select
+import signal
+import time
+
+from cext.page import Page
+from runtime.recorder.recording import Recording, RecordingFailed
+from runtime.recorder.status import StatusLine
+from runtime.recorder.terminal import Terminal
+
+ORDERS = 0                      # standard input
+BATCH = 4096                    # records taken out of the ring at once
+IDLE = 5                        # ms between looks at an empty ring
+IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
+FLUSH = 1.0                     # s between flushes at most
+
+
+class Control:
+    """What the recorder knows of the control process: whether it lives, and what it says on our standard input.
+
+    gone : it has ended
+    abandoned : it wants no recording
+    """
+
+    def __init__(self, pidfd):
+        self.pidfd = pidfd
+        self.gone = self.abandoned = False
+        self.heard = b""
+        self.poll = select.poll()
+        self.poll.register(pidfd, select.POLLIN)
+        self.poll.register(ORDERS, select.POLLIN)
+
+    def look(self, milliseconds=None):
+        """Wait until something happens, but no longer than `milliseconds`."""
+        for descriptor, _ in self.poll.poll(milliseconds):
+            if descriptor == self.pidfd:
+                self.gone = True
+                self.poll.unregister(self.pidfd)
+                continue
+            data = os.read(ORDERS, 1 << 20)
+            self.heard += data
+            if not data:
+                self.poll.unregister(ORDERS)
+            self.abandoned = self.abandoned or self.heard.endswith(b"abandon\n")
+
+    def plan(self):
+        """The first order, or None if there will be none."""
+        while b"\n" not in self.heard and not self.gone:
+            self.look()
+        line, _, self.heard = self.heard.partition(b"\n")
+        return None if self.abandoned or self.gone else json.loads(line)
+
+
+def main(page, answers, control):
+    """The process: three file descriptors, of the page, of the pipe for answers, and a pidfd of the control process."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    be_ordinary()
+    page, control = Page(fd=page), Control(control)
+    plan = control.plan()
+    if plan is None:
+        return
+    recording = Recording(plan, page)
+    try:
+        recording.open()
+    except RecordingFailed as error:
+        answer(answers, {"error": str(error)})
+        return
+    answer(answers, {"ready": True, "files": recording.list_files()})
+    terminal = Terminal()
+    status = StatusLine(terminal, plan, page)
+    recording.say = terminal.say
+    recording.begin()
+    drain(page, control, recording, status, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+    if control.abandoned or (control.gone and not page.wall):       # nothing has begun
+        recording.discard()
+        return
+    orphaned = not page.closed
+    report = recording.finish(orphaned)
+    status.erase()
+    if orphaned:
+        terminal.say(orphan_line(report))
+    answer(answers, report)
+
+
+def drain(page, control, recording, status, idle):
+    """Ring to recording, until nothing more will come."""
+    flush_at = 0.0
+    while True:
+        over = page.closed or control.gone              # asked first: what was pushed before is then in the ring
+        records = page.drain(BATCH)
+        recording.take(records)
+        now = time.monotonic()
+        if now >= flush_at:
+            recording.flush()
+            flush_at = now + FLUSH
+        status.update(now)
+        if records:
+            continue
+        if over or control.abandoned:
+            return
+        control.look(idle)
+
+
+def orphan_line(report):
+    files = ", ".join(file["path"] for file in report["files"]) or "no files"
+    return (
+        f"tickwork recorder: the control process died; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
+
+
+def answer(descriptor, message):
+    """One line of JSON to the control process, if it still listens."""
+    data = json.dumps(message).encode() + b"\n"
+    try:
+        while data:
+            data = data[os.write(descriptor, data):]
+    except BrokenPipeError:
+        pass
+
+
+def be_ordinary():
+    """Neither real-time, should the control process be, nor called a bare `python` in a list of processes."""
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with open("/proc/self/comm", "w") as name:
+        name.write("tickwork-record")

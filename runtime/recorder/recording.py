@@ -1,0 +1,243 @@
+"""One recording: what comes out of the ring goes to the services of the sinks, the CAN log and the sidecar.
+
+A service that fails is stopped and told about; the rest goes on.
+"""
+
+import json
+import os
+from datetime import datetime, timezone
+from operator import itemgetter
+from signal import Signals
+from struct import Struct
+
+from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_ROW
+from runtime.recorder import files
+from runtime.recorder.canlog import CanLog
+from runtime.recorder.service import find
+
+KEPT_EVENTS = 10_000
+STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
+
+
+class RecordingFailed(Exception):
+    """The files cannot be made. The text says why, in one line."""
+
+
+class Recording:
+    """
+    plan : as runtime.recorder describes it
+    page : cext.page.Page
+    say : called with a line of text that the person at the terminal shall read
+    """
+
+    def __init__(self, plan, page):
+        self.plan, self.page = plan, page
+        self.row = Struct(f"={2 + plan['columns']}d")
+        self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
+        self.events, self.end = [], None
+        self.services = []                      # (path, service), those that live
+        self.pickers = []                       # (what picks the columns out of a row, service)
+        self.can_log = None
+        self.sidecar = None
+        self.files, self.folders = {}, []
+        self.sinks, self.problems = {}, []
+        self.say = lambda line: None
+
+    def open(self):
+        """Make the folder and every file. RecordingFailed, with nothing left behind."""
+        doing = f"cannot record into {self.plan['folder']!r}"
+        try:
+            if self.plan["folder"] is not None:
+                self.open_folder()
+            for sink in self.plan["sinks"]:
+                doing = f"{sink['path']} cannot start"
+                service = find(sink["service"])(self.plan, sink)
+                self.services.append((sink["path"], service))
+                service.open()
+                self.pickers.append((picker([column["index"] for column in sink["columns"]], self.plan["columns"]), service))
+        except Exception as error:              # a service may be anybody's
+            self.discard()
+            raise RecordingFailed(f"{doing}: {reason(error)}") from error
+
+    def open_folder(self):
+        folder = self.plan["folder"]
+        self.folders = files.make_folder(folder)
+        self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
+        self.files[self.sidecar] = "what ran, and how it went"
+        with open(descriptor, "w") as file:
+            json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
+        if self.plan["buses"]:
+            self.can_log = CanLog(self.plan, self.page)
+            self.can_log.open()
+            self.services.append(("can log", self.can_log))
+
+    def begin(self):
+        """What may take its time, once the control process need not wait for it."""
+        if self.can_log is not None:
+            self.attempt("can log", self.can_log, self.can_log.begin)
+
+    def take(self, records):
+        """Records as the page's `drain` returns them."""
+        for kind, payload in records:
+            if kind == RECORD_ROW:
+                row = self.row.unpack(payload)
+                tick, time = int(row[0]), row[1]
+                for pick, service in self.pickers:
+                    try:
+                        service.row(tick, time, pick(row))
+                    except Exception as error:
+                        self.stop(service, error)
+                if self.ticks == 0:
+                    self.first_tick = tick
+                self.ticks += 1
+                self.last_tick, self.time = tick, time
+            elif kind == RECORD_FRAME:
+                if self.can_log is not None:
+                    try:
+                        self.can_log.frame(payload)
+                    except Exception as error:
+                        self.stop(self.can_log, error)
+            elif kind == RECORD_EVENT:
+                self.take_event(json.loads(payload))
+
+    def take_event(self, event):
+        if event.get("event") == "end":
+            self.end = event
+        elif len(self.events) < KEPT_EVENTS:
+            self.events.append(event)
+
+    def flush(self):
+        for path, service in list(self.services):
+            self.attempt(path, service, service.flush)
+
+    def attempt(self, path, service, action):
+        """Call a service's method. If it raises, the service is stopped, and None returned."""
+        try:
+            return action()
+        except Exception as error:
+            self.stop(service, error)
+            return None
+
+    def stop(self, service, error):
+        """A service has failed: say so once, keep what it has written, and go on without it."""
+        if all(other is not service for _, other in self.services):
+            return
+        path = next(path for path, other in self.services if other is service)
+        self.services = [entry for entry in self.services if entry[1] is not service]
+        self.pickers = [entry for entry in self.pickers if entry[1] is not service]
+        if service is self.can_log:
+            self.can_log = None
+        problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
+        try:
+            service.close()
+        except Exception:                       # it has failed already, and that is what is told
+            pass
+        self.sinks[path] = {"failed": problem}
+        self.files.update({file: "incomplete" for file in service.files})
+        self.problems.append(problem)
+        self.say(f"tickwork recorder: {problem}; the run goes on")
+
+    def finish(self, orphaned):
+        """Close everything, write the sidecar. Returns the report."""
+        for path, service in list(self.services):
+            result = self.attempt(path, service, service.close)
+            if path not in self.sinks:
+                self.sinks[path] = result
+                self.files.update(service.files)
+        report = {"strides": []}
+        for kind in dict.fromkeys(type(service) for _, service in self.services):
+            together = [service for _, service in self.services if type(service) is kind]
+            try:
+                result = kind.conclude(self.plan, together)
+            except Exception as error:
+                self.problems.append(f"{kind.__name__}: {reason(error)}")
+                continue
+            self.files.update(result.pop("files", {}))
+            report.update(result)
+        report = {**self.describe(orphaned), **report}
+        if self.sidecar is not None:
+            try:
+                write_json(self.sidecar, report)
+            except OSError as error:
+                self.problems.append(f"{self.sidecar}: {reason(error)}")
+        return report
+
+    def describe(self, orphaned):
+        """Everything the report says besides what the services made."""
+        plan, statistics = self.plan, self.page.statistics()
+        wall = self.page.wall
+        return {
+            "name": plan["name"], "stem": plan["stem"], "rate": plan["rate"], "duration": plan["duration"],
+            "virtual": plan["virtual"], "simulated": plan["simulated"],
+            "began": datetime.fromtimestamp(wall * 1e-9, timezone.utc).astimezone().isoformat() if wall else None,
+            "ended": ending(self.end, orphaned), "end": self.end,
+            "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
+            "missed": statistics["missed"], "dropped": statistics["dropped"], "statistics": statistics,
+            "events": self.events, "sinks": self.sinks, "files": self.list_files(), "problems": self.problems,
+            "metadata": plan.get("metadata", {}),
+        }
+
+    def list_files(self):
+        """Of each file its path and a remark on it; the sidecar comes last."""
+        known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}}
+        if self.sidecar is not None:
+            known[self.sidecar] = known.pop(self.sidecar)
+        return [{"path": path, "note": note} for path, note in known.items()]
+
+    def discard(self):
+        """Take away all that this recording has made."""
+        for _, service in self.services:
+            try:
+                service.close()
+            except Exception:                   # the file goes away anyhow
+                pass
+        for file in self.list_files():
+            os.unlink(file["path"])
+        for folder in reversed(self.folders):
+            try:
+                os.rmdir(folder)
+            except OSError:
+                break                           # somebody else uses it by now
+
+
+def picker(indices, columns):
+    """What takes these columns out of an unpacked row, as a tuple."""
+    if indices == list(range(columns)):
+        return itemgetter(slice(2, None))
+    if len(indices) == 1:
+        return itemgetter(slice(2 + indices[0], 3 + indices[0]))
+    return itemgetter(*(2 + index for index in indices)) if indices else lambda row: ()
+
+
+def ending(end, orphaned):
+    """How the run ended, in words."""
+    if end is None:
+        return "the control process died" if orphaned else "without a word"
+    if end["status"] != "ok":
+        return f"fault: {end['status']} at {end.get('culprit')}, tick {end.get('tick')}"
+    return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
+
+
+def reason(error):
+    """What an exception says, without the path and number that an OSError repeats."""
+    if isinstance(error, FileExistsError):
+        return f"{error.filename} is not a folder"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
+    return f"{type(error).__name__}: {error}"
+
+
+def write_json(path, content):
+    """Replace a JSON file at once. NaN and infinities become null, as JSON wants it."""
+    import msgspec.json
+
+    part = path + ".part"
+    try:
+        with open(part, "xb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    finally:
+        if os.path.exists(part):
+            os.unlink(part)
