@@ -11,10 +11,11 @@ import networkx as nx
 import numpy as np
 
 from graph import units
-from graph.block import CLOCK, Block, Sink, range_of, size_of
+from graph.block import CLOCK, Sink, range_of, size_of
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
+from graph.inference import has_units_of_its_own, infer_shapes, infer_units
 from graph.interval import EVERYTHING, Interval
 from graph.layout import Layout, kernel_tables
 from graph.schedule import Column, DeviceSteps, Proof, Schedule, SignalPlace, SinkColumns, Step
@@ -27,13 +28,14 @@ def compile(diagram):
         compilation.check_names,
         compilation.check_wires,
         compilation.check_steps,
-        compilation.infer_shapes,
-        compilation.infer_units,
+        compilation.check_shapes,
+        compilation.check_units,
         compilation.check_actuators,
         compilation.check_addresses,
         compilation.check_rates,
         compilation.sort,
         compilation.prove,
+        compilation.prepare,
         compilation.check_use,
     ):
         check()
@@ -56,11 +58,22 @@ class Compilation:
         self.shapes = {}            # (block, port name): shape
         self.units = {}             # (block, port name): unit
         self.ranges = {}            # Signal: Interval
-        self.order = None
+        self.order = []
+        self.failed = set()         # (block, hook) that have raised
 
     def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
         place = where or (block.location if block is not None else None)
         self.diagnostics.append(Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity))
+
+    def attempt(self, block, hook, *arguments, **named):
+        """Call a hook of a block's author. What it raises as ValueError is reported, once, and None comes back."""
+        try:
+            return hook(*arguments, **named)
+        except (ValueError, OSError) as error:
+            if (block, hook.__name__) not in self.failed:
+                self.failed.add((block, hook.__name__))
+                self.report("TW010", str(error), block)
+        return None
 
     # What is wired to what
 
@@ -99,75 +112,31 @@ class Compilation:
             if not computes and not isinstance(block, (Device, Sink)):
                 self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block)
 
-    # Shapes and units: "any" and `...` are variables, one a block, found along the wires
+    # Shapes and units: the same at both ends of a wire
 
-    def infer_shapes(self):
-        free = {}
-        for _ in range(len(self.blocks) + 1):
-            changed = False
-            for block in self.blocks:
-                if block in free:
-                    continue
-                for name, port in block.inputs.items():
-                    shape = self.shape_of(self.sources[block, name], free)
-                    if port.shape is ... and shape is not None and (isinstance(self.sources[block, name], Signal) or shape):
-                        free[block] = shape
-                        changed = True
-                        break
-            if not changed:
-                break
-        for block in self.blocks:
-            for name, port in (block.inputs | block.outputs).items():
-                self.shapes[block, name] = free.get(block, ()) if port.shape is ... else port.shape
-        for block in self.blocks:
-            for name, port in block.inputs.items():
-                source = self.sources[block, name]
-                wanted, got = self.shapes[block, name], self.shape_of(source, free, ())
-                scalar_constant = not isinstance(source, Signal) and got == ()
-                if wanted != got and not scalar_constant:
-                    self.report("TW003", f"expected shape {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name))
+    def check_shapes(self):
+        self.shapes = infer_shapes(self.blocks, self.sources)
+        for (block, name), source in self.wired_inputs():
+            wanted = self.shapes[block, name]
+            got = self.shapes[source.block, source.port] if isinstance(source, Signal) else source.shape
+            scalar_constant = not isinstance(source, Signal) and got == ()
+            if wanted != got and not scalar_constant:
+                self.report("TW003", f"expected shape {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name))
 
-    def shape_of(self, source, free, unknown=None):
-        if not isinstance(source, Signal):
-            return source.shape
-        shape = source.declaration.shape
-        return free.get(source.block, unknown) if shape is ... else shape
+    def check_units(self):
+        self.units, shared = infer_units(self.blocks, self.sources, self.attempt)
+        for (block, name), source in self.wired_inputs():
+            unit = block.inputs[name].unit
+            if unit == units.ANY:
+                unit = units.ANY if has_units_of_its_own(block) else shared.get(block, units.ANY)
+            got = self.units[source.block, source.port] if isinstance(source, Signal) else units.ANY
+            if units.ANY not in (unit, got) and unit != got:
+                self.report("TW002", f"expected {unit}, got {got}{self.origin(source)}", block, name, self.where(block, name),
+                            self.unit_hint(got, unit))
 
-    def infer_units(self):
-        known = {(b, n): p.unit for b in self.blocks for n, p in (b.inputs | b.outputs).items()}
-        for _ in range(len(self.blocks) + 1):
-            before = dict(known)
-            for block in self.blocks:
-                self.infer_block_units(block, known)
-            if known == before:
-                break
-        self.units = known
-        for block in self.blocks:
-            shared = next((known[block, n] for n, p in block.inputs.items() if p.unit == units.ANY and known[block, n] != units.ANY), units.ANY)
-            special = type(block).output_units is not Block.output_units
-            for name, port in block.inputs.items():
-                source = self.sources[block, name]
-                if not isinstance(source, Signal):
-                    continue
-                got = known[source.block, source.port]
-                wanted = (units.ANY if special else shared) if port.unit == units.ANY else port.unit
-                if units.ANY in (wanted, got) or wanted == got:
-                    continue
-                self.report("TW002", f"expected {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name),
-                            self.unit_hint(got, wanted))
-
-    def infer_block_units(self, block, known):
-        for name, port in block.inputs.items():
-            source = self.sources[block, name]
-            if port.unit == units.ANY and isinstance(source, Signal):
-                known[block, name] = known[source.block, source.port]
-        special = block.output_units(**{n: known[block, n] for n in block.inputs}) if not block.variadic else {}
-        shared = next((known[block, n] for n, p in block.inputs.items() if p.unit == units.ANY and known[block, n] != units.ANY), units.ANY)
-        for name, port in block.outputs.items():
-            if name in special:
-                known[block, name] = units.canonical(special[name])
-            elif port.unit == units.ANY:
-                known[block, name] = shared
+    def wired_inputs(self):
+        """((block, input name), source) of every input, block by block, in the order of declaration."""
+        return [((block, name), self.sources[block, name]) for block in self.blocks for name in block.inputs]
 
     def unit_hint(self, got, wanted):
         try:
@@ -240,12 +209,13 @@ class Compilation:
             for condition in block.conditions:
                 if condition.block in graph:
                     graph.add_edge(condition.block, block, port="enabled", source=condition.port)
-        for component in nx.strongly_connected_components(graph):
+        for component in list(nx.strongly_connected_components(graph)):
+            inside = graph.subgraph(component)
             first = min(component, key=lambda block: block.path)
-            if len(component) > 1 or graph.has_edge(first, first):
-                self.report_loop(graph.subgraph(component), first)
-        if not any(d.code == "TW006" for d in self.diagnostics):
-            self.order = cluster(graph)
+            if inside.number_of_edges():
+                self.report_loop(inside, next((block for block in [first, *inside] if inside.has_edge(block, block)), first))
+                graph.remove_edges_from(list(inside.edges))         # an order for the checks that follow
+        self.order = cluster(graph)
 
     def steps(self, block):
         return block.is_python or block.kernel is not None
@@ -265,22 +235,20 @@ class Compilation:
     # Range proof
 
     def prove(self):
-        if self.order is None:
-            return
         for _ in range(2):          # every pass starts from a sound answer, so a second one only narrows what loops left open
             for block in [b for b in self.blocks if not self.steps(b)] + self.order:
                 self.find_ranges(block)
         self.proofs = []
         for block in self.blocks:
             if isinstance(block, Actuator):
-                for name, limit in block.command_limits().items():
+                for name, limit in (self.attempt(block, block.command_limits) or {}).items():
                     self.prove_command(block, name, limit)
 
     def find_ranges(self, block):
         if not block.outputs:
             return
         inputs = {name: self.interval(self.sources[block, name]) for name in block.inputs}
-        found = block.output_range(**inputs)
+        found = self.attempt(block, block.output_range, **inputs)
         for name in block.outputs:
             interval = range_of(block, name, found)
             if block.conditions:
@@ -315,14 +283,17 @@ class Compilation:
 
     # Layout
 
-    def schedule(self):
-        layout = Layout()
-        places, constants = {}, {}
+    def prepare(self):
+        """Tell each block how wide it is and how often it runs."""
         for block in self.blocks:
             block.width = size_of(next((self.shapes[block, n] for n, p in (block.inputs | block.outputs).items() if p.shape is ...), ()))
             block.dt = block.every / self.diagram.rate
-            block._attempt(block.prepare, block.dt)
-        in_order = [b for b in self.blocks if b not in set(self.order)] + self.order
+            self.attempt(block, block.prepare, block.dt)
+
+    def schedule(self):
+        layout = Layout()
+        places, constants = {}, {}
+        in_order = [b for b in self.blocks if not self.steps(b)] + self.order
         for block in in_order:
             for name, port in block.outputs.items():
                 shape = self.shapes[block, name]

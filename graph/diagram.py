@@ -87,6 +87,7 @@ class Diagram:
         self.blocks = {}
         self.wires = []
         self.duplicates = []            # blocks whose name was taken, for the compiler to report
+        self._numbers = {}              # path: the last number that was added to it, to tell blocks of one kind apart
         self._token = None
 
     def __enter__(self):
@@ -115,10 +116,11 @@ class Diagram:
         from graph.block import snake_case
 
         wanted = prefix + (name or snake_case(type(block).__name__))
-        path, number = wanted, 1
+        path, number = wanted, self._numbers.get(wanted, 1)
         while path in self.blocks:
             number += 1
             path = f"{wanted}_{number}"
+        self._numbers[wanted] = number
         if name is not None and path != wanted:
             self.duplicates.append((wanted, block))
         block.diagram, block.path = self, path

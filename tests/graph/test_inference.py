@@ -1,0 +1,203 @@
+"""Shapes and units found along wires, in a time that grows with their number."""
+
+import sys
+
+from blocks.discrete import UnitDelay
+from blocks.mathematics import Gain, Product, Sum
+from blocks.sources import Sine
+from graph import Block, Diagram, Input, Output, compile
+from tests.graph.complaints import complaint, complaints, here
+
+
+class Angle(Block):
+    """An angle."""
+
+    angle = Output("rad")
+
+    def step(self):
+        return 0.5
+
+
+class Torque(Block):
+    """A torque."""
+
+    torque = Output("N·m")
+
+    def step(self):
+        return 1.0
+
+
+class Triple(Block):
+    """A vector."""
+
+    u = Input("any", default=0.0)
+    y = Output("rad/s", shape=(3,))
+
+    def step(self, u):
+        return u, u, u
+
+
+class TakesTorque(Block):
+    """Asks for a torque."""
+
+    torque = Input("N·m")
+    y = Output("1")
+
+    def step(self, torque):
+        return torque
+
+
+class TakesPair(Block):
+    """Asks for two numbers."""
+
+    u = Input("any", shape=(2,))
+    y = Output("1")
+
+    def step(self, u):
+        return float(u[0])
+
+
+def unit_of(schedule, path):
+    return schedule.signals[path].unit
+
+
+def test_a_unit_mismatch_is_told_with_both_units_the_source_and_the_line():
+    with Diagram("d", rate=100) as diagram:
+        angle = Angle()
+        takes = TakesTorque(name="takes")
+        takes(angle.angle); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW002", "takes", "torque", at)
+    assert found.message == "expected N·m, got rad from angle.angle"
+    assert found.hint == ""                                 # no conversion makes a torque of an angle
+
+
+def test_a_unit_mismatch_that_a_conversion_cures_says_so():
+    class TakesDegrees(Block):
+        """Asks for degrees."""
+
+        angle = Input("deg")
+        y = Output("1")
+
+        def step(self, angle):
+            return angle
+
+    with Diagram("d", rate=100) as diagram:
+        TakesDegrees()(Angle().angle)
+    found = complaint(diagram)
+    assert found.message == "expected deg, got rad from angle.angle"
+    assert "convert the signal to deg" in found.hint
+
+
+def test_a_unit_mismatch_is_found_behind_a_chain_of_any_blocks():
+    with Diagram("d", rate=100) as diagram:
+        signal = Angle().angle
+        for _ in range(12):
+            signal = UnitDelay()(Sum("++")(signal, 1.0))
+        TakesTorque(name="takes")(signal); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW002", "takes", "torque", at)
+    assert "expected N·m, got rad from unit_delay_12.y" in found.message
+
+
+def test_two_units_do_not_meet_in_a_sum():
+    with Diagram("d", rate=100) as diagram:
+        total = Sum("++", name="total")
+        total(Angle().angle, Torque().torque); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW002", "total", "u2", at)
+    assert found.message == "expected rad, got N·m from torque.torque"
+
+
+def test_gains_and_products_multiply_units():
+    with Diagram("d", rate=100) as diagram:
+        stiff = Gain(30.0, unit="N*m/rad")(Angle().angle)
+        TakesTorque()(stiff)
+        Product(name="work")(stiff, Angle().angle)
+    schedule = compile(diagram)
+    assert unit_of(schedule, "gain.y") == "N·m"
+    assert unit_of(schedule, "work.y") == "N·m·rad"
+
+
+def test_a_loop_whose_gain_has_a_unit_comes_to_rest_and_is_a_mismatch():
+    with Diagram("d", rate=100) as diagram:
+        total, delay = Sum("++", name="total"), UnitDelay()
+        total(delay.y, Angle().angle)
+        delay(Gain(0.01, unit="s")(total.y))
+    found = complaint(diagram)
+    assert (found.code, found.path) == ("TW002", "total")
+    assert found.message == "expected rad, got s·rad from unit_delay.y"
+
+
+def test_a_loop_with_nothing_but_any_in_it_stays_any():
+    with Diagram("d", rate=100) as diagram:
+        delay = UnitDelay()
+        delay(Gain(0.5)(Sum("++")(delay.y, 1.0)))
+    assert unit_of(compile(diagram), "unit_delay.y") == "any"
+
+
+def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
+    with Diagram("d", rate=100) as diagram:
+        Gain(2.0, unit="newton", name="claims")(Angle().angle); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.where) == ("TW010", "claims", at)
+    assert "'newton' in 'newton' is not a unit" in found.message
+
+
+def test_a_shape_mismatch_is_told_with_both_shapes():
+    with Diagram("d", rate=100) as diagram:
+        takes = TakesPair(name="takes")
+        takes(Gain()(Triple().y)); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW003", "takes", "u", at)
+    assert found.message == "expected shape (2,), got (3,) from gain.y"
+
+
+def test_a_vector_passes_blocks_of_any_shape_and_a_number_fits_it():
+    with Diagram("d", rate=100) as diagram:
+        Sum("+-", name="total")(UnitDelay()(Triple().y), 1.0)
+    schedule = compile(diagram)
+    assert schedule.signals["total.y"].shape == (3,) == schedule.signals["unit_delay.y"].shape
+
+
+def test_a_scalar_and_a_vector_do_not_add():
+    with Diagram("d", rate=100) as diagram:
+        Sum("++", name="total")(Triple().y, Sine().y)
+    found = complaint(diagram)
+    assert (found.code, found.port, found.message) == ("TW003", "u2", "expected shape (3,), got () from sine.y")
+
+
+def test_a_constant_vector_of_the_wrong_length_is_a_mismatch():
+    with Diagram("d", rate=100) as diagram:
+        TakesPair(name="takes")([1.0, 2.0, 3.0])
+    found = complaint(diagram)
+    assert (found.code, found.path, found.message) == ("TW003", "takes", "expected shape (2,), got (3,)")
+
+
+def test_names_in_an_awkward_order_do_not_make_a_long_chain_slow():
+    def calls_of_compile(count):
+        with Diagram("chain", rate=100) as diagram:
+            signal = Angle(name="z").angle
+            for block in [Gain(name=f"g{count - i:05}") for i in range(count)]:
+                signal = block(signal)
+        calls = 0
+
+        def count_call(frame, event, argument):
+            nonlocal calls
+            calls += event in ("call", "c_call")
+
+        sys.setprofile(count_call)
+        try:
+            compile(diagram)
+        finally:
+            sys.setprofile(None)
+        return calls
+
+    assert calls_of_compile(1000) < 12 * calls_of_compile(100)          # ten times the blocks; a quadratic compile needs 100 times as many
+
+
+def test_every_mismatch_of_a_diagram_is_told():
+    with Diagram("d", rate=100) as diagram:
+        for number in range(5):
+            TakesTorque(name=f"takes{number}")(Angle().angle)
+    assert [d.path for d in complaints(diagram)] == [f"takes{number}" for number in range(5)]
