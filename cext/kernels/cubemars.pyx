@@ -3,7 +3,7 @@
 
     command    p16 v12 kp12 kd12 t12, most significant bit first, to the drive's id
     special    FF FF FF FF FF FF FF FC enable, FD disable, FE this position is zero
-    reply      id p16 v12 t12 temperature error, from the drive's id or from 0
+    reply      id p16 v12 t12 temperature error, from the drive's id or from 0; temperature in °C + 40
 
 AK Series Module Driver Manual V1.0.18, pages 64 to 68. A code is (x - low) (2^n - 1) / (high - low), truncated and
 clamped: the manual's 2^n wraps at the top, where +12.5 rad would become -12.5 rad.
@@ -14,7 +14,8 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    AUTHORITY, FOREIGN, MALFORMED, NOT_FINITE, OK, OUT_OF_LIMITS, TAKEN, Frame, export, export_decode, export_encode,
+    AUTHORITY, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, OUT_OF_LIMITS, TAKEN, Frame, export, export_decode,
+    export_encode,
 )
 
 cdef enum: # of CubeMars, in the order of its declaration
@@ -57,17 +58,23 @@ cdef inline void pack(uint8_t *data, uint32_t p, uint32_t v, uint32_t kp, uint32
     data[7] = <uint8_t>t
 
 
+cdef bint is_special(const uint8_t *data) noexcept nogil:
+    cdef int i
+    for i in range(7):
+        if data[i] != 0xFF:
+            return False
+    return data[7] >= 0xFC and data[7] <= 0xFE
+
+
 cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
     cdef double *wire = arena + slots[WIRE]
     cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
     cdef const uint8_t *data = frame.data
-    if frame.id != id and frame.id != 0:
+    if frame.id != id and (frame.id != 0 or frame.length == 0 or data[0] != id):
         return FOREIGN          # an extended, remote or error frame differs in its high bits
-    if frame.length != 8:
-        return MALFORMED if frame.id == id else FOREIGN
-    if data[0] != id:
-        return MALFORMED if frame.id == id else FOREIGN
+    if frame.length != 8 or data[0] != id:
+        return MALFORMED
     arena[slots[POSITION]] = sign * from_code(<uint32_t>data[1] << 8 | data[2], -wire[0], wire[0], 16) - arena[slots[OFFSET]]
     arena[slots[VELOCITY]] = sign * from_code(<uint32_t>data[3] << 4 | data[4] >> 4, -wire[1], wire[1], 12)
     arena[slots[TORQUE]] = sign * from_code((<uint32_t>data[4] & 15) << 8 | data[5], -wire[4], wire[4], 12)
@@ -104,16 +111,10 @@ cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *siz
         to_code(share * damping, 0.0, wire[3], 12),
         code,
     )
+    if is_special(frames[0].data):
+        frames[0].data[1] -= 1  # every range at its top reads as enable, disable or zero: one code less of position does not
     arena[slots[TORQUE_SENT]] = sign * from_code(code, -wire[4], wire[4], 12)
     return 1
-
-
-cdef bint is_special(const uint8_t *data) noexcept nogil:
-    cdef int i
-    for i in range(7):
-        if data[i] != 0xFF:
-            return False
-    return data[7] >= 0xFC and data[7] <= 0xFE
 
 
 cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
@@ -173,13 +174,17 @@ cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *siz
     cdef double *wire = arena + slots[E_WIRE]
     cdef double *state = arena + slots[E_STATE]
     cdef double velocity = -arena[slots[E_VELOCITY]] if arena[slots[E_INVERT]] != 0.0 else arena[slots[E_VELOCITY]]
-    cdef int count = <int>state[1] if state[1] < 4.0 else 4
-    cdef uint32_t p = to_code(motor_position(arena, slots) - state[2], -wire[0], wire[0], 16)
+    cdef double position = motor_position(arena, slots) - state[2]
+    cdef double torque = motor_torque(arena, slots)
+    cdef int count = <int>state[1] if state[1] < FRAMES_PER_DEVICE else FRAMES_PER_DEVICE
+    cdef uint32_t p = to_code(position, -wire[0], wire[0], 16)
     cdef uint32_t v = to_code(velocity, -wire[1], wire[1], 12)
-    cdef uint32_t t = to_code(motor_torque(arena, slots), -wire[4], wire[4], 12)
+    cdef uint32_t t = to_code(torque, -wire[4], wire[4], 12)
     cdef double raw = arena[slots[E_TEMPERATURE]] + 40.0
     cdef uint8_t *data
     cdef int i
+    if not (isfinite(position) and isfinite(velocity) and isfinite(torque)):
+        return -NOT_FINITE      # a plant that has blown up has no answer
     state[1] = 0.0
     for i in range(count):
         memset(&frames[i], 0, sizeof(Frame))

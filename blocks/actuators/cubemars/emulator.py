@@ -16,7 +16,8 @@ class EmulatedCubeMars(Device):
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
     can_id = Param(1, "1", "its id", min=1, max=255)
     invert = Param(False, "1", "whether the joint turns against the motor")
-    offset = Param(0.0, "rad", "motor position where the joint is at zero, the way the joint turns")
+    offset = Param(
+        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION)
     peak = Param(None, "N·m", "torque it gives at most; the model's peak by default", above=0.0, dtype=float)
 
     position = Input("rad", "of the joint")

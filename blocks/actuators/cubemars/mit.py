@@ -1,5 +1,7 @@
 """CubeMars AK in MIT mode, board generations V1 and V2."""
 
+from numbers import Real
+
 from blocks.actuators.cubemars import models
 from cext.kernels import cubemars as kernels
 from graph import Actuator, Input, Interval, Memory, Output, Param
@@ -25,9 +27,10 @@ class CubeMars(Actuator):
     model = Param("", "1", "as the vendor writes it: AK80-9, AK10-9-V2.0", required=True, dtype=str)
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
     can_id = Param(1, "1", "id set in the drive", min=1, max=255)
-    limit = Param("rated", "N·m", "largest torque command: rated, peak, or a number up to the wire range", dtype=object)
+    limit = Param("rated", "N·m", "largest torque command: rated, peak, or a number up to the peak torque", dtype=object)
     invert = Param(False, "1", "whether the joint turns against the motor")
-    offset = Param(0.0, "rad", "motor position where the joint is at zero, the way the joint turns")
+    offset = Param(
+        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0)
 
     position_command = Input("rad", "θ₀", default=0.0)
@@ -65,6 +68,8 @@ class CubeMars(Actuator):
             if self.limit not in named:
                 raise ValueError(f"limit must be 'rated', 'peak' or a torque in N·m, got {self.limit!r}")
             return min(named[self.limit], found.wire_torque)
+        if isinstance(self.limit, bool) or not isinstance(self.limit, Real):
+            raise ValueError(f"limit must be 'rated', 'peak' or a torque in N·m, got {self.limit!r}")
         limit = float(self.limit)
         if not 0.0 < limit <= found.peak:
             raise ValueError(f"limit must be above 0 and at most the peak torque of {found.name}, {found.peak:g} N·m, got {limit:g} N·m")

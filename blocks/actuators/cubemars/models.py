@@ -9,6 +9,7 @@ Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.
 Ratings: the vendor's product pages.
 """
 
+import re
 from dataclasses import dataclass
 
 from graph.block import suggestion
@@ -50,22 +51,42 @@ MODELS = {
 # Names that mean more than one generation of one motor, whose boards speak different protocols.
 AMBIGUOUS = {"AK10-9": "AK10-9-V2.0", "AK60-6": "AK60-6-V1.1"}
 
+# Motors that are sold with a V3 board only. (CubeMars AKA Product Manual V3.0.0.)
+ONLY_V3 = ("AK60-39", "AK70-9", "AKA10-9", "AKA60-6", "AKE60-8", "AKE80-8", "AKE90-8", "AKH70-16", "AKH70-48")
+
+MISPRINTED = {"AK80-80": "AK80-64"}     # in the driver manual V1.0.8
+
 
 def find(name):
-    """The model of that name, without regard to case, spaces or underscores. ValueError with a suggestion if there is none."""
+    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if there is none."""
     wanted = _plain(name)
     for model in MODELS.values():
         if _plain(model.name) == wanted:
             return model
+    motor, generation = _split(name)
+    if generation.startswith("3") or any(_plain(only) == motor for only in ONLY_V3):
+        raise ValueError(f"{name}: boards V3.0 speak another protocol, which is not supported yet; this block drives V1 and V2")
     for short, full in AMBIGUOUS.items():
         if _plain(short) == wanted:
             raise ValueError(
                 f"{short} was sold with driver boards of two generations, which speak different protocols: write {full!r} for boards V1 and "
                 f"V2 (MIT mode in standard frames); V3.0 boards (extended frames) are not supported yet")
-    if wanted.endswith("V30"):
-        raise ValueError(f"{name}: boards V3.0 speak another protocol, which is not supported yet; this block drives V1 and V2")
-    hint = suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
+    hint = _same_motor(motor) or suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
     raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table" + (f": {hint}" if hint else f"; there are {', '.join(MODELS)}"))
+
+
+def _same_motor(motor):
+    """The suggestion for a motor that we know under another name; '' if we do not. A near spelling may be a motor of another size."""
+    for printed, full in MISPRINTED.items():
+        if _plain(printed) == motor:
+            return f"the manual that says {printed} means {full!r}"
+    return next((f"did you mean {full!r}?" for full in MODELS if _split(full)[0] == motor), "")
+
+
+def _split(name):
+    """'AK80-9 V3.0' gives ('AK809', '3.0'): the motor, and the generation of its board, '' where the name has none."""
+    match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", str(name).strip().upper())
+    return (_plain(match[1]), match[2]) if match else (_plain(name), "")
 
 
 def _plain(name):

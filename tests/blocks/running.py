@@ -1,0 +1,48 @@
+"""Runs diagrams in virtual time, on the executor that robots run on, and gives back every signal of every tick."""
+
+import struct
+
+import numpy as np
+
+from blocks.recorders import CsvRecorder
+from cext.buses import MemoryBus
+from cext.executor import Executor
+from cext.page import RECORD_ROW, Page
+from cext.program import Program
+from graph import compile
+
+
+class Recording:
+    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks, `recording["sum.y", 1]` one element of a vector."""
+
+    def __init__(self, columns, rows, outcome, statistics, buses):
+        self.outcome, self.statistics, self.buses = outcome, statistics, buses
+        self.time, self.tick = rows[:, 1], rows[:, 0]
+        self.signals = {column.path: rows[:, 2 + column.index] for column in columns}
+
+    def __getitem__(self, key):
+        path, index = key if isinstance(key, tuple) else (key, None)
+        return self.signals[path if index is None else f"{path}[{index}]"]
+
+
+def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
+    """Run a diagram for so many ticks. plant: another diagram at `substeps` times the rate; before(buses) may put frames on them first."""
+    with diagram:
+        if not any(isinstance(block, CsvRecorder) for block in diagram):
+            CsvRecorder()
+    schedule = compile(diagram)
+    buses = {name: MemoryBus() for name in schedule.buses}
+    control = Program(schedule, [buses[name].host for name in schedule.buses])
+    models = None
+    if plant is not None:
+        plant_schedule = compile(plant)
+        models = Program(plant_schedule, [buses[name].device for name in plant_schedule.buses])
+    if before is not None:
+        before(buses)
+    row = struct.Struct(f"={2 + len(schedule.columns)}d")
+    page = Page((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
+    outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(ticks, fade=fade)
+    records = page.drain(1 << 30)
+    assert page.statistics()["dropped"] == 0
+    rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(-1, 2 + len(schedule.columns))
+    return Recording(schedule.sinks[0].columns, rows, outcome, page.statistics(), buses)
