@@ -1,28 +1,50 @@
 """The native part of the build: every .pyx in cext becomes an extension module. All else stands in pyproject.toml."""
 
+import os
 from pathlib import Path
 
 from Cython.Build import cythonize
 from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
 
 # -ffp-contract=off keeps results bit-identical where the processor could fuse a multiply with an add (arm64).
-FLAGS = ["-O2", "-ffp-contract=off", "-fno-math-errno", "-Wno-unreachable-code"]
+FLAGS = ["-ffp-contract=off", "-fno-math-errno", "-Wno-unreachable-code"]
+if "-O" not in os.environ.get("CFLAGS", ""):
+    FLAGS.insert(0, "-O2")
 
-extensions = [
-    Extension(".".join(source.with_suffix("").parts), [str(source)], extra_compile_args=FLAGS, libraries=["m"])
-    for source in sorted(Path("cext").rglob("*.pyx"))
-]
+DIRECTIVES = {
+    "boundscheck": False,
+    "wraparound": False,
+    "cdivision": True,
+    "initializedcheck": False,
+    "embedsignature": True,
+}
 
-setup(
-    ext_modules=cythonize(
-        extensions,
-        language_level=3,
-        compiler_directives={
-            "boundscheck": False,
-            "wraparound": False,
-            "cdivision": True,
-            "initializedcheck": False,
-            "embedsignature": True,
-        },
+
+class BuildNative(build_ext):
+    """Translates and compiles what has changed, on all processors."""
+
+    def finalize_options(self):
+        super().finalize_options()
+        self.parallel = self.parallel or os.cpu_count()
+        if self.editable_mode:                  # pip gives it a throw-away folder; what `build_ext --inplace` has compiled is as good
+            build = self.distribution.get_command_class("build")(self.distribution)
+            build.ensure_finalized()
+            self.build_lib, self.build_temp = build.build_platlib, build.build_temp
+
+    def run(self):
+        translated = cythonize(self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES)
+        sources = {extension.name: extension.sources for extension in translated}
+        for extension in self.extensions:
+            extension.sources = sources[extension.name]
+        super().run()
+
+
+if __name__ == "__main__":
+    setup(
+        cmdclass={"build_ext": BuildNative},
+        ext_modules=[
+            Extension(".".join(source.with_suffix("").parts), [str(source)], depends=["setup.py"], extra_compile_args=FLAGS, libraries=["m"])
+            for source in sorted(Path("cext").rglob("*.pyx"))
+        ],
     )
-)

@@ -1,0 +1,202 @@
+# From a clone to a running robot: `make run` sets everything up and runs the knee exoskeleton, `make test` runs the tests.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.ONESHELL:
+.SILENT:
+.NOTPARALLEL:
+.DELETE_ON_ERROR:
+.PHONY: help run test soak build wheel clean FORCE
+
+RUN ?= diagrams/knee_exo.py --duration 10
+TESTS ?=
+
+# The environment is .venv, whichever Python made it. A PYTHON that is asked for and is another version gets one of its own beside it.
+version = $(shell "$(1)" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null)
+VENV := .venv
+ifneq ($(PYTHON),)
+ifneq ($(wildcard .venv/bin/python),)
+ifneq ($(call version,$(PYTHON)),$(call version,.venv/bin/python))
+VENV := .venv-$(call version,$(PYTHON))
+endif
+endif
+endif
+
+# An environment that was made elsewhere, or whose Python has gone or changed, is of no use and is made anew.
+USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; \
+	[ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && grep -qF "$$PWD/$(VENV)" "$(VENV)/bin/activate" && echo yes)
+ifneq ($(USABLE),yes)
+$(VENV)/made: FORCE
+endif
+
+SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
+
+help:
+	echo "make run      set up .venv, build, and run: RUN='$(RUN)'"
+	echo "make test     set up .venv, build, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make soak     the long tests"
+	echo "make build    compile what has changed"
+	echo "make wheel    wheel and source archive, into dist/"
+	echo "make clean    remove what was built"
+	echo "PYTHON=python3.12 make ...  with another Python"
+
+run: $(VENV)/installed
+	exec $(VENV)/bin/python -m runtime $(RUN)
+
+test: $(VENV)/installed-test
+	exec $(VENV)/bin/python -m pytest $(TESTS)
+
+soak: $(VENV)/installed-test
+	exec $(VENV)/bin/python -m pytest -m soak $(TESTS)
+
+build: $(VENV)/built
+
+wheel: $(VENV)/installed-test
+	exec $(VENV)/bin/python -m build
+
+clean:
+	rm -rf build dist tickwork.egg-info .venv*/built
+	find cext -name '*.so' -delete -o -name '*.c' -delete
+	find blocks cext graph runtime diagrams tests -name __pycache__ -prune -exec rm -rf {} +
+
+FORCE:
+
+# What a recipe below may call.
+
+define tools
+say() { echo "tickwork: $$*" >&2; }
+
+stop() { say "$$@"; exit 1; }
+
+# A Python that is new enough, into $$python.
+find_python() {
+    local candidate found=
+    for candidate in $(if $(PYTHON),"$(PYTHON)",python3 python3.13 python3.12 python3.11 python3.10); do
+        "$$candidate" -c '' 2>/dev/null || continue
+        "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python=$$candidate && return
+        found="$${found:-$$candidate is Python $$("$$candidate" -c 'import platform; print(platform.python_version())')}"
+    done
+    [ -n "$$found" ] || stop "$(if $(PYTHON),'$(PYTHON)' is not a Python,Python is missing): $$apt python3 python3-venv"
+    stop "$$found, and 3.10 or newer is needed: install a newer one beside it, then PYTHON=python3.12 make ..." \
+        "(Debian 12, Ubuntu 22.04 and Raspberry Pi OS 12 bring one)"
+}
+
+# Everything the build needs from the machine and does not find is told at once, with the packages that bring it.
+survey() {
+    local missing=() packages=() name=python3 scratch
+    case "$${python##*/}" in python3.*) name=$${python##*/} ;; esac
+    scratch=$$(mktemp -d)
+    if [ "$(USABLE)" != yes ] && ! "$$python" -c 'import ensurepip, venv' 2>/dev/null; then
+        missing+=("Python's venv module"); packages+=("$$name-venv")
+    fi
+    if ! find_compiler "$$scratch"; then
+        missing+=("a C compiler"); packages+=(gcc libc6-dev)
+    fi
+    if ! has_headers && { [ $${#missing[@]} -gt 0 ] || ! fetch_headers "$$scratch"; }; then
+        missing+=("Python's C headers"); packages+=("$$name-dev")
+    fi
+    rm -rf "$$scratch"
+    if [ $${#missing[@]} -gt 0 ]; then
+        printf -v missing '%s, ' "$${missing[@]}"
+        stop "missing: $${missing%, }. Get it with: $$apt $${packages[*]}"
+    fi
+}
+
+# The compiler Python was built with, or any other, that makes a program of a small file.
+find_compiler() {
+    local candidate
+    printf '#include <math.h>\n#include <string.h>\nint main(int n, char **a) { return floor(strlen(a[0]) * 0.1 * n) < 0; }\n' >"$$1/try.c"
+    for candidate in "$${CC:-$$("$$python" -c 'import sysconfig; print(sysconfig.get_config_var("CC"))')}" $${CC:+false} cc gcc clang; do
+        $$candidate "$$1/try.c" -o "$$1/try" -lm 2>/dev/null && export CC="$$candidate" && return
+    done
+    return 1
+}
+
+has_headers() {
+    local include
+    include=$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
+    [ -e "$$include/Python.h" ] && return
+    include="$$PWD/build/headers/usr/include"
+    [ -e "$$include/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')/Python.h" ] || return
+    export C_INCLUDE_PATH="$$include:$$include/python$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')"
+}
+
+# Debian keeps Python.h in a package of its own. It is unpacked here, which takes no administrator and leaves the system as it is.
+fetch_headers() {
+    local package options=(-qq -o "Dir::State::Lists=$$1/lists" -o "Dir::Cache=$$1/cache")
+    package=$$("$$python" -c 'import sys; print("libpython%d.%d-dev" % sys.version_info[:2]) if sys.base_prefix == "/usr" else sys.exit(1)') || return
+    command -v apt-get dpkg-deb >/dev/null || return
+    say "fetching Python's C headers ($$package)"
+    (
+        mkdir -p build/headers "$$1/lists/partial" "$$1/cache/archives/partial"
+        here=$$PWD && cd "$$1"
+        apt-get -qq download "$$package" || { apt-get "$${options[@]}" update && apt-get "$${options[@]}" download "$$package"; }
+        dpkg-deb -x "$$package"_*.deb "$$here/build/headers"
+    ) >/dev/null 2>&1 || return
+    has_headers
+}
+
+# pip install, quiet unless it fails.
+install() {
+    local log=$(VENV)/pip.log
+    PIP_RETRIES=$${PIP_RETRIES:-2} $(VENV)/bin/python -m pip --disable-pip-version-check install "$$@" >"$$log" 2>&1 && return
+    if grep -q 'Retrying (' "$$log"; then
+        stop "pip cannot reach the package index: connect to the network, or tell pip of your proxy or mirror (details in $$log)"
+    fi
+    tail -n 30 "$$log" >&2
+    stop "pip failed (all of it in $$log)"
+}
+
+apt="$$([ "$$(id -u)" = 0 ] || echo 'sudo ')apt install"
+endef
+
+# Set up, step by step: environment, build tools, native code, Tickwork itself. A step is done when its file is newer than what it rests on.
+
+$(VENV)/made:
+	$(tools)
+	if [ "$(USABLE)" = yes ]; then python=$(VENV)/bin/python; else find_python; fi
+	survey
+	if [ "$(USABLE)" != yes ]; then
+	    say "making $(VENV) with Python $$("$$python" -c 'import platform; print(platform.python_version())')"
+	    "$$python" -m venv --clear $(VENV)
+	fi
+	touch $@
+
+$(VENV)/tools: pyproject.toml $(VENV)/made
+	$(tools)
+	say "installing what the build needs"
+	eval "requirements=($$(sed -n '/^\[build-system\]/,/^$$/s/^requires = \[\(.*\)\]/\1/p' pyproject.toml | tr , ' '))"
+	install "$${requirements[@]}"
+	touch $@
+
+$(VENV)/sources: FORCE | $(VENV)/tools
+	echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" >$@
+
+$(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
+	$(tools)
+	python=$(VENV)/bin/python
+	survey
+	say "compiling"
+	find cext -name '*.so' | while read -r module; do [ -e "$${module%%.*}.pyx" ] || rm "$$module"; done
+	mkdir -p build
+	if ! "$$python" setup.py -q build_ext --inplace >build/log 2>&1; then
+	    tail -n 60 build/log >&2
+	    stop "the native code does not compile (all of it in build/log)"
+	fi
+	touch $@
+
+$(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
+	$(tools)
+	say "installing Tickwork and what it needs"
+	python=$(VENV)/bin/python
+	survey
+	install --no-build-isolation -e .
+	touch $@
+
+$(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
+	$(tools)
+	say "installing Tickwork, what it needs, and what its tests need"
+	python=$(VENV)/bin/python
+	survey
+	install --no-build-isolation -e '.[test]'
+	touch $@ $(VENV)/installed

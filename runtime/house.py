@@ -1,0 +1,93 @@
+"""Before anything else is imported: are the four packages from one place, built, and is what they need there?
+
+This file and `runtime/__main__.py` must be read by any Python, however old, and import nothing of Tickwork.
+"""
+
+import os
+import sys
+from importlib.machinery import EXTENSION_SUFFIXES
+from importlib.util import find_spec
+from pathlib import Path
+
+BAD_INPUT = 2
+HERE = Path(__file__).parent.parent
+OLDEST_PYTHON = (3, 10)
+NEEDS = {"can": "python-can", "matplotlib": "matplotlib", "msgspec": "msgspec", "networkx": "networkx", "numpy": "numpy"}
+
+
+def trouble():
+    """One line on what keeps Tickwork from starting here, and its cure; None when nothing does."""
+    return old_python() or stranger() or unbuilt() or missing()
+
+
+def old_python():
+    if sys.version_info[:2] < OLDEST_PYTHON:
+        return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (sys.version_info[:2] + OLDEST_PYTHON + (cure(),))
+    return None
+
+
+def stranger():
+    """A package that another folder has taken the name of: `blocks` and `graph` are words anybody may use."""
+    for name in ("cext", "graph", "blocks"):
+        place = place_of(name)
+        if place is None:
+            return "the package `%s` is missing beside %s" % (name, HERE / "runtime")
+        if place != os.path.realpath(str(HERE)):
+            both = "`%s` comes from %s, but `runtime` from %s" % (name, place, HERE)
+            if place == os.path.realpath(sys.path[0]):
+                return both + ": start with `tickwork`, which never puts the working folder first, or work in another folder"
+            return both + ": rename the one that is not Tickwork's, or take its folder off PYTHONPATH"
+    return None
+
+
+def place_of(name):
+    """The folder that holds a top-level package or module, links resolved; None if there is none."""
+    spec = find_spec(name)
+    if spec is None:
+        return None
+    where = next(iter(spec.submodule_search_locations or ()), spec.origin)
+    return os.path.realpath(os.path.dirname(where))
+
+
+def unbuilt():
+    """Native modules of this clone without a build for this Python. An installed Tickwork has no sources and counts as built."""
+    sources = list((HERE / "cext").rglob("*.pyx"))
+    if all(any(source.with_suffix(suffix).exists() for suffix in EXTENSION_SUFFIXES) for source in sources):
+        return None
+    elsewhere = any((HERE / "cext").rglob("*.so"))
+    return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", cure())
+
+
+def missing():
+    absent = [distribution for module, distribution in NEEDS.items() if find_spec(module) is None]
+    if not absent:
+        return None
+    return "%s %s missing in %s: %s" % (", ".join(absent), "is" if len(absent) == 1 else "are", sys.executable, cure())
+
+
+def explain(error):
+    """One line for an ImportError of what is installed beside Tickwork or was built from older sources. Raises it if the fault is ours.
+
+    error : ImportError, raised by importing `runtime.cli`
+    """
+    culprit = (error.name or "").split(".")[0]
+    if culprit in ("blocks", "graph", "runtime"):
+        raise error
+    first_line = str(error).strip().split("\n")[0]
+    if culprit == "cext":
+        return "the native code does not fit its sources (%s): %s" % (first_line, "run `make build`" if is_clone() else cure())
+    return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, cure())
+
+
+def cure():
+    environment = HERE / ".venv" / "bin" / "activate"
+    if not is_clone():
+        return "run `pip install --force-reinstall tickwork`"
+    if environment.exists() and os.path.realpath(sys.prefix) != os.path.realpath(str(HERE / ".venv")):
+        path = os.path.relpath(str(environment)) if Path.cwd() == HERE else environment
+        return "activate the environment (`. %s`) or run `make run`" % path
+    return "run `make run`"
+
+
+def is_clone():
+    return (HERE / "Makefile").exists()
