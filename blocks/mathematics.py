@@ -24,19 +24,20 @@ class Gain(Block):
 
 
 class Sum(Block):
-    """Adds and subtracts two to eight signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
+    """Adds and subtracts any number of signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
 
     signs = Param("++", "1", "one + or - for each input")
 
     y = Output("any", "the sum", shape=...)
     weights = Memory(1.0, "+1 or -1 for each input")
 
+    kernel = kernels.sum
+
     def configure(self):
-        if not 1 <= len(self.signs) <= 8 or set(self.signs) - {"+", "-"}:
-            raise ValueError(f"signs is one + or - for each of at most eight inputs, as in '+-', not {self.signs!r}")
+        if not self.signs or set(self.signs) - {"+", "-"}:
+            raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
         self.inputs = {f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)}
         self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
-        self.kernel = kernels.sums[len(self.signs)]
 
     def output_range(self, **inputs):
         first, *rest = (u if sign == "+" else -u for u, sign in zip(inputs.values(), self.signs))

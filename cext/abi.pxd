@@ -6,6 +6,8 @@ parameters and the memory of blocks. A kernel is a C function that is told where
     slots[i]   where item i begins
     sizes[i]   how many doubles it has (1 for a scalar)
 
+    slots[INPUTS], slots[OUTPUTS], slots[PARAMETERS], slots[MEMORIES]   how many items of each kind there are
+
 with the items in the order of the block's declaration: inputs, outputs, parameters, memory. It runs without the GIL; it
 must not allocate, lock, print or wait. It returns OK, or a status of its own above FIRST_OWN_STATUS, which is a fault.
 
@@ -30,6 +32,12 @@ cdef enum: # slots at the start of every arena, written by the executor
     LATENESS = 5            # s, WAKE - TIME
     AUTHORITY = 6           # 0 to 1, the share of every command that is let through: fades in after arming
     CLOCK_SLOTS = 8
+
+cdef enum: # in front of slots[0]
+    INPUTS = -4
+    OUTPUTS = -3
+    PARAMETERS = -2
+    MEMORIES = -1
 
 cdef enum: # what a kernel returns; encode_t returns these negated, or a number of frames
     OK = 0

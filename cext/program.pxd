@@ -79,7 +79,7 @@ cdef class Program:
     cdef object schedule
 
     cdef int load_phase(self, Phase *phase, steps) except -1
-    cdef int32_t *table(self, values) except? NULL
+    cdef int32_t *hold(self, array) except? NULL
     cdef int load_devices(self, devices) except -1
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil

@@ -173,10 +173,24 @@ def address(kernel, kind="kernel"):
         raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel)) from None
 
 
-def call_kernel(kernel, double[::1] arena, int32_t[::1] slots, int32_t[::1] sizes):
-    """Run one kernel once, with the GIL, and return its status. For `block.step` and tests, not for the tick."""
+def call_kernel(kernel, double[::1] arena, table):
+    """Run one kernel once, with the GIL, and return its status. For `block.step` and tests, not for the tick.
+
+    table : graph.layout.KernelTable
+    """
     cdef kernel_t function = <kernel_t><uintptr_t>address(kernel)
-    return function(&arena[0], &slots[0], &sizes[0])
+    cdef int32_t[::1] slots = slot_words(table)
+    cdef int32_t[::1] sizes = words(table.sizes)
+    return function(&arena[0], &slots[0] + 4, &sizes[0])
+
+
+def words(values):
+    return np.array(list(values) or [0], dtype=np.int32)
+
+
+def slot_words(table):
+    """The counts of a KernelTable, then its slots: a kernel is given the address behind the counts."""
+    return words(table.counts + table.slots + (0,))
 
 
 cdef class Program:
@@ -232,7 +246,7 @@ cdef class Program:
             if entry.kernel is not None:
                 step.kernel = <kernel_t><uintptr_t>address(entry.kernel)
                 self.keep.append(entry.kernel)
-                step.slots, step.sizes = self.table(entry.slots), self.table(entry.sizes)
+                step.slots, step.sizes = self.hold(slot_words(entry.table)) + 4, self.hold(words(entry.table.sizes))
             else:
                 call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory)
                 self.keep.append(call)
@@ -242,13 +256,13 @@ cdef class Program:
                 segment = &phase.segments[phase.segment_count]
                 phase.segment_count += 1
                 segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
-                segment.condition_count, segment.conditions = len(entry.conditions), self.table(entry.conditions)
+                segment.condition_count, segment.conditions = len(entry.conditions), self.hold(words(entry.conditions))
                 previous = kind
             segment.last = index + 1
         return 0
 
-    cdef int32_t *table(self, values) except? NULL:
-        cdef object array = np.array(list(values) or [0], dtype=np.int32)
+    cdef int32_t *hold(self, array) except? NULL:
+        """Address of an array that lives as long as the program."""
         self.keep.append(array)
         return <int32_t *><uintptr_t>array.ctypes.data
 
@@ -264,7 +278,7 @@ cdef class Program:
             device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
             device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
             self.keep += [entry.decode, entry.encode]
-            device.slots, device.sizes = self.table(entry.slots), self.table(entry.sizes)
+            device.slots, device.sizes = self.hold(slot_words(entry.table)) + 4, self.hold(words(entry.table.sizes))
             device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
             load_batch(&device.enable, entry.enable)
             load_batch(&device.zero, entry.zero)

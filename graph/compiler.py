@@ -322,14 +322,13 @@ class Compilation:
                 [size_of(self.shapes[block, n]) for n in block.inputs], [size_of(self.shapes[block, n]) for n in block.outputs])
             at = len(block.inputs) + len(block.outputs)
             for index, name in enumerate(n for n, p in block.parameters.items() if p.numeric):
-                parameters[f"{block.path}.{name}"] = tables[block][0][at + index]
+                parameters[f"{block.path}.{name}"] = tables[block].slots[at + index]
 
         def when(block):
             return tuple(places[condition].slot for condition in block.conditions)
 
         def native(block, kernel):
-            slots, sizes = tables[block]
-            return Step(block.path, block.every, when(block), kernel=kernel, slots=tuple(slots), sizes=tuple(sizes))
+            return Step(block.path, block.every, when(block), kernel=kernel, table=tables[block])
 
         def python(block, method, names, outputs):
             return Step(block.path, block.every, when(block), function=method, inputs=tuple(described(block, n) for n in names),
@@ -365,9 +364,8 @@ class Compilation:
         def slot(name):
             return places[Signal(block, name)].slot if name in block.outputs else -1
 
-        slots, sizes = table
         return DeviceSteps(
-            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, slots=tuple(slots), sizes=tuple(sizes),
+            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=table,
             age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()))
 

@@ -1,8 +1,18 @@
 """Where things lie in the arena: the clock first, then what each block needs, in the order of its declaration."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 CLOCK_SLOTS = 8
+
+
+class KernelTable(NamedTuple):
+    """What a kernel is told of its block: how many inputs, outputs, parameters and memories, where each begins, how long it is."""
+
+    counts: tuple = (0, 0, 0, 0)
+    slots: tuple = ()
+    sizes: tuple = ()
 
 
 class Layout:
@@ -29,7 +39,7 @@ def memory_values(block, name):
 
 
 def kernel_tables(block, layout, input_slots, output_slots, input_sizes, output_sizes):
-    """(slots, sizes) of a native block's items: inputs, outputs, parameters, memory. Places the last two in the layout."""
+    """The KernelTable of a native block: inputs, outputs, parameters, memory. Places the last two in the layout."""
     slots = list(input_slots) + list(output_slots)
     sizes = list(input_sizes) + list(output_sizes)
     for name, param in block.parameters.items():
@@ -41,4 +51,5 @@ def kernel_tables(block, layout, input_slots, output_slots, input_sizes, output_
         values = memory_values(block, name)
         slots.append(layout.place(values))
         sizes.append(len(values))
-    return slots, sizes
+    parameters = sum(param.numeric for param in block.parameters.values())
+    return KernelTable((len(input_slots), len(output_slots), parameters, len(block.memory)), tuple(slots), tuple(sizes))

@@ -5,18 +5,18 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from graph.interval import Interval
+from graph.layout import KernelTable
 
 
 @dataclass(frozen=True)
 class Step:
-    """One call of a tick. Native: kernel, slots and sizes. Python: function, inputs and outputs as (name, slot, dtype, shape)."""
+    """One call of a tick. Native: kernel and table. Python: function, inputs and outputs as (name, slot, dtype, shape)."""
 
     name: str
     every: int = 1
     conditions: tuple = ()      # slots that must all be true
     kernel: object = None
-    slots: tuple = ()
-    sizes: tuple = ()
+    table: KernelTable = KernelTable()
     function: object = None
     inputs: tuple = ()
     outputs: tuple = ()
@@ -30,8 +30,7 @@ class DeviceSteps:
     bus: int
     decode: object
     encode: object
-    slots: tuple
-    sizes: tuple
+    table: KernelTable
     age: int
     fault: int
     timeout: float

@@ -28,11 +28,11 @@ class Scratch:
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
         self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
-        slots, item_sizes = kernel_tables(
+        self.table = kernel_tables(
             block, layout, [self.slots_of[n] for n in block.inputs], [self.slots_of[n] for n in block.outputs],
             [sizes[n] for n in block.inputs], [sizes[n] for n in block.outputs])
         self.first_parameter = len(self.shapes)
-        self.slots, self.sizes, self.arena = np.array(slots, np.int32), np.array(item_sizes, np.int32), layout.arena()
+        self.arena = layout.arena()
         period = block.dt if block.dt is not None else 1e-3
         self.arena[[2, 3, 6]] = period, period, 1.0
         self.tick = 0
@@ -53,10 +53,10 @@ class Scratch:
             self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
         for index, (name, param) in enumerate((n, p) for n, p in block.parameters.items() if p.numeric):
             value = getattr(block, name)
-            self.arena[self.slots[self.first_parameter + index]] = np.nan if value is None else value
+            self.arena[self.table.slots[self.first_parameter + index]] = np.nan if value is None else value
 
     def call(self, kernel):
-        status = call_kernel(kernel, self.arena, self.slots, self.sizes)
+        status = call_kernel(kernel, self.arena, self.table)
         if status != 0:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")
 

@@ -34,12 +34,13 @@ class Wired:
         steps = self.schedule.devices[0]
         self.arena = self.schedule.arena.copy()
         self.arena[AUTHORITY] = 1.0
-        self.slots, self.sizes = np.array(steps.slots, np.int32), np.array(steps.sizes, np.int32)
+        self.table = steps.table
+        self.slots, self.sizes = np.array(steps.table.counts + steps.table.slots, np.int32), np.array(steps.table.sizes, np.int32)
         items = [*self.block.inputs, *self.block.outputs, *(n for n, p in self.block.parameters.items() if p.numeric), *self.block.memory]
-        self.place = {name: slice(slot, slot + size) for name, slot, size in zip(items, steps.slots, steps.sizes)}
+        self.place = {name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)}
         self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.decode, "decode"))
         self.native_encode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.encode, "encode"))
-        self.tables = self.arena.ctypes.data, self.slots.ctypes.data, self.sizes.ctypes.data
+        self.tables = self.arena.ctypes.data, self.slots.ctypes.data + 16, self.sizes.ctypes.data
         self.frames = (Frame * 4)()
 
     def __getitem__(self, name):
@@ -66,4 +67,4 @@ class Wired:
         """Set inputs and run the device's own step, where it has one."""
         for name, value in inputs.items():
             self[name] = value
-        assert call_kernel(self.block.kernel, self.arena, self.slots, self.sizes) == 0
+        assert call_kernel(self.block.kernel, self.arena, self.table) == 0
