@@ -99,7 +99,7 @@ def decode(value):
 
 def digest(data):
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
-    text = json.dumps(essence, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
+    text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
     return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
 
 

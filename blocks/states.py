@@ -1,0 +1,153 @@
+"""Finite state machines: the commonest high-level controller of prostheses and exoskeletons."""
+
+import ast
+
+from cext.kernels import states as kernels
+from graph import Block, Input, Interval, Memory, Output, Param
+
+
+class StateMachine(Block):
+    """A finite state machine: in each state its outputs have given values; conditions on inputs lead from one state to another.
+
+        gait = StateMachine(
+            takes={"angle": "rad", "contact": "1"},
+            gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
+            states={"stance": {"stiffness": 60.0, "damping": 1.0}, "swing": {"stiffness": 0.0, "damping": 0.4}},
+            transitions=[("stance", "swing", "not contact and angle > 0.5"), ("swing", "stance", "contact and time_in_state > 0.1")],
+        )(angle=knee.position, contact=foot.contact)
+
+    Principle: 1. once a tick the conditions that lead out of the present state are looked at in their order; 2. the first that holds is
+    taken, and the outputs are the new state's at once; 3. at most one transition a tick. It starts in the first state, or in `initial`.
+
+    A condition is written with the inputs' names, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or, not. A NaN or an
+    infinity at an input changes no state and makes every value NaN, so that an actuator sees it and faults.
+    """
+
+    takes = Param({}, "1", "unit by name of input", dtype=dict)
+    gives = Param({}, "1", "unit by name of output", dtype=dict)
+    states = Param({}, "1", "value of each output by name of state", dtype=dict, required=True)
+    transitions = Param((), "1", "(from, to, condition), looked at in this order", dtype=tuple)
+    initial = Param("", "1", "state at the start; the first by default", dtype=str)
+
+    state = Output("1", "index of the present state, in the order of `states`", dtype=int)
+    time_in_state = Output("s", "since the present state was entered")
+    table = Memory(0.0, "from, to, first operation, count, of each transition")
+    code = Memory(0.0, "operations of all conditions")
+    values = Memory(0.0, "outputs of each state")
+    current = Memory((0.0, 0.0, 0.0), "state, s in it, whether it has begun")
+
+    kernel = kernels.machine
+    examples = ({
+        "takes": {"u": "1"}, "gives": {"y": "N·m"}, "states": {"low": {"y": 0.0}, "high": {"y": 1.5}},
+        "transitions": (("low", "high", "u > 1"), ("high", "low", "u < -1 and time_in_state > 0.02")),
+    },)
+
+    def configure(self):
+        self.inputs = {name: Input(unit, f"input {name}").named(name) for name, unit in self.takes.items()}
+        own = {name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()}
+        for name in [*self.inputs, *own]:
+            if not name.isidentifier() or name in ("state", "time_in_state") or (name in self.inputs and name in own):
+                raise ValueError(f"{name!r} cannot be the name of a port: it must be an identifier that is used once")
+        self.outputs = {**type(self).outputs, **own}
+        self.names = list(self.states)
+        self.check_states(own)
+        first = self.initial or self.names[0]
+        self.current = (self.index(first, "initial"), 0.0, 0.0)
+        self.values = [float(self.states[state][output]) for state in self.names for output in own]
+        operations, table = [], []
+        for entry in self.transitions:
+            if len(entry) != 3:
+                raise ValueError(f"a transition is (from, to, condition), not {entry!r}")
+            source, target, condition = entry
+            code = compile_condition(condition, list(self.inputs))
+            table += [self.index(source, condition), self.index(target, condition), len(operations), len(code)]
+            operations += code
+        self.table = table or [-1.0, 0.0, 0.0, 0.0]
+        self.code = [number for operation in operations for number in operation] or [0.0, 0.0]
+
+    def check_states(self, outputs):
+        if not self.states:
+            raise ValueError("a state machine needs at least one state")
+        for state, values in self.states.items():
+            missing, strange = set(outputs) - set(values), set(values) - set(outputs)
+            if missing or strange:
+                what = f"gives no {sorted(missing)[0]}" if missing else f"gives {sorted(strange)[0]}, which is not an output"
+                raise ValueError(f"state {state!r} {what}: each state has a value for each of {', '.join(outputs) or 'no outputs'}")
+
+    def index(self, state, where):
+        if state not in self.names:
+            raise ValueError(f"{where!r}: there is no state {state!r}; there are {', '.join(self.names)}")
+        return float(self.names.index(state))
+
+    def output_range(self, **inputs):
+        ranges = {"state": Interval(0.0, len(self.names) - 1.0), "time_in_state": Interval(0.0)}
+        for output in self.gives:
+            values = [float(self.states[state][output]) for state in self.names]
+            ranges[output] = Interval(min(values), max(values))
+        return ranges
+
+
+_BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+
+
+def compile_condition(text, inputs):
+    """A condition as a list of (operation, operand) for the kernel's stack. ValueError saying what is wrong with it."""
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, AttributeError):
+        raise ValueError(f"the condition {text!r} is not an expression") from None
+    code = []
+
+    def emit(name, operand=0.0):
+        code.append((float(kernels.OPERATIONS[name]), float(operand)))
+
+    def visit(node):
+        match node:
+            case ast.Constant(value=bool() | int() | float()):
+                emit("constant", node.value)
+            case ast.Name(id="time_in_state"):
+                emit("elapsed")
+            case ast.Name() if node.id in inputs:
+                emit("input", inputs.index(node.id))
+            case ast.Name():
+                raise ValueError(f"the condition {text!r} uses {node.id!r}, which is not an input ({', '.join([*inputs, 'time_in_state'])})")
+            case ast.UnaryOp(op=ast.USub()):
+                visit(node.operand)
+                emit("negate")
+            case ast.UnaryOp(op=ast.Not()):
+                visit(node.operand)
+                emit("not")
+            case ast.BinOp() if type(node.op) in _BINARY:
+                visit(node.left)
+                visit(node.right)
+                emit(_BINARY[type(node.op)])
+            case ast.BoolOp():
+                visit(node.values[0])
+                for value in node.values[1:]:
+                    visit(value)
+                    emit("and" if isinstance(node.op, ast.And) else "or")
+            case ast.Compare() if all(type(op) in _COMPARE for op in node.ops):
+                for number, (left, op, right) in enumerate(zip([node.left, *node.comparators], node.ops, node.comparators)):
+                    visit(left)
+                    visit(right)
+                    emit(_COMPARE[type(op)])
+                    if number:
+                        emit("and")
+            case ast.Call(func=ast.Name(id="abs"), args=[argument], keywords=[]):
+                visit(argument)
+                emit("abs")
+            case _:
+                raise ValueError(f"the condition {text!r} uses {ast.unparse(node)!r}: only names, numbers, + - * /, abs(), comparisons, and, or, not")
+
+    visit(tree)
+    depth = deepest = 0
+    for operation, _ in code:
+        depth += 1 if operation <= kernels.OPERATIONS["elapsed"] else 0 if operation in _UNARY else -1
+        deepest = max(deepest, depth)
+    if deepest > kernels.STACK_DEPTH:
+        raise ValueError(f"the condition {text!r} is too deep: split it over two states")
+    return code
+
+
+_UNARY = {kernels.OPERATIONS[name] for name in ("negate", "abs", "not")}

@@ -1,0 +1,105 @@
+# cython: freethreading_compatible=True
+"""State machines: conditions compiled to a few operations on a small stack."""
+
+from libc.stdint cimport int32_t
+
+from cext.abi cimport DT, INPUTS, OK, export
+
+cdef enum:
+    DEPTH = 32                  # of the stack; the block refuses a condition that needs more
+
+cdef enum: # operations, each followed by one operand
+    CONSTANT, INPUT, ELAPSED, ADD, SUBTRACT, MULTIPLY, DIVIDE, NEGATE, ABS, LESS, LESS_EQUAL, GREATER, GREATER_EQUAL, EQUAL, NOT_EQUAL, AND, OR, NOT
+
+OPERATIONS = {
+    "constant": CONSTANT, "input": INPUT, "elapsed": ELAPSED, "+": ADD, "-": SUBTRACT, "*": MULTIPLY, "/": DIVIDE, "negate": NEGATE,
+    "abs": ABS, "<": LESS, "<=": LESS_EQUAL, ">": GREATER, ">=": GREATER_EQUAL, "==": EQUAL, "!=": NOT_EQUAL, "and": AND, "or": OR, "not": NOT,
+}
+STACK_DEPTH = DEPTH
+
+
+cdef double evaluate(const double *code, int count, const double *arena, const int32_t *slots, double elapsed) noexcept nogil:
+    cdef double[DEPTH] stack
+    cdef double a, b
+    cdef int top = 0
+    cdef int i, operation
+    for i in range(count):
+        operation = <int>code[2 * i]
+        if operation <= ELAPSED:
+            stack[top] = code[2 * i + 1] if operation == CONSTANT else elapsed if operation == ELAPSED else arena[slots[<int>code[2 * i + 1]]]
+            top += 1
+            continue
+        a = stack[top - 1]
+        if operation == NEGATE:
+            stack[top - 1] = -a
+            continue
+        if operation == ABS:
+            stack[top - 1] = -a if a < 0.0 else a
+            continue
+        if operation == NOT:
+            stack[top - 1] = 1.0 if a == 0.0 else 0.0
+            continue
+        top -= 1
+        b, a = a, stack[top - 1]
+        if operation == ADD:
+            a = a + b
+        elif operation == SUBTRACT:
+            a = a - b
+        elif operation == MULTIPLY:
+            a = a * b
+        elif operation == DIVIDE:
+            a = a / b
+        elif operation == LESS:
+            a = a < b
+        elif operation == LESS_EQUAL:
+            a = a <= b
+        elif operation == GREATER:
+            a = a > b
+        elif operation == GREATER_EQUAL:
+            a = a >= b
+        elif operation == EQUAL:
+            a = a == b
+        elif operation == NOT_EQUAL:
+            a = a != b
+        elif operation == AND:
+            a = a != 0.0 and b != 0.0
+        else:
+            a = a != 0.0 or b != 0.0
+        stack[top - 1] = a
+    return stack[0]
+
+
+cdef int machine_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # inputs ..., state, time_in_state, outputs ..., memory: transitions[4 n] (from, to, first operation, count), code[2 m],
+    # values[states * outputs], current[3] (state, s in it, whether it has begun)
+    cdef int inputs = slots[INPUTS]
+    cdef int outputs = slots[-3] - 2
+    cdef const int32_t *results = slots + inputs
+    cdef const int32_t *memory = results + 2 + outputs
+    cdef const double *transitions = arena + memory[0]
+    cdef const double *code = arena + memory[1]
+    cdef const double *values = arena + memory[2]
+    cdef double *current = arena + memory[3]
+    cdef double poison = 0.0
+    cdef int count = sizes[inputs + 2 + outputs] // 4
+    cdef int i
+    for i in range(inputs):
+        poison += arena[slots[i]] - arena[slots[i]]         # 0, or NaN if an input is NaN or infinite
+    if current[2] != 0.0:
+        current[1] += arena[DT]
+    current[2] = 1.0
+    if poison == 0.0:
+        for i in range(count):
+            if transitions[4 * i] == current[0] and evaluate(
+                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, slots, current[1]) != 0.0:
+                current[0] = transitions[4 * i + 1]
+                current[1] = 0.0
+                break
+    arena[results[0]] = current[0]
+    arena[results[1]] = current[1] + poison
+    for i in range(outputs):
+        arena[results[2 + i]] = values[<int>current[0] * outputs + i] + poison
+    return OK
+
+
+machine = export(machine_kernel)
