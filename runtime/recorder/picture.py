@@ -4,6 +4,8 @@ from math import degrees
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 # Blue for the leg, orange for the actuator, green for the power between them: told apart by colour-blind readers too. (Okabe and Ito 2008)
 ROWS = (
@@ -31,11 +33,12 @@ def draw(name, legs, file):
             if column == 0:
                 axis.set_ylabel(label, color=INK)
             if row == 0:
-                axis.set_title(headline(leg), fontsize=10, color=INK, linespacing=1.5)
-        shade_work(axes[-1][column], leg)
+                title(axis, leg)
         axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
     figure.align_ylabels(axes[:, 0])
     figure.suptitle(f"{name}: the average stride", fontsize=13, fontweight="bold", color=INK)
+    marks = [Line2D([], [], color="#666666", linewidth=2.0, label="mean"), Patch(color="#666666", alpha=0.25, label="± 1 standard deviation")]
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
     figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
 
 
@@ -46,9 +49,8 @@ def plot(axis, curve, colour, convert):
     cycle = range(len(mean))
     axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
     axis.fill_between(
-        cycle, [m - s for m, s in zip(mean, sd)], [m + s for m, s in zip(mean, sd)], color=colour, alpha=0.25, linewidth=0, zorder=2,
-        label="± 1 SD")
-    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3, label="mean")
+        cycle, [m - s for m, s in zip(mean, sd)], [m + s for m, s in zip(mean, sd)], color=colour, alpha=0.25, linewidth=0, zorder=2)
+    axis.plot(cycle, mean, color=colour, linewidth=2.0, zorder=3)
     axis.set_xlim(0, len(mean) - 1)
     axis.set_xticks(range(0, 101, 20))
     axis.margins(y=0.12)
@@ -58,16 +60,13 @@ def plot(axis, curve, colour, convert):
     for side, spine in axis.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color("#888888")
-    axis.legend(loc="best", fontsize=8, frameon=False, labelcolor=INK, ncols=2)
 
 
-def shade_work(axis, leg):
-    """The work of a stride is the area under the power."""
-    axis.annotate(
-        f"{leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J a stride", xy=(0.02, 0.03), xycoords="axes fraction", fontsize=8,
-        color=INK)
-
-
-def headline(leg):
+def title(axis, leg):
+    """The leg, and below it its numbers."""
     count = leg["strides"]
-    return f"{leg['title']}\n{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m"
+    numbers = (
+        f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
+        f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−"))
+    axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color="#666666", linespacing=1.4)
+    axis.set_title(leg["title"], fontsize=11, fontweight="bold", color=INK, pad=40)
