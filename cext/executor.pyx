@@ -15,15 +15,15 @@ import gc
 from dataclasses import dataclass
 
 from libc.errno cimport EINTR
-from libc.stdint cimport int32_t, int64_t, uint32_t
+from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    AUTHORITY, BUS_ERROR, DEVICE_FAULT, DT, LATENESS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD, PYTHON_ERROR, SILENT,
-    TICK, TIME, WAKE, Frame,
+    AUTHORITY, BUS_ERROR, DEVICE_FAULT, DT, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS,
+    PERIOD, PYTHON_ERROR, SILENT, TICK, TIME, WAKE, Frame,
 )
 from cext.histogram cimport Histogram, add
-from cext.page cimport ARMING, ROW, RUNNING, SAFE, STOPPING, Page, PageLayout, commit, load_i32, reserve, store_i32, store_i64
+from cext.page cimport ARMING, ROW, RUNNING, SAFE, STOPPING, Page, PageLayout, commit, load_i32, load_u64, reserve, store_i32, store_i64
 from cext.program cimport Device, Program
 
 cdef extern from "<time.h>" nogil:
@@ -339,7 +339,7 @@ cdef class Executor:
             now = self.grid(round)
             if not self.virtual:
                 sleep_until(self.began + now)
-            if caught:
+            if caught or not self.make_room(False):
                 return OK
             status = self.control.receive(now, self.layout)
             if status != OK:
@@ -372,7 +372,7 @@ cdef class Executor:
         while ticks < 0 or tick < ticks:
             if not self.virtual:
                 sleep_until(epoch + self.grid(tick))
-            if caught:
+            if caught or not self.make_room(False):
                 break
             began = monotonic()
             if not self.virtual:
@@ -446,6 +446,30 @@ cdef class Executor:
         commit(page)
         return True
 
+    cdef bint make_room(self, bint stopping) noexcept nogil:
+        """In virtual time: wait until the ring can take all that one tick pushes, so that nothing is dropped.
+
+        False: a signal came. `stopping` waits through signals, for a second at most.
+        """
+        cdef PageLayout *page = self.layout
+        cdef uint64_t need
+        cdef int64_t since
+        cdef int patience = 1000
+        if page == NULL or not self.virtual:
+            return True
+        need = 8 * (3 + self.control.column_count)
+        need += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * self.control.bus_count + 3 * FRAMES_PER_DEVICE * self.control.device_count)
+        need = min(need, page.capacity // 2)                       # a ring too small for that drops
+        if page.capacity - (page.head - load_u64(&page.tail)) >= need:
+            return True
+        since = monotonic()
+        while page.capacity - (page.head - load_u64(&page.tail)) < need and self.wait_for_reader():
+            patience -= 1
+            if (stopping and patience == 0) or (not stopping and caught != 0):
+                break
+        page.waited += monotonic() - since
+        return stopping or not caught
+
     cdef bint wait_for_reader(self) noexcept nogil:
         """A millisecond for the recorder to make room. False: there is no recorder, or it has ended."""
         cdef pollfd ended
@@ -464,6 +488,7 @@ cdef class Executor:
         self.set_state(STOPPING)
         while self.control.device_count > 0:
             self.want_replies(True, True)
+            self.make_room(True)
             self.send_batches(False, True, True, now)
             self.advance_plant(now)
             now += step
