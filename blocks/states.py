@@ -34,7 +34,7 @@ class StateMachine(Block):
     table = Memory(0.0, "from, to, first operation, count, of each transition")
     code = Memory(0.0, "operations of all conditions")
     values = Memory(0.0, "outputs of each state")
-    current = Memory((0.0, 0.0, 0.0), "state, s in it, whether it has begun")
+    current = Memory((0.0, 0.0, 0.0), "state, periods in it, whether it has begun")
 
     kernel = kernels.machine
     examples = ({

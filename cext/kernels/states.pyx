@@ -1,9 +1,10 @@
 # cython: freethreading_compatible=True
 """State machines: conditions compiled to a few operations on a small stack."""
 
+from libc.math cimport floor
 from libc.stdint cimport int32_t
 
-from cext.abi cimport DT, INPUTS, OK, export
+from cext.abi cimport DT, INPUTS, OK, PERIOD, export
 
 cdef enum:
     DEPTH = 32                  # of the stack; the block refuses a condition that needs more
@@ -71,7 +72,7 @@ cdef double evaluate(const double *code, int count, const double *arena, const i
 
 cdef int machine_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # inputs ..., state, time_in_state, outputs ..., memory: transitions[4 n] (from, to, first operation, count), code[2 m],
-    # values[states * outputs], current[3] (state, s in it, whether it has begun)
+    # values[states * outputs], current[3] (state, periods in it, whether it has begun)
     cdef int inputs = slots[INPUTS]
     cdef int outputs = slots[-3] - 2
     cdef const int32_t *results = slots + inputs
@@ -86,17 +87,17 @@ cdef int machine_kernel(double *arena, const int32_t *slots, const int32_t *size
     for i in range(inputs):
         poison += arena[slots[i]] - arena[slots[i]]         # 0, or NaN if an input is NaN or infinite
     if current[2] != 0.0:
-        current[1] += arena[DT]
+        current[1] += floor(arena[DT] / arena[PERIOD] + 0.5)
     current[2] = 1.0
     if poison == 0.0:
         for i in range(count):
             if transitions[4 * i] == current[0] and evaluate(
-                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, slots, current[1]) != 0.0:
+                    code + 2 * <int>transitions[4 * i + 2], <int>transitions[4 * i + 3], arena, slots, current[1] * arena[PERIOD]) != 0.0:
                 current[0] = transitions[4 * i + 1]
                 current[1] = 0.0
                 break
     arena[results[0]] = current[0]
-    arena[results[1]] = current[1] + poison
+    arena[results[1]] = current[1] * arena[PERIOD] + poison
     for i in range(outputs):
         arena[results[2 + i]] = values[<int>current[0] * outputs + i] + poison
     return OK
