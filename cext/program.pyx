@@ -48,7 +48,8 @@ cdef class PythonStep:
     ----------
     callable : called with one positional argument per input
     name : path of the block, for errors
-    inputs, outputs : lists of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
+    inputs : list of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
+    outputs : list of (name, slot, dtype, shape, low, high); a result outside its range is an error, NaN passes
     arena : the float64 array that the slots point into
     """
 
@@ -68,8 +69,9 @@ cdef class PythonStep:
                 view.flags.writeable = False
                 self.input_views.append(view)
                 self.arguments[index + 1] = <PyObject *>view
-        for index, (port, slot, dtype, shape) in enumerate(outputs):
+        for index, (port, slot, dtype, shape, low, high) in enumerate(outputs):
             self.output_slots[index] = slot
+            self.output_lows[index], self.output_highs[index] = low, high
             self.output_kinds[index] = ARRAY if shape else KINDS[dtype]
             self.output_views.append(arena[slot : slot + int(np.prod(shape))].reshape(shape) if shape else None)
 
@@ -100,7 +102,10 @@ cdef class PythonStep:
         try:
             if self.output_count == 1:
                 if self.output_kinds[0] == REAL and PyFloat_CheckExact(<object>result):
-                    arena[self.output_slots[0]] = PyFloat_AS_DOUBLE(<object>result)
+                    value = PyFloat_AS_DOUBLE(<object>result)
+                    if value < self.output_lows[0] or value > self.output_highs[0]:
+                        self.refuse(0, value)
+                    arena[self.output_slots[0]] = value
                 else:
                     self.store(0, <object>result, arena)
             elif self.output_count > 1:
@@ -115,21 +120,31 @@ cdef class PythonStep:
 
     cdef int store(self, int index, object value, double *arena) except -1:
         cdef int kind = self.output_kinds[index]
+        cdef double number
         try:
             if kind == ARRAY:
                 view = self.output_views[index]
                 if np.shape(value) != view.shape:
                     raise ValueError("shape %s where %s is declared" % (np.shape(value), view.shape))
                 view[...] = value
+                if np.any(view < self.output_lows[index]) or np.any(view > self.output_highs[index]):
+                    self.refuse(index, value)
             elif kind == TRUTH:
                 arena[self.output_slots[index]] = 1.0 if PyObject_IsTrue(value) else 0.0
             elif kind == INTEGER:
                 arena[self.output_slots[index]] = float(value.__index__())
             else:
-                arena[self.output_slots[index]] = PyFloat_AsDouble(value)
+                number = PyFloat_AsDouble(value)
+                if number < self.output_lows[index] or number > self.output_highs[index]:
+                    self.refuse(index, value)
+                arena[self.output_slots[index]] = number
         except (TypeError, ValueError, AttributeError) as error:
             raise TypeError("%s.step returned %r for %s: %s" % (self.name, value, self.output_names[index], error)) from None
         return 0
+
+    cdef int refuse(self, int index, value) except -1:
+        raise ArithmeticError("%s.%s is %r, outside the range [%g, %g] that it declares" % (
+            self.name, self.output_names[index], value, self.output_lows[index], self.output_highs[index]))
 
     def __call__(self, arena):
         """Call it once on an arena of doubles; for tests and for `block.step`."""

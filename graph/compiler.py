@@ -332,7 +332,11 @@ class Compilation:
 
         def python(block, method, names, outputs):
             return Step(block.path, block.every, when(block), function=method, inputs=tuple(described(block, n) for n in names),
-                        outputs=tuple((n, places[Signal(block, n)].slot, p.dtype, self.shapes[block, n]) for n, p in outputs.items()))
+                        outputs=tuple(result(block, n, p) for n, p in outputs.items()))
+
+        def result(block, name, port):
+            promised = port.range or EVERYTHING
+            return name, places[Signal(block, name)].slot, port.dtype, self.shapes[block, name], promised.low, promised.high
 
         def output_step(block):
             return python(block, block.step, block.step_inputs(), block.outputs) if block.is_python else native(block, block.kernel)

@@ -10,7 +10,7 @@ from graph.layout import KernelTable
 
 @dataclass(frozen=True)
 class Step:
-    """One call of a tick. Native: kernel and table. Python: function, inputs and outputs as (name, slot, dtype, shape)."""
+    """One call of a tick. Native: kernel and table. Python: function, inputs as (name, slot, dtype, shape), outputs with (low, high) behind."""
 
     name: str
     every: int = 1
