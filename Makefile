@@ -76,7 +76,8 @@ find_python() {
         "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python=$$candidate && return
         found="$${found:-$$candidate is Python $$("$$candidate" -c 'import platform; print(platform.python_version())')}"
     done
-    [ -n "$$found" ] || stop "$(if $(PYTHON),'$(PYTHON)' is not a Python,Python is missing): $$apt python3 python3-venv"
+    [ -n "$$found" ] || [ -z "$(PYTHON)" ] || stop "there is no Python called '$(PYTHON)'"
+    [ -n "$$found" ] || stop "Python is missing. Get it, and what else is needed, with: $$apt python3 python3-venv python3-dev gcc libc6-dev"
     stop "$$found, and 3.10 or newer is needed: install a newer one beside it, then PYTHON=python3.12 make ..." \
         "(Debian 12, Ubuntu 22.04 and Raspberry Pi OS 12 bring one)"
 }
