@@ -23,8 +23,8 @@ endif
 endif
 
 # An environment that was made elsewhere, or whose Python has gone or changed, is of no use and is made anew.
-USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; \
-	[ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && grep -qF "$$PWD/$(VENV)" "$(VENV)/bin/activate" && echo yes)
+USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; [ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && \
+	{ [ -L $(VENV) ] || grep -qF "$(CURDIR)/$(VENV)" $(VENV)/bin/activate; } && echo yes)
 ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
@@ -117,7 +117,7 @@ has_headers() {
     local include
     include=$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     [ -e "$$include/Python.h" ] && return
-    include="$$PWD/build/headers/usr/include"
+    include="$(CURDIR)/build/headers/usr/include"
     [ -e "$$include/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')/Python.h" ] || return
     export C_INCLUDE_PATH="$$include:$$include/python$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')"
 }
@@ -130,9 +130,9 @@ fetch_headers() {
     say "fetching Python's C headers ($$package)"
     (
         mkdir -p build/headers "$$1/lists/partial" "$$1/cache/archives/partial"
-        here=$$PWD && cd "$$1"
+        cd "$$1"
         apt-get -qq download "$$package" || { apt-get "$${options[@]}" update && apt-get "$${options[@]}" download "$$package"; }
-        dpkg-deb -x "$$package"_*.deb "$$here/build/headers"
+        dpkg-deb -x "$$package"_*.deb "$(CURDIR)/build/headers"
     ) >/dev/null 2>&1 || return
     has_headers
 }
