@@ -23,8 +23,8 @@ endif
 endif
 
 # An environment that was made elsewhere, or whose Python has gone or changed, is of no use and is made anew.
-USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; \
-	[ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && grep -qF "$$PWD/$(VENV)" "$(VENV)/bin/activate" && echo yes)
+USABLE := $(shell v="$(call version,$(VENV)/bin/python)"; [ -n "$$v" ] && [ -d "$(VENV)/lib/python$$v/site-packages/pip" ] && \
+	{ [ -L $(VENV) ] || grep -qF "$(CURDIR)/$(VENV)" $(VENV)/bin/activate; } && echo yes)
 ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
@@ -76,7 +76,8 @@ find_python() {
         "$$candidate" -c 'import sys; sys.exit(sys.version_info < (3, 10))' && python=$$candidate && return
         found="$${found:-$$candidate is Python $$("$$candidate" -c 'import platform; print(platform.python_version())')}"
     done
-    [ -n "$$found" ] || stop "$(if $(PYTHON),'$(PYTHON)' is not a Python,Python is missing): $$apt python3 python3-venv"
+    [ -n "$$found" ] || [ -z "$(PYTHON)" ] || stop "there is no Python called '$(PYTHON)'"
+    [ -n "$$found" ] || stop "Python is missing. Get it, and what else is needed, with: $$apt python3 python3-venv python3-dev gcc libc6-dev"
     stop "$$found, and 3.10 or newer is needed: install a newer one beside it, then PYTHON=python3.12 make ..." \
         "(Debian 12, Ubuntu 22.04 and Raspberry Pi OS 12 bring one)"
 }
@@ -116,7 +117,7 @@ has_headers() {
     local include
     include=$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
     [ -e "$$include/Python.h" ] && return
-    include="$$PWD/build/headers/usr/include"
+    include="$(CURDIR)/build/headers/usr/include"
     [ -e "$$include/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')/Python.h" ] || return
     export C_INCLUDE_PATH="$$include:$$include/python$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')"
 }
@@ -129,9 +130,9 @@ fetch_headers() {
     say "fetching Python's C headers ($$package)"
     (
         mkdir -p build/headers "$$1/lists/partial" "$$1/cache/archives/partial"
-        here=$$PWD && cd "$$1"
+        cd "$$1"
         apt-get -qq download "$$package" || { apt-get "$${options[@]}" update && apt-get "$${options[@]}" download "$$package"; }
-        dpkg-deb -x "$$package"_*.deb "$$here/build/headers"
+        dpkg-deb -x "$$package"_*.deb "$(CURDIR)/build/headers"
     ) >/dev/null 2>&1 || return
     has_headers
 }

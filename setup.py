@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 from Cython.Build import cythonize
+from Cython.Compiler.Errors import CompileError
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
@@ -33,7 +34,10 @@ class BuildNative(build_ext):
             self.build_lib, self.build_temp = build.build_platlib, build.build_temp
 
     def run(self):
-        translated = cythonize(self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES)
+        try:
+            translated = cythonize(self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES)
+        except CompileError as error:           # the compiler has told what is wrong, and where
+            raise SystemExit(f"Cython finds errors in {error}") from None
         sources = {extension.name: extension.sources for extension in translated}
         for extension in self.extensions:
             extension.sources = sources[extension.name]

@@ -1,6 +1,6 @@
 """Before anything else is imported: are the four packages from one place, built, and is what they need there?
 
-This file and `runtime/__main__.py` must be read by any Python, however old, and import nothing of Tickwork.
+This file and `runtime/__main__.py` must be readable for any Python 3.6 or newer, and import nothing of Tickwork.
 """
 
 import os

@@ -1,0 +1,38 @@
+"""Copies of the checkout that tests may break, and Pythons that start in them."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("cext", "graph", "blocks", "runtime")
+RUN = ["-m", "runtime"]
+
+
+def copy_rooms(target, built=True, rooms=ROOMS):
+    """The packages of this checkout in another folder. built : with their compiled modules."""
+    leftovers = ["__pycache__", "*.c"] + ([] if built else ["*.so"])
+    for room in rooms:
+        shutil.copytree(ROOT / room, target / room, ignore=shutil.ignore_patterns(*leftovers))
+    return target
+
+
+def python(*arguments, cwd, path=None, executable=sys.executable):
+    """A Python of its own. path : its PYTHONPATH, after the folder that `-m` or the script brings. Returns the CompletedProcess, with text."""
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    if path is not None:
+        environment["PYTHONPATH"] = str(path)
+    return subprocess.run(
+        [str(executable), *map(str, arguments)], cwd=cwd, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=60)
+
+
+def assert_one_line(process, *parts):
+    """It ended with code 2 and one line, without a traceback, that has every part."""
+    assert process.returncode == 2, process.stderr
+    assert process.stdout == ""
+    [line] = process.stderr.splitlines()
+    assert line.startswith("tickwork: ")
+    for part in parts:
+        assert str(part) in line

@@ -1,0 +1,121 @@
+"""What holds the tree together: rooms, imports, packages, and what a file may say."""
+
+import ast
+import re
+import subprocess
+import sys
+from fnmatch import fnmatch
+
+import pytest
+
+from tests.house import ROOMS, ROOT
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+FLOORS = {name: floor for floor, name in enumerate((*ROOMS, "diagrams"))}
+
+
+def canonical(requirement):
+    """The distribution that a requirement names."""
+    return re.match(r"[\w.-]+", requirement)[0].lower().replace("_", "-")
+
+
+def rooms():
+    """Every folder of the four packages that holds a source."""
+    return sorted({path.parent for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".pyx", ".pxd")})
+
+
+def tracked():
+    listing = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
+    if listing.returncode != 0:
+        pytest.skip("needs a git checkout")
+    return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
+
+
+# Imports only go down
+
+def python_imports(text):
+    """Top-level packages that Python source imports, wherever in it, with the line."""
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name.split(".")[0], node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield (node.module or "").split(".")[0] if not node.level else ".", node.lineno
+
+
+def cython_imports(text):
+    """The same for Cython source: import and cimport, at the start of a line."""
+    for number, line in enumerate(text.splitlines(), 1):
+        found = re.match(r"\s*(?:from\s+(\.|\w+)\S*\s+c?import\b|c?import\s+(\w[\w., ]*))", line)
+        if found:
+            names = [found[1]] if found[1] else [name.split()[0] for name in found[2].split(",") if name.strip()]
+            yield from ((name.split(".")[0] or ".", number) for name in names)
+
+
+def climbs(room, name):
+    return name == "." or name == "tests" or FLOORS.get(name, -1) > FLOORS[room]
+
+
+def test_imports_only_go_down():
+    found = []
+    for room in FLOORS:
+        for path in sorted((ROOT / room).rglob("*")):
+            if path.suffix not in (".py", ".pyx", ".pxd", ".pxi"):
+                continue
+            imports = python_imports if path.suffix == ".py" else cython_imports
+            found += [f"{path.relative_to(ROOT)}:{line} imports {name}" for name, line in imports(path.read_text()) if climbs(room, name)]
+    assert found == []
+
+
+@pytest.mark.parametrize("imports", [python_imports, cython_imports])
+def test_a_climbing_import_is_found_wherever_it_stands(imports):
+    source = "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import main\n    from . import near\n"
+    found = [(name, line) for name, line in imports(source) if climbs("graph", name)]
+    assert found == [("blocks", 1), ("runtime", 4), (".", 5)]
+
+
+def test_cimports_are_imports():
+    assert list(cython_imports("cimport blocks.a, graph\nfrom runtime.x cimport (\n    y)\n")) == [("blocks", 1), ("graph", 1), ("runtime", 2)]
+
+
+# Packages
+
+def test_every_folder_with_sources_is_a_package_and_in_the_wheel():
+    included = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
+    for folder in rooms():
+        name = ".".join(folder.relative_to(ROOT).parts)
+        assert (folder / "__init__.py").exists(), f"{name} has no __init__.py and would not be installed"
+        assert any(fnmatch(name, pattern) for pattern in included), f"{name} is not in the wheel"
+
+
+def test_the_wheel_takes_no_folder_but_the_four():
+    included = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
+    for name in ("tests", "tests.graph", "diagrams", "docs", "blocksmith", "graphics", "build"):
+        assert not any(fnmatch(name, pattern) for pattern in included), name
+
+
+def test_every_file_beside_the_sources_is_installed():
+    patterns = PYPROJECT["tool"]["setuptools"]["package-data"]["*"]
+    for path in tracked():
+        name = path.relative_to(ROOT)
+        if name.parts[0] in ROOMS and path.suffix not in (".py", ".pyx"):
+            assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{name} matches none of {patterns}"
+
+
+def test_every_folder_of_tests_is_a_package():
+    for folder in {path.parent for path in (ROOT / "tests").rglob("*.py")}:
+        assert (folder / "__init__.py").exists(), f"{folder.relative_to(ROOT)} would be imported under the name of what it tests"
+
+
+def test_no_file_names_a_place_on_somebodys_machine():
+    place = re.compile(rb"(?<![\w.~-])/(?:%s)/" % b"|".join([b"work", b"root", b"home", b"Users"]))
+    found = []
+    for path in tracked():
+        for number, line in enumerate(path.read_bytes().splitlines(), 1):
+            if place.search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line[:120]!r}")
+    assert found == []
