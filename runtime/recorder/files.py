@@ -52,10 +52,13 @@ class LineFile:
         self.size = 0               # bytes of whole lines in the file
 
     def write(self, text):
-        self.lines.append(text)
+        self.lines.append(text.encode())
+
+    def write_bytes(self, line):
+        self.lines.append(line)
 
     def flush(self):
-        data = "".join(self.lines).encode()
+        data = b"".join(self.lines)
         self.lines.clear()
         written = 0
         try:
@@ -68,8 +71,13 @@ class LineFile:
         self.size += written
 
     def close(self):
+        """Flush, wait for the disk, close. Again: nothing."""
+        if self.descriptor is None:
+            return
+        descriptor = self.descriptor
         try:
             self.flush()
-            os.fsync(self.descriptor)
+            os.fsync(descriptor)
         finally:
-            os.close(self.descriptor)
+            self.descriptor = None
+            os.close(descriptor)

@@ -5,6 +5,7 @@ A service that fails is stopped and told about; the rest goes on.
 
 import json
 import os
+from contextlib import suppress
 from datetime import datetime, timezone
 from operator import itemgetter
 from signal import Signals
@@ -55,6 +56,11 @@ class Recording:
                 self.services.append((sink["path"], service))
                 service.open()
                 self.pickers.append((picker([column["index"] for column in sink["columns"]], self.plan["columns"]), service))
+            if self.plan["folder"] is not None and self.plan["buses"]:
+                doing = "the CAN log cannot start"
+                self.can_log = CanLog(self.plan, self.page)
+                self.services.append(("CAN log", self.can_log))
+                self.can_log.open()
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
@@ -66,15 +72,11 @@ class Recording:
         self.files[self.sidecar] = "what ran, and how it went"
         with open(descriptor, "w") as file:
             json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
-        if self.plan["buses"]:
-            self.can_log = CanLog(self.plan, self.page)
-            self.can_log.open()
-            self.services.append(("can log", self.can_log))
 
     def begin(self):
         """What may take its time, once the control process need not wait for it."""
         if self.can_log is not None:
-            self.attempt("can log", self.can_log, self.can_log.begin)
+            self.attempt("CAN log", self.can_log, self.can_log.begin)
 
     def take(self, records):
         """Records as the page's `drain` returns them."""
@@ -192,12 +194,11 @@ class Recording:
             except Exception:                   # the file goes away anyhow
                 pass
         for file in self.list_files():
-            os.unlink(file["path"])
-        for folder in reversed(self.folders):
-            try:
+            with suppress(FileNotFoundError):
+                os.unlink(file["path"])
+        with suppress(OSError):                 # somebody else uses the folder by now
+            for folder in reversed(self.folders):
                 os.rmdir(folder)
-            except OSError:
-                break                           # somebody else uses it by now
 
 
 def picker(indices, columns):
