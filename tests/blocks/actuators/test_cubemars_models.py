@@ -22,7 +22,7 @@ def test_every_model_is_found_however_its_name_is_typed(name):
 @pytest.mark.parametrize("short, full", AMBIGUOUS.items())
 def test_a_name_of_two_generations_is_refused_and_both_are_named(short, full):
     for spelling in (short, short.lower()):
-        with pytest.raises(DiagramError, match=rf"two driver boards.*write '{full}'.*V3\.0 boards are not supported"):
+        with pytest.raises(DiagramError, match=rf"two generations.*write '{full}'.*V3\.0 boards .*not supported"):
             CubeMars(spelling)
 
 
