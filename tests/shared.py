@@ -20,3 +20,8 @@ def shared(name):
 def entries(name):
     """The entries of one file of test vectors."""
     return json.loads(shared(f"vectors/{name}.json").read_text())["entries"]
+
+
+def specifications(section):
+    """One section of the table of actuators."""
+    return json.loads(shared("actuator_specs.json").read_text())[section]
