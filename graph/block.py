@@ -222,14 +222,7 @@ class Block:
 
     def __init__(self, *values, name=None, every=1, **named):
         self.location = caller()
-<<<<<<< ours
         self.live_bounds = {}
-        self._set_parameters(values, named)
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-            raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}",
-                                          path=type(self).__name__, where=self.location))
-=======
->>>>>>> theirs
         self.every = every
         self._set_parameters(values, named)
         scope = current_scope()
@@ -266,19 +259,14 @@ class Block:
                 continue
             value = given.get(key, param.default)
             try:
-<<<<<<< ours
                 if isinstance(value, Live):
                     self.live_bounds[key] = value.bounds(param)
                     value = value.value
-                setattr(self, key, param.check(value) if value is not None else None)
+                setattr(self, key, param.check(value))
                 low, high = self.live_bounds.get(key, (-math.inf, math.inf))
                 if key in self.live_bounds and not low <= getattr(self, key) <= high:
                     raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
-            except (ValueError, TypeError) as error:
-=======
-                setattr(self, key, param.check(value))
             except (ValueError, TypeError, OverflowError) as error:
->>>>>>> theirs
                 wrong(f"{key}: {error}", param.description)
         try:
             every = operator.index(self.every)
@@ -302,11 +290,7 @@ class Block:
 
     def reset(self):
         """Back to the state before the first step."""
-<<<<<<< ours
-        self.__dict__["_scratch"] = None
-=======
         self._scratch = None
->>>>>>> theirs
 
     def output_range(self, **inputs):
         """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs declare."""
