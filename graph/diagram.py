@@ -152,7 +152,6 @@ class Diagram:
 
 
 class subsystem:
-<<<<<<< HEAD
     """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested.
 
     every : its blocks run at every n-th tick, and hold their outputs in between
@@ -162,6 +161,7 @@ class subsystem:
     def __init__(self, name, *, every=1, enabled=None):
         scope = _scope.get()
         where = caller()
+        check_name(name, where)
         if scope is None:
             raise DiagramError(Diagnostic(
                 "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
@@ -178,23 +178,6 @@ class subsystem:
 
     def __exit__(self, *exception):
         _scope.reset(self.token)
-=======
-    """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested."""
-
-    def __init__(self, name):
-        where = caller()
-        check_name(name, where)
-        self.name, self.scope = name, _scope.get()
-        if self.scope is None:
-            raise DiagramError(Diagnostic(
-                "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
-
-    def __enter__(self):
-        self._token = _scope.set(Scope(self.scope.diagram, f"{self.scope.prefix}{self.name}/"))
-        return self.name
-
-    def __exit__(self, *exception):
-        _scope.reset(self._token)
 
 
 def check_name(name, where):
@@ -211,4 +194,3 @@ def is_number(value):
         return np.asarray(value).dtype.kind in "fiub"
     except ValueError:                                      # rows of unequal length
         return False
->>>>>>> 62fe684 (Diagrams: names are checked, None and text are no constants, a diagram may be entered twice)
