@@ -22,7 +22,7 @@ class Saturation(Block):
             raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
 
     def output_range(self, u):
-        return u & Interval(self.span("lower").low, self.span("upper").high)
+        return Interval(self.span("lower").low, self.span("upper").high) & u
 
 
 class SlewRate(Block):

@@ -4,7 +4,9 @@ A declaration carries its documentation: the reference page, the drawing, the CS
 from it. Within a block each name is used once.
 """
 
+import inspect
 import math
+import operator
 import re
 
 import numpy as np
@@ -91,15 +93,19 @@ class Param(_Declaration):
         return self.dtype in (float, int, bool)
 
     def check(self, value):
-        """The value in the parameter's type. ValueError saying which bound it breaks."""
+        """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""
+        if value is None and self.default is None and not self.required:
+            return None
+        if value is None:
+            raise ValueError("a value is wanted, got None")
         if isinstance(value, str) and self.numeric:
             raise ValueError(f"expected a number, got {value!r}")
         if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"expected True or False, got {value!r}")
-        if self.dtype is int and (isinstance(value, bool) or value != int(value)):
-            raise ValueError(f"expected a whole number, got {value!r}")
         if self.numeric and np.ndim(value):
             raise ValueError(f"expected one number, got {value!r}")
+        if self.dtype is int and (isinstance(value, bool) or not math.isfinite(value) or value != int(value)):
+            raise ValueError(f"expected a whole number, got {value!r}")
         if self.dtype is str and not isinstance(value, str):
             raise ValueError(f"expected text, got {value!r}")
         if self.numeric:
@@ -136,7 +142,7 @@ class Param(_Declaration):
         if not self.numeric:
             return self.check(text)
         value = units.parse_quantity(text, self.unit)
-        return self.check(int(value) if self.dtype is int and value == int(value) else value)
+        return self.check(value)
 
 
 class Live:
@@ -190,6 +196,7 @@ class Block:
     resamples = False           # may stand between rates that do not divide
     diagram = None
     path = ""
+    _scratch = None
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
@@ -198,12 +205,16 @@ class Block:
             declared.update({n: d for n, d in vars(base).items() if isinstance(d, _Declaration) or n in declared})
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
+        taken = next((name for name in declared if name in _WORDS), None)
+        if taken is not None:
+            raise TypeError(f"{cls.__name__}: {taken!r} is a word of the language and cannot name a port or parameter")
         for method in ("step", "update", "settle"):
             function = vars(cls).get(method)
-            if function is None or not hasattr(function, "__code__") or cls.variadic:
+            if function is None or cls.variadic:
                 continue
-            strangers = [n for n in _arguments(function) if n not in cls.inputs and n not in CLOCK]
-            if strangers and not function.__code__.co_flags & 0x04:
+            names, takes_all = _arguments(function)
+            strangers = [] if takes_all else [n for n in names if n not in cls.inputs and n not in CLOCK]
+            if strangers:
                 raise TypeError(
                     f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input ({', '.join(cls.inputs) or 'none'}) "
                     f"nor one of {', '.join(CLOCK)}"
@@ -212,11 +223,8 @@ class Block:
     def __init__(self, *values, name=None, every=1, **named):
         self.location = caller()
         self.live_bounds = {}
-        self._set_parameters(values, named)
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
-            raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}",
-                                          path=type(self).__name__, where=self.location))
         self.every = every
+        self._set_parameters(values, named)
         scope = current_scope()
         if scope is not None:
             scope.adopt(self, name)
@@ -254,12 +262,21 @@ class Block:
                 if isinstance(value, Live):
                     self.live_bounds[key] = value.bounds(param)
                     value = value.value
-                setattr(self, key, param.check(value) if value is not None else None)
+                setattr(self, key, param.check(value))
                 low, high = self.live_bounds.get(key, (-math.inf, math.inf))
                 if key in self.live_bounds and not low <= getattr(self, key) <= high:
                     raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
-            except (ValueError, TypeError) as error:
+            except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {error}", param.description)
+        try:
+            every = operator.index(self.every)
+        except TypeError:
+            every = 0
+        if not 1 <= every < 2**31:
+            problems.append(Diagnostic(
+                "TW014", f"every must be a whole number of ticks, 1 or more, got {self.every!r}", path=who, where=self.location,
+                hint="every=2 runs the block in every second tick"))
+        self.every = every
         if problems:
             raise DiagramError(problems)
 
@@ -273,7 +290,7 @@ class Block:
 
     def reset(self):
         """Back to the state before the first step."""
-        self.__dict__["_scratch"] = None
+        self._scratch = None
 
     def output_range(self, **inputs):
         """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs declare."""
@@ -327,7 +344,7 @@ class Block:
     def scratch(self):
         from graph.scratch import Scratch
 
-        if self.__dict__.get("_scratch") is None:
+        if self._scratch is None:
             self._scratch = Scratch(self)
         return self._scratch
 
@@ -342,11 +359,16 @@ class Block:
     def step_inputs(self):
         """Names of the inputs with direct feedthrough, in the order the step takes them, and of the clock arguments among them."""
         if self.is_python:
-            return _arguments(type(self).step)
+            return self.arguments_of("step")
         return list(self.inputs if self.feedthrough is None else self.feedthrough)
 
     def update_inputs(self):
-        return _arguments(type(self).update) if self.has_python_update else []
+        return self.arguments_of("update") if self.has_python_update else []
+
+    def arguments_of(self, method):
+        """Names of the inputs and clock arguments that a method takes, in its order; `*inputs` takes all that it does not name."""
+        names, takes_all = _arguments(getattr(type(self), method))
+        return names + [name for name in self.inputs if name not in names] if takes_all else names
 
     def set(self, name, text):
         """Set a parameter from command-line text, before the compile. DiagramError if there is none of that name or the value is wrong."""
@@ -384,6 +406,10 @@ class Block:
         return f"<{type(self).__name__} {self.path}>"
 
 
+# Names that a declaration would take from every block.
+_WORDS = {word for word in vars(Block) if not word.startswith("_")} | {"name", "every", "location", "settle"}
+
+
 class Sink(Block):
     """A block that only takes: a recorder or a viewer. It has no step; the recorder process serves it. Unwired, it takes every port."""
 
@@ -392,8 +418,14 @@ class Sink(Block):
 
 
 def _arguments(function):
-    code = function.__code__
-    return list(code.co_varnames[1 : code.co_argcount])
+    """(names of the positional arguments after self, whether it takes any number of them). TypeError where one must be named."""
+    kinds = inspect.Parameter
+    parameters = list(inspect.signature(function).parameters.values())
+    named = next((p.name for p in parameters if p.kind is kinds.KEYWORD_ONLY and p.default is kinds.empty), None)
+    if named is not None:
+        raise TypeError(f"{function.__qualname__} takes {named!r} by name only, and inputs are given by position")
+    names = [p.name for p in parameters if p.kind in (kinds.POSITIONAL_ONLY, kinds.POSITIONAL_OR_KEYWORD)]
+    return names[1:], any(p.kind is kinds.VAR_POSITIONAL for p in parameters)
 
 
 def snake_case(name):

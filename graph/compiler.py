@@ -21,6 +21,9 @@ from graph.layout import Layout, kernel_tables
 from graph.schedule import Column, DeviceSteps, Proof, Schedule, SignalPlace, SinkColumns, Step
 
 
+NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before it
+
+
 def compile(diagram):
     """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
     compilation = Compilation(diagram)
@@ -28,9 +31,11 @@ def compile(diagram):
         compilation.check_names,
         compilation.check_wires,
         compilation.check_steps,
+        compilation.check_dtypes,
         compilation.check_shapes,
         compilation.check_units,
         compilation.check_actuators,
+        compilation.check_timeouts,
         compilation.check_addresses,
         compilation.check_rates,
         compilation.sort,
@@ -108,11 +113,27 @@ class Compilation:
 
     def check_steps(self):
         for block in self.blocks:
-            computes = block.is_python or block.kernel is not None or block.update_kernel is not None or block.has_python_update
+            computes = self.steps(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
             if not computes and not isinstance(block, (Device, Sink)):
-                self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block)
+                self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block,
+                            hint=f"define step(self, {', '.join(block.inputs)})" if block.inputs else "define step(self)")
 
-    # Shapes and units: the same at both ends of a wire
+    # Types, shapes and units: the same at both ends of a wire
+
+    def check_dtypes(self):
+        """A truth is a whole number and a whole number is a number, not the other way round. "any" ports pass what they are given."""
+        for (block, name), source in self.wired_inputs():
+            wanted = block.inputs[name].dtype
+            if isinstance(source, Signal):
+                declared = source.declaration
+                fits = NARROW_TO_WIDE.index(declared.dtype) <= NARROW_TO_WIDE.index(wanted) or declared.unit == units.ANY
+                got = f"{declared.dtype}{self.origin(source)}"
+            else:
+                fits = wanted == "float" or np.all(np.isin(source, (0, 1)) if wanted == "bool" else np.isfinite(source) & (source == np.rint(source)))
+                got = f"{source}"
+            if not fits:
+                self.report("TW008", f"expected {wanted}, got {got}", block, name, self.where(block, name),
+                            "a block of your own can compare it with a threshold" if wanted == "bool" else "a block of your own can round it")
 
     def check_shapes(self):
         self.shapes = infer_shapes(self.blocks, self.sources)
@@ -160,11 +181,17 @@ class Compilation:
                 self.report("TW005", f"none of its commands is wired ({', '.join(block.inputs)})", block,
                             hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or take the actuator out")
 
+    def check_timeouts(self):
+        for block in self.blocks:
+            if isinstance(block, Device) and 0.0 < block.timeout < 2.0 / self.diagram.rate:
+                self.report("TW010", f"timeout: {block.timeout:g} s is shorter than two ticks at {self.diagram.rate:g} Hz, so that every run "
+                            "would end as silent", block, hint=f"timeout={2.0 / self.diagram.rate:.3g} or more, or 0 for never")
+
     def check_addresses(self):
         taken = {}
         for block in self.blocks:
             for address in block.addresses() if isinstance(block, Device) else ():
-                other = taken.setdefault((type(block).__module__, block.bus, address), block)
+                other = taken.setdefault((block.bus, address), block)
                 if other is not block:
                     self.report("TW013", f"shares CAN id {address[0]} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
                                 hint="give each device on a bus its own `can_id`")
@@ -347,7 +374,7 @@ class Compilation:
             if block.settle_kernel is not None:
                 settle.append(native(block, block.settle_kernel))
             elif hasattr(block, "settle") and block.is_python:
-                settle.append(python(block, block.settle, _method_inputs(block.settle), {}))
+                settle.append(python(block, block.settle, block.arguments_of("settle"), {}))
             settle.append(step)
         update = sorted(
             [native(b, b.update_kernel) for b in self.blocks if b.update_kernel is not None]
@@ -421,8 +448,3 @@ def cluster(graph):
 
 def kind(block):
     return block.every, tuple(condition.path for condition in block.conditions), block.is_python
-
-
-def _method_inputs(method):
-    code = method.__func__.__code__
-    return list(code.co_varnames[1 : code.co_argcount])

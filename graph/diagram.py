@@ -1,5 +1,6 @@
 """Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the compiler's to say."""
 
+import numbers
 from collections import namedtuple
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -81,21 +82,21 @@ class Diagram:
     """
 
     def __init__(self, name, rate):
-        if not (isinstance(rate, (int, float)) and 0 < rate < float("inf")):
-            raise DiagramError(Diagnostic("TW010", f"the rate must be above 0 Hz, got {rate!r}", path=str(name), where=caller()))
+        if not isinstance(rate, numbers.Real) or not 0 < rate < float("inf"):
+            raise DiagramError(Diagnostic("TW010", f"the rate must be a number above 0 Hz, got {rate!r}", path=str(name), where=caller()))
         self.name, self.rate = name, rate
         self.blocks = {}
         self.wires = []
         self.duplicates = []            # blocks whose name was taken, for the compiler to report
         self._numbers = {}              # path: the last number that was added to it, to tell blocks of one kind apart
-        self._token = None
+        self._tokens = []
 
     def __enter__(self):
-        self._token = _scope.set(Scope(self))
+        self._tokens.append(_scope.set(Scope(self)))
         return self
 
     def __exit__(self, *exception):
-        _scope.reset(self._token)
+        _scope.reset(self._tokens.pop())
 
     def __getitem__(self, path):
         try:
@@ -115,6 +116,8 @@ class Diagram:
     def add(self, block, name, prefix):
         from graph.block import snake_case
 
+        if name is not None:
+            check_name(name, block.location)
         wanted = prefix + (name or snake_case(type(block).__name__))
         path, number = wanted, self._numbers.get(wanted, 1)
         while path in self.blocks:
@@ -138,11 +141,7 @@ class Diagram:
                 "TW012", f"got {len(source)} signals ({', '.join(item.port for item in source)}) where one is wanted", path=block.path,
                 port=port or "", where=where, hint="choose one by name, as in block(...).position"))
         else:
-            try:
-                array = np.asarray(source, dtype=float)
-            except (TypeError, ValueError):
-                array = None
-            if array is None or block.variadic:
+            if not is_number(source) or block.variadic:
                 raise DiagramError(Diagnostic(
                     "TW012", f"{source!r} is neither a signal nor a number", path=block.path, port=port or "", where=where,
                     hint="wire a block's output, as in knee.position, or what a call returned"))
@@ -162,6 +161,7 @@ class subsystem:
     def __init__(self, name, *, every=1, enabled=None):
         scope = _scope.get()
         where = caller()
+        check_name(name, where)
         if scope is None:
             raise DiagramError(Diagnostic(
                 "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
@@ -178,3 +178,19 @@ class subsystem:
 
     def __exit__(self, *exception):
         _scope.reset(self.token)
+
+
+def check_name(name, where):
+    """A name is text that a path, a column and a command line can carry: without `/`, which parts subsystems, and `.`, which parts ports."""
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or set(name) & set("/.="):
+        raise DiagramError(Diagnostic(
+            "TW010", f"{name!r} cannot be a name", where=where,
+            hint="a name is printable text without '/', '.' and '='; subsystems make paths, as in `with subsystem(\"left\")`"))
+
+
+def is_number(value):
+    """Whether a value can be wired as a constant: a number, or an array of numbers."""
+    try:
+        return np.asarray(value).dtype.kind in "fiub"
+    except ValueError:                                      # rows of unequal length
+        return False

@@ -12,10 +12,6 @@ def _up(value):
     return math.nextafter(value, math.inf)
 
 
-if not hasattr(math, "nextafter"):
-    raise ImportError("Python 3.9 or newer is needed")
-
-
 @dataclass(frozen=True)
 class Interval:
     """All x with low <= x <= high, or NaN: a NaN passes every block and is a fault at the actuator."""
@@ -48,6 +44,8 @@ class Interval:
     def __add__(self, other):
         exact = 0.0 in (self.low, other.low) and 0.0 in (self.high, other.high)
         low, high = self.low + other.low, self.high + other.high
+        if math.isnan(low) or math.isnan(high):
+            return EVERYTHING                               # an infinity less itself: NaN, or whatever else the ends hold
         return Interval(low, high) if exact else Interval(_down(low), _up(high))
 
     def __sub__(self, other):

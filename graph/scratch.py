@@ -3,7 +3,7 @@
 import numpy as np
 
 from cext.program import call_kernel
-from graph.block import Block, size_of
+from graph.block import size_of
 from graph.layout import Layout, kernel_tables
 
 
@@ -13,18 +13,23 @@ class Scratch:
     def __init__(self, block):
         if block.kernel is None and block.update_kernel is None:
             raise TypeError(f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel")
-        if block.dt is None and type(block).prepare is not Block.prepare:
-            raise TypeError(
-                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, in s, before the first step")
         self.block = block
         self.arena = None
 
     def build(self, inputs):
         block = self.block
-        free = next((np.shape(inputs[n]) for n, p in block.inputs.items() if p.shape is ...), ())
+        given = (np.shape(inputs[n]) for n, p in block.inputs.items() if p.shape is ...)
+        free = next((shape for shape in given if shape), ())
         self.shapes = {n: free if p.shape is ... else p.shape for n, p in (block.inputs | block.outputs).items()}
         block.width = size_of(free)
-        block.prepare(block.dt)
+        try:
+            block.prepare(block.dt)
+        except TypeError:
+            if block.dt is not None:
+                raise
+            raise TypeError(
+                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, in s, before the first step"
+            ) from None
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
         self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
@@ -35,9 +40,11 @@ class Scratch:
         self.arena = layout.arena()
         period = block.dt if block.dt is not None else 1e-3
         self.arena[[2, 3, 6]] = period, period, 1.0
+        self.rate = 1.0 / period
         self.tick = 0
 
-    def load(self, values, named):
+    def load(self, values, named, needed):
+        """Put the inputs into the arena; `needed` are those that the kernel reads."""
         block = self.block
         names = list(block.inputs)
         if len(values) > len(names) or set(named) - set(names):
@@ -45,6 +52,9 @@ class Scratch:
         inputs = {n: p.default for n, p in block.inputs.items()}
         inputs.update(zip(names, values))
         inputs.update(named)
+        missing = [n for n, value in inputs.items() if value is None and n in needed]
+        if missing:
+            raise TypeError(f"{type(block).__name__} takes {', '.join(names)}: {missing[0]} has no value")
         if self.arena is None:
             self.build(inputs)
         for name, value in inputs.items():
@@ -61,8 +71,8 @@ class Scratch:
             raise ArithmeticError(f"the kernel of {self.block.path} returned status {status}")
 
     def step(self, values, named):
-        self.load(values, named)
-        self.arena[0], self.arena[1] = self.tick * self.arena[3], self.tick
+        self.load(values, named, self.block.step_inputs())
+        self.arena[0], self.arena[1] = self.tick / self.rate, self.tick
         if self.block.kernel is not None:
             self.call(self.block.kernel)
         self.tick += 1
@@ -75,6 +85,6 @@ class Scratch:
         return results[0] if len(results) == 1 else tuple(results)
 
     def update(self, values, named):
-        self.load(values, named)
+        self.load(values, named, self.block.inputs)
         if self.block.update_kernel is not None:
             self.call(self.block.update_kernel)

@@ -1,0 +1,371 @@
+"""The compiler: everything that is wrong, at once, with the block, the port, the line and the cure."""
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.controllers import GaitPhase, Impedance
+from blocks.discrete import UnitDelay
+from blocks.limiters import TorqueLimiter
+from blocks.mathematics import Gain, Sum
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine, StepSource
+from graph import Actuator, Block, Diagram, Input, Memory, Output, Sink, compile, subsystem
+from tests.graph.complaints import complaint, complaints, here
+
+
+class Integers(Block):
+    """Takes a whole number, gives one and a truth."""
+
+    count = Input("any", dtype=int)
+    twice = Output("1", dtype=int)
+    positive = Output("1", dtype=bool)
+
+    def step(self, count):
+        return 2 * count, count > 0
+
+
+class Flag(Block):
+    """Takes a truth."""
+
+    on = Input("1", dtype=bool, default=True)
+    y = Output("1")
+
+    def step(self, on):
+        return 1.0 if on else 0.0
+
+
+def test_an_unconnected_input_is_told_where_its_block_was_made():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("left"):
+            impedance = Impedance(name="assist"); at = here()
+        impedance(position=0.1)
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW001", "left/assist", "velocity", at)
+    assert found.message == "nothing is wired to it, and it has no default [rad/s]" and found.hint == "wire it, as in assist(velocity=...)"
+
+
+def test_an_input_with_a_default_may_stay_unwired():
+    with Diagram("d", rate=100) as diagram:
+        Impedance()(position=0.1, velocity=0.0)
+    schedule = compile(diagram)
+    assert "impedance.torque" in schedule.signals
+
+
+def test_an_input_wired_twice_is_told_with_both_lines():
+    with Diagram("d", rate=100) as diagram:
+        gain = Gain(name="g")
+        gain(Sine().y); first = here()
+        gain(1.0); second = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW004", "g", "u", second)
+    assert found.message == f"is already wired at {first}" and "Sum" in found.hint
+
+
+def test_an_input_given_by_place_and_by_name_is_wired_twice():
+    with Diagram("d", rate=100) as diagram:
+        Gain(name="g")(1.0, u=2.0)
+    assert complaint(diagram).code == "TW004"
+
+
+def test_an_actuator_that_is_never_commanded_is_told():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK80-9", name="knee"); at = here()
+        Gain()(knee.position)
+    found = complaint(diagram)
+    assert (found.code, found.path, found.where) == ("TW005", "knee", at)
+    assert found.message.startswith("none of its commands is wired (position_command, velocity_command, torque_command")
+    assert found.hint == "wire one, as in knee(position_command=...), or take the actuator out"
+
+
+def test_two_drives_with_one_id_on_one_bus_name_each_other():
+    with Diagram("d", rate=100) as diagram:
+        CubeMars("AK80-9", bus="legs", can_id=3, name="a")(torque_command=0.0); first = here()
+        CubeMars("AK80-9", bus="legs", can_id=3, name="b")(torque_command=0.0); second = here()
+        CubeMars("AK80-9", bus="arms", can_id=3, name="c")(torque_command=0.0)
+        CubeMars("AK80-9", bus="legs", can_id=4, name="d")(torque_command=0.0)
+    found = complaint(diagram)
+    assert (found.code, found.path, found.where) == ("TW013", "b", second)
+    assert found.message == f"shares CAN id 3 on bus 'legs' with a, made at {first}" and "can_id" in found.hint
+
+
+def test_an_id_is_shared_also_with_a_device_of_another_make():
+    class OtherDrive(CubeMars):
+        """A lab's own driver, in a module of its own."""
+
+    with Diagram("d", rate=100) as diagram:
+        CubeMars("AK80-9", can_id=3, name="a")(torque_command=0.0)
+        OtherDrive("AK80-9", can_id=3, name="b")(torque_command=0.0)
+    assert complaint(diagram).code == "TW013"
+
+
+def test_a_timeout_shorter_than_two_ticks_is_told_with_one_that_works():
+    def at_rate(rate, **parameters):
+        with Diagram("d", rate=rate) as diagram:
+            CubeMars("AK80-9", **parameters)(torque_command=0.0)
+        return diagram
+
+    found = complaint(at_rate(8))
+    assert (found.code, found.path) == ("TW010", "cube_mars") and "0.1 s is shorter than two ticks at 8 Hz" in found.message
+    assert found.hint == "timeout=0.25 or more, or 0 for never"
+    for diagram in (at_rate(20), at_rate(8, timeout=0.25), at_rate(8, timeout=0.0)):
+        assert compile(diagram).devices
+
+
+def test_a_loop_is_spelled_out_as_a_cycle_with_ports():
+    with Diagram("d", rate=100) as diagram:
+        a, b, c = Sum("++", name="a"), Gain(name="b"), Gain(name="c")
+        a(Sine().y, c.y); at = here()
+        b(a.y)
+        c(b.y)
+        Gain(name="behind")(c.y)
+    found = complaint(diagram)
+    assert (found.code, found.path, found.where) == ("TW006", "a", at)
+    assert found.message == "each of these needs the other in the same tick: a.y -> b.u, b.y -> c.u, c.y -> a.u2"
+    assert "UnitDelay" in found.hint
+
+
+def test_a_block_that_feeds_itself_is_a_loop():
+    with Diagram("d", rate=100) as diagram:
+        total = Sum("++", name="total")
+        total(total.y, 1.0)
+    assert complaint(diagram).message.endswith("total.y -> total.u1")
+
+
+def test_every_loop_is_told_and_only_the_shortest_cycle_of_each():
+    with Diagram("d", rate=100) as diagram:
+        for side in ("left", "right"):
+            with subsystem(side):
+                total, short = Sum("+++", name="a"), Gain(name="b")
+                long = Gain(name="d")
+                total(short(total.y), long(Gain(name="c")(short.y)), 1.0)
+    found = complaints(diagram)
+    assert [d.code for d in found] == ["TW006", "TW006"]
+    assert found[0].message.endswith("left/a.y -> left/b.u, left/b.y -> left/a.u1") and "right/a" in found[1].message
+
+
+def test_a_delay_opens_a_loop_and_so_does_an_input_that_a_step_does_not_take():
+    class Integrator(Block):
+        """State from update alone: no feedthrough."""
+
+        u = Input("1")
+        y = Output("1")
+
+        def reset(self):
+            self.total = 0.0
+
+        def step(self):
+            return self.total
+
+        def update(self, u):
+            self.total += u
+
+    with Diagram("d", rate=100) as diagram:
+        delay, integrator = UnitDelay(), Integrator()
+        delay(Gain(0.5)(delay.y))
+        integrator(Gain(-1.0)(integrator.y))
+    assert len(compile(diagram).output) == 4
+
+
+def test_a_loop_through_an_actuator_needs_no_delay():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=TorqueLimiter(limit=5.0)(Gain(0.1)(knee.torque_sent)))
+    assert [step.name for step in compile(diagram).output] == ["gain", "torque_limiter"]
+
+
+@pytest.mark.parametrize("source, message", [
+    (2.5, "expected int, got 2.5"), (float("nan"), "expected int, got nan"), (float("inf"), "expected int, got inf"),
+])
+def test_a_number_that_is_not_whole_does_not_fit_a_whole_input(source, message):
+    with Diagram("d", rate=100) as diagram:
+        Integers(name="i")(source); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where, found.message) == ("TW008", "i", "count", at, message)
+
+
+def test_types_only_widen_along_a_wire():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=0.0)
+        first = Integers(name="first")(knee.fault)
+        Integers(name="second")(first.positive)                 # a truth is a whole number
+        Gain()(first.twice)                                     # and a whole number is a number
+        Integers(name="third")(knee.position); at = here()
+        Flag(name="fourth")(first.twice)
+        Flag(name="fifth")(2)
+        Flag(name="sixth")(1)
+        Integers(name="seventh")(StepSource().y)                # a source of anything may be a source of this
+    fifth, fourth, third = complaints(diagram)
+    assert (third.code, third.path, third.port, third.where) == ("TW008", "third", "count", at)
+    assert third.message == "expected int, got float from cube_mars.position" and third.hint == "a block of your own can round it"
+    assert (fourth.path, fourth.message) == ("fourth", "expected bool, got int from first.twice") and "threshold" in fourth.hint
+    assert (fifth.path, fifth.message) == ("fifth", "expected bool, got 2.0")
+
+
+def test_a_block_that_computes_nothing_is_told():
+    class Idle(Block):
+        """Has ports and no step."""
+
+        u = Input("1")
+        y = Output("1")
+
+    class OnlyUpdates(Idle):
+        """Has an output that nothing gives a value."""
+
+        def update(self, u):
+            pass
+
+    with Diagram("d", rate=100) as diagram:
+        Idle()(1.0)
+        OnlyUpdates()(1.0)
+    idle, only = complaints(diagram)
+    assert (idle.code, idle.message, idle.hint) == ("TW015", "Idle has neither a step nor a kernel", "define step(self, u)")
+    assert (only.code, only.path) == ("TW015", "only_updates")
+
+
+def test_eight_different_mistakes_give_eight_diagnostics():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
+        CubeMars("AK10-9-V2.0", can_id=1, name="shared")(torque_command=0.0)
+        CubeMars("AK10-9-V2.0", can_id=2, name="idle")
+        Impedance(name="open")(position=0.0)
+        Impedance(name="units")(position=knee.velocity, velocity=0.0)
+        Impedance(name="shapes")(position=[0.0, 1.0], velocity=0.0)
+        twice = Gain(name="twice")
+        twice(1.0), twice(2.0)
+        loop = Gain(name="loop")
+        loop(loop.y)
+        knee(torque_command=Impedance(name="free")(knee.position, knee.velocity))
+    found = {(d.code, d.path, d.port) for d in complaints(diagram)}
+    assert found == {
+        ("TW013", "shared", ""), ("TW005", "idle", ""), ("TW001", "open", "velocity"), ("TW002", "units", "position"),
+        ("TW003", "shapes", "position"), ("TW004", "twice", "u"), ("TW006", "loop", ""), ("TW007", "knee", "torque_command"),
+    }
+
+
+def test_a_block_that_nobody_uses_is_a_warning_unless_everything_is_recorded():
+    with Diagram("d", rate=100) as diagram:
+        Sine(name="lonely"); at = here()
+    (warning,) = compile(diagram).warnings
+    assert (warning.code, warning.path, warning.where, warning.severity) == ("TW020", "lonely", at, "warning")
+    with diagram:
+        CsvRecorder()
+    assert compile(diagram).warnings == []
+
+
+def test_a_sink_that_is_wired_takes_its_signals_with_their_labels_and_no_others():
+    with Diagram("d", rate=100) as diagram:
+        sine = Sine().y
+        Gain()(sine)
+        CsvRecorder(name="some")(sine, doubled=Gain(2.0, name="twice")(sine))
+    schedule = compile(diagram)
+    assert [column.path for column in schedule.sinks[0].columns] == ["sine.y", "doubled"]
+    assert [d.path for d in schedule.warnings] == ["gain"]
+    assert len(schedule.columns) == 2
+
+
+def test_vector_columns_carry_their_index():
+    class Triple(Block):
+        """A vector."""
+
+        y = Output("m/s²", shape=(3,))
+
+        def step(self):
+            return 1.0, 2.0, 3.0
+
+    with Diagram("d", rate=100) as diagram:
+        Triple(name="imu")
+        CsvRecorder()
+    columns = compile(diagram).sinks[0].columns
+    assert [(column.path, column.unit) for column in columns] == [(f"imu.y[{i}]", "m/s²") for i in range(3)]
+
+
+def test_an_empty_diagram_compiles():
+    schedule = compile(Diagram("nothing", rate=100))
+    assert schedule.output == [] and schedule.signals == {} and schedule.gil_sections == 0
+
+
+def test_compiling_twice_gives_the_same_schedule():
+    with Diagram("d", rate=100) as diagram:
+        knee = CubeMars("AK80-9")
+        knee(torque_command=TorqueLimiter(limit=5.0)(knee.torque))
+        CsvRecorder()
+    first, second = compile(diagram), compile(diagram)
+    assert [s.slots for s in first.output] == [s.slots for s in second.output] and (first.arena == second.arena).all()
+    assert first.parameters == second.parameters and first.signals == second.signals
+
+
+def test_parameters_of_native_blocks_have_their_slot():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("left"):
+            Impedance(stiffness=40.0)(0.0, 0.0)
+    schedule = compile(diagram)
+    assert schedule.arena[schedule.parameters["left/impedance.stiffness"]] == 40.0
+    assert set(schedule.parameters) == {"left/impedance.stiffness", "left/impedance.damping"}
+
+
+def test_python_steps_stand_together_so_that_the_gil_is_taken_once():
+    class Half(Block):
+        """A Python block."""
+
+        u = Input("any")
+        y = Output("any")
+
+        def step(self, u):
+            return 0.5 * u
+
+    with Diagram("d", rate=100) as diagram:
+        for _ in range(5):
+            Half()(Gain()(Half()(Gain()(Sine().y))))
+    assert compile(diagram).gil_sections == 2
+
+
+def test_slow_blocks_stand_together_after_what_they_need():
+    with Diagram("d", rate=100) as diagram:
+        signal = Sine().y
+        Gain(every=4, name="slow")(Gain(every=2, name="half")(Gain(name="fast")(signal)))
+    assert [(step.name, step.every) for step in compile(diagram).output] == [("sine", 1), ("fast", 1), ("half", 2), ("slow", 4)]
+
+
+def test_hooks_of_devices_that_raise_are_told_with_their_line():
+    class Broken(Actuator):
+        """Its limits make no sense."""
+
+        torque_command = Input("N·m", default=0.0)
+        age = Output("s")
+        decode = encode = object()
+
+        def command_limits(self):
+            raise ValueError("no limits are known of this one")
+
+    with Diagram("d", rate=100) as diagram:
+        Broken(name="b")(torque_command=0.0)
+    found = complaint(diagram)
+    assert (found.code, found.path, found.message) == ("TW010", "b", "no limits are known of this one")
+
+
+def test_memory_of_any_length_is_placed():
+    class Buffered(Gain):
+        """Asks for memory that depends on the rate."""
+
+        buffer = Memory(0.0)
+
+        def prepare(self, dt):
+            self.buffer = [0.0] * round(1.0 / dt)
+
+    with Diagram("d", rate=50) as diagram:
+        Buffered()(1.0)
+    assert compile(diagram).output[0].sizes[-1] == 50
+
+
+def test_a_sink_with_inputs_of_its_own_must_be_wired():
+    class Gauge(Sink):
+        """Shows an angle."""
+
+        variadic = False
+        angle = Input("rad")
+
+    with Diagram("d", rate=100) as diagram:
+        Gauge(name="open")
+        Gauge(name="wrong")(GaitPhase()(0.0, 0.0).phase)
+    assert [(d.code, d.path) for d in complaints(diagram)] == [("TW001", "open"), ("TW002", "wrong")]

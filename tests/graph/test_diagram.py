@@ -1,0 +1,196 @@
+"""Diagrams: names, subsystems, wires, and what is refused while they are made."""
+
+import math
+from contextlib import ExitStack
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.controllers import GaitPhase
+from blocks.mathematics import Gain, Sum
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Diagram, DiagramError, compile, subsystem
+from tests.graph.complaints import complaints, here, refusal
+
+
+@pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, "200", None, 1j])
+def test_a_rate_is_a_number_above_zero(rate):
+    found = refusal(Diagram, "d", rate)
+    assert found.code == "TW010" and found.message == f"the rate must be a number above 0 Hz, got {rate!r}"
+    assert found.where.file == refusal.__code__.co_filename
+
+
+@pytest.mark.parametrize("rate", [1, 0.5, np.float32(200), np.int64(200), Fraction(400, 3)])
+def test_any_real_number_is_a_rate(rate):
+    with Diagram("d", rate=rate) as diagram:
+        Gain()(Sine().y)
+    assert compile(diagram).rate == rate and diagram["gain"].dt == pytest.approx(1.0 / float(rate))
+
+
+def test_subsystems_make_paths_and_end_with_their_with():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("left"):
+            with subsystem("knee"):
+                inner = Gain(name="g")
+            outer = Gain(name="g")
+        top = Gain(name="g")
+    assert [block.path for block in diagram] == ["left/knee/g", "left/g", "g"] == [inner.path, outer.path, top.path]
+    assert diagram["left/knee/g"] is inner and len(diagram) == 3
+
+
+def test_fifty_subsystems_deep_is_a_path_like_any_other():
+    with Diagram("d", rate=100) as diagram, ExitStack() as scopes:
+        for depth in range(50):
+            scopes.enter_context(subsystem(f"level{depth}"))
+        Gain(name="deep")(Sine().y)
+    path = "/".join(f"level{depth}" for depth in range(50)) + "/deep"
+    assert compile(diagram).signals[f"{path}.y"].path == f"{path}.y"
+
+
+def test_a_subsystem_outside_a_diagram_is_told_at_its_own_line():
+    with pytest.raises(DiagramError) as caught:
+        at = here(); subsystem("left")
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.where) == ("TW011", at) and found.message == "subsystem('left') stands outside a diagram"
+
+
+@pytest.mark.parametrize("name", ["", " ", "a/b", "a.b", "a=b", "a\nb", 3, b"a"])
+def test_a_name_is_text_that_a_path_can_carry(name):
+    with Diagram("d", rate=100):
+        assert refusal(Gain, name=name).message == f"{name!r} cannot be a name"
+        assert refusal(subsystem, name).message == f"{name!r} cannot be a name"
+
+
+def test_names_may_be_of_any_script():
+    with Diagram("Knie", rate=100) as diagram:
+        with subsystem("左"):
+            Gain(name="Verstärkung α")(Sine(name="σῆμα").y)
+    assert sorted(compile(diagram).signals) == ["左/Verstärkung α.y", "左/σῆμα.y"]
+
+
+def test_blocks_without_a_name_are_numbered_and_a_given_name_is_kept():
+    with Diagram("d", rate=100) as diagram:
+        paths = [Gain().path, Gain(name="gain_3").path, Gain().path, Gain().path, Gain().path]
+    assert paths == ["gain", "gain_3", "gain_2", "gain_4", "gain_5"]
+    assert diagram.duplicates == []
+
+
+def test_a_name_given_twice_names_both_lines():
+    with Diagram("d", rate=100) as diagram:
+        Gain(name="same")(1.0); first = here()
+        Gain(name="same")(2.0); second = here()
+        Gain(name="same")(3.0); third = here()
+    found = complaints(diagram)
+    assert [(d.code, d.where) for d in found] == [("TW009", second), ("TW009", third)]
+    assert found[0].message == f"the name is taken by the block made at {first}" and found[0].hint == "choose another `name=`"
+
+
+def test_the_same_name_in_two_subsystems_is_two_names():
+    with Diagram("d", rate=100) as diagram:
+        for side in ("left", "right"):
+            with subsystem(side):
+                Gain(name="g")(Sine().y)
+    assert {"left/g.y", "right/g.y"} <= set(compile(diagram).signals)
+
+
+def test_a_wire_between_two_diagrams_is_refused_at_its_line():
+    with Diagram("first", rate=100):
+        sine = Sine()
+    with Diagram("second", rate=100):
+        gain = Gain()
+        with pytest.raises(DiagramError) as caught:
+            at = here(); gain(sine.y)
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.path, found.port, found.where) == ("TW011", "gain", "u", at)
+    assert found.message == "the signal sine.y comes from a block that is not in this diagram"
+
+
+def test_a_signal_of_a_block_outside_every_diagram_is_refused():
+    sine = Sine()
+    with Diagram("d", rate=100):
+        assert refusal(Gain(), sine.y).code == "TW011"
+
+
+def test_a_diagram_may_be_left_and_entered_again_also_within_another():
+    with Diagram("a", rate=100) as a:
+        with Diagram("b", rate=100) as b:
+            with a:
+                Gain(name="one")(1.0)
+            Gain(name="two")(1.0)
+        Gain(name="three")(1.0)
+    with a:
+        Gain(name="four")(1.0)
+    assert [block.path for block in a] == ["one", "three", "four"] and [block.path for block in b] == ["two"]
+    assert Gain().diagram is None
+
+
+def test_an_exception_in_a_with_leaves_no_scope_behind():
+    with pytest.raises(RuntimeError):
+        with Diagram("d", rate=100):
+            with subsystem("left"):
+                raise RuntimeError
+    assert Gain().diagram is None
+
+
+@pytest.mark.parametrize("source", [None, "1.0", "abc", object(), [1.0, [2.0]], 1j, {"a": 1}, math])
+def test_what_is_neither_signal_nor_number_is_not_wired(source):
+    with Diagram("d", rate=100):
+        gain = Gain(name="g")
+        found = refusal(gain, source)
+    assert (found.code, found.path, found.port) == ("TW012", "g", "u")
+    assert found.message == f"{source!r} is neither a signal nor a number"
+
+
+def test_a_block_in_place_of_its_output_is_not_wired():
+    with Diagram("d", rate=100):
+        found = refusal(Gain(), CubeMars("AK80-9"))
+    assert found.code == "TW012" and found.hint == "wire a block's output, as in knee.position, or what a call returned"
+
+
+def test_several_outputs_where_one_is_wanted_are_told_by_name():
+    with Diagram("d", rate=100):
+        phase = GaitPhase()(0.0, 0.0)
+        found = refusal(Gain(), phase)
+    assert found.message == "got 4 signals (phase, walking, stride_time, strides) where one is wanted"
+
+
+def test_outputs_come_back_by_place_and_by_name():
+    with Diagram("d", rate=100):
+        outputs = GaitPhase()(angle=0.0, velocity=0.0)
+        phase, walking, *_ = outputs
+    assert outputs.phase is phase and walking.path == "gait_phase.walking" and walking.declaration.dtype == "bool"
+
+
+def test_a_number_is_no_recording():
+    with Diagram("d", rate=100):
+        assert refusal(CsvRecorder(), 1.0).code == "TW012"
+
+
+def test_a_signal_has_no_value_before_the_diagram_runs():
+    with Diagram("d", rate=100):
+        sine = Sine()
+        with pytest.raises(TypeError, match="sine.y is a signal, which has no value until the diagram runs"):
+            if sine.y:
+                pass
+
+
+def test_a_block_that_is_not_there_is_missed_with_a_suggestion():
+    with Diagram("d", rate=100) as diagram:
+        Gain(name="assist")
+    with pytest.raises(KeyError, match="d has no block 'asist': did you mean 'assist'"):
+        diagram["asist"]
+
+
+def test_functions_compose_diagrams_and_the_line_is_the_functions():
+    def leg(side):
+        with subsystem(side):
+            return Sum("++")(Sine().y); at = here()
+
+    with Diagram("d", rate=100) as diagram:
+        leg("left"), leg("right")
+    found = complaints(diagram)
+    assert [(d.code, d.path, d.port) for d in found] == [("TW001", "left/sum", "u2"), ("TW001", "right/sum", "u2")]
+    assert {d.where for d in found} == {type(found[0].where)(__file__, leg.__code__.co_firstlineno + 2)}
