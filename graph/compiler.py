@@ -220,7 +220,7 @@ class Compilation:
                     source = self.sources[block, name]
                     if isinstance(source, Signal) and source.block.conditions and not block.conditions:
                         conditions = " and ".join(signal.path for signal in source.block.conditions)
-                        self.report("TW021", f"keeps its last value while {conditions} is false{self.origin(source)}", block, name,
+                        self.report("TW021", f"{source.path} keeps its last value while {conditions} is false", block, name,
                                     self.where(block, name), "put a Switch behind the subsystem that chooses 0 while it is disabled", "warning")
 
     # Order

@@ -128,7 +128,7 @@ def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
 
 def test_a_library_that_native_code_misses_is_not_called_a_missing_build(tmp_path):
     copy_rooms(tmp_path, built=False)
-    (tmp_path / "cext" / "program.py").write_text("import no_such_library\n")
+    (tmp_path / "cext" / "page.py").write_text("import no_such_library\n")
     process = python("-c", "import cext", cwd=tmp_path)
     assert process.stderr.splitlines()[-1] == "ModuleNotFoundError: No module named 'no_such_library'"
 

@@ -195,7 +195,7 @@ def test_types_only_widen_along_a_wire():
         Flag(name="fifth")(2)
         Flag(name="sixth")(1)
         Integers(name="seventh")(StepSource().y)                # a source of anything may be a source of this
-    fifth, fourth, third = complaints(diagram)
+    third, fourth, fifth = complaints(diagram)
     assert (third.code, third.path, third.port, third.where) == ("TW008", "third", "count", at)
     assert third.message == "expected int, got float from cube_mars.position" and third.hint == "a block of your own can round it"
     assert (fourth.path, fourth.message) == ("fourth", "expected bool, got int from first.twice") and "threshold" in fourth.hint
@@ -291,7 +291,7 @@ def test_compiling_twice_gives_the_same_schedule():
         knee(torque_command=TorqueLimiter(limit=5.0)(knee.torque))
         CsvRecorder()
     first, second = compile(diagram), compile(diagram)
-    assert [s.slots for s in first.output] == [s.slots for s in second.output] and (first.arena == second.arena).all()
+    assert [s.table for s in first.output] == [s.table for s in second.output] and (first.arena == second.arena).all()
     assert first.parameters == second.parameters and first.signals == second.signals
 
 
@@ -355,7 +355,7 @@ def test_memory_of_any_length_is_placed():
 
     with Diagram("d", rate=50) as diagram:
         Buffered()(1.0)
-    assert compile(diagram).output[0].sizes[-1] == 50
+    assert compile(diagram).output[0].table.sizes[-1] == 50
 
 
 def test_a_sink_with_inputs_of_its_own_must_be_wired():

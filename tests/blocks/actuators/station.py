@@ -1,6 +1,6 @@
 """The other end of a bus, and a controller that says exactly what it is told, tick by tick."""
 
-from graph import Block, Output
+from graph import Block, Interval, Output
 
 
 class Station(Block):
@@ -21,11 +21,17 @@ class Station(Block):
 class Script(Block):
     """Commands by tick: `commands[tick]`, a dict; zero where it says nothing. It promises to stay inside the limits, and may lie."""
 
-    position = Output("rad", range=(-12.5, 12.5))
-    velocity = Output("rad/s", range=(-50.0, 50.0))
-    torque = Output("N·m", range=(-18.0, 18.0))
-    stiffness = Output("N·m/rad", range=(0.0, 500.0))
-    damping = Output("N·m·s/rad", range=(0.0, 5.0))
+    position = Output("rad")
+    velocity = Output("rad/s")
+    torque = Output("N·m")
+    stiffness = Output("N·m/rad")
+    damping = Output("N·m·s/rad")
+
+    def output_range(self):
+        return {
+            "position": Interval(-12.5, 12.5), "velocity": Interval(-50.0, 50.0), "torque": Interval(-18.0, 18.0),
+            "stiffness": Interval(0.0, 500.0), "damping": Interval(0.0, 5.0),
+        }
 
     def configure(self):
         self.commands = {}

@@ -1,0 +1,116 @@
+"""The conformance test finds each kind of broken block, and every block of the library passes it."""
+
+import importlib
+import inspect
+import math
+import pkgutil
+
+import pytest
+
+import blocks
+from graph import Block, Input, Output, Param
+from graph.conformance import check_block
+from tests.shared import SHARED
+
+RECORDING = SHARED / "gait" / "healthy_young.csv"
+EXAMPLES = {
+    "TorqueLimiter": ({"limit": 12.0},),
+    "CubeMars": ({"model": "AK80-9"},),
+    "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "RecordedKnee": ({"file": str(RECORDING), "column": "knee_flexion_lt_deg"},),
+}
+
+
+def library():
+    for module in pkgutil.walk_packages(blocks.__path__, "blocks."):
+        for _, kind in inspect.getmembers(importlib.import_module(module.name), inspect.isclass):
+            if issubclass(kind, Block) and kind.__module__ == module.name:
+                yield kind
+
+
+@pytest.mark.parametrize("kind", sorted(set(library()), key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__)
+def test_every_block_of_the_library_conforms(kind):
+    if kind.__name__ == "RecordedKnee" and not RECORDING.exists():
+        pytest.skip("needs the recorded gait, which is not part of the project")
+    assert check_block(kind, EXAMPLES.get(kind.__name__)) >= 7
+
+
+class Sound(Block):
+    """y = 2 u."""
+
+    gain = Param(2.0, "1", "factor", min=0.0, max=3.0)
+    u = Input("1", "in")
+    y = Output("1", "out")
+
+    def step(self, u):
+        return self.gain * u
+
+
+def test_a_sound_block_passes():
+    assert check_block(Sound) == 7
+
+
+class NoUnitSaid(Sound):
+    """A port without a description."""
+
+    y = Output("1")
+
+
+class Shapeless(Sound):
+    """Returns two numbers where one is declared."""
+
+    def step(self, u):
+        return u, u
+
+
+class Forgetful(Sound):
+    """Keeps its state across a reset."""
+
+    total = 0.0
+
+    def step(self, u):
+        self.total += u
+        return self.total
+
+
+class NanHider(Sound):
+    """Turns NaN into zero."""
+
+    def step(self, u):
+        return 0.0 if math.isnan(u) else u
+
+
+class NanKeeper(Sound):
+    """Keeps a NaN beyond the reset."""
+
+    worst = 0.0
+
+    def step(self, u):
+        if u != u:
+            self.worst = u
+        return u + self.worst
+
+
+class Liar(Sound):
+    """Leaves the range it states."""
+
+    y = Output("1", "out", range=(-1.0, 1.0))
+
+
+class Unbounded(Sound):
+    """Takes any gain."""
+
+    gain = Param(2.0, "1", "factor", min=0.0, max=3.0)
+
+    def __init__(self, gain=2.0, **named):
+        super().__init__(gain=min(max(gain, 0.0), 3.0) if gain == gain else 1.0, **named)
+
+
+@pytest.mark.parametrize("kind, said", [
+    (NoUnitSaid, "NoUnitSaid.y has no description"), (Shapeless, "Shapeless.y has shape"), (Forgetful, "not the same after reset"),
+    (NanHider, "NanHider hides a NaN"), (NanKeeper, "not the same after reset"), (Liar, "outside its stated range"),
+    (Unbounded, "Unbounded takes gain=-1.0"),
+])
+def test_each_kind_of_broken_block_is_found(kind, said):
+    with pytest.raises(AssertionError, match=said):
+        check_block(kind)

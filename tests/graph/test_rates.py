@@ -1,0 +1,161 @@
+"""Rates and conditions: slow subsystems, subsystems that hold, and what may not meet."""
+
+import numpy as np
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.discrete import UnitDelay
+from blocks.limiters import SlewRate, TorqueLimiter
+from blocks.mathematics import Gain
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine, StepSource
+from cext.executor import Executor
+from cext.page import RECORD_ROW, Page
+from cext.program import Program
+from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem
+from graph.compiler import Compilation
+from tests.graph.complaints import complaint, here, refusal
+
+
+class Counter(Block):
+    """How often it ran, and the dt it saw."""
+
+    u = Input("any", "only there to be wired")
+    count = Output("1", "runs")
+    seen = Output("s", "dt")
+
+    def reset(self):
+        self.runs = 0
+
+    def step(self, u, dt):
+        self.runs += 1
+        return self.runs, dt
+
+
+def trace(diagram, ticks):
+    """Rows of a run as a dict of arrays by signal path."""
+    with diagram:
+        CsvRecorder()
+    schedule = compile(diagram)
+    page = Page(1 << 20)
+    assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
+    rows = np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
+    return {column.path: rows[:, 2 + column.index] for column in schedule.sinks[0].columns}
+
+
+def test_a_slow_subsystem_runs_at_every_nth_tick_and_holds_in_between():
+    with Diagram("d", rate=100) as diagram:
+        wave = Sine(1.0, 3.0)()
+        with subsystem("slow", every=4):
+            Gain(2.0)(wave)
+    signals = trace(diagram, 20)
+    assert np.array_equal(signals["slow/gain.y"], np.repeat(2.0 * signals["sine.y"][::4], 4))
+
+
+def test_a_slow_block_sees_its_own_period():
+    with Diagram("d", rate=100) as diagram:
+        Counter(every=5, name="counter")(Sine()())
+        with subsystem("slow", every=5):
+            SlewRate(rate=1.0)(10.0)
+    signals = trace(diagram, 12)
+    assert signals["counter.count"].tolist() == [1] * 5 + [2] * 5 + [3] * 2
+    assert np.all(signals["counter.seen"] == 0.05)
+    assert signals["slow/slew_rate.y"][[0, 5, 10]] == pytest.approx([0.05, 0.1, 0.15], abs=1e-15)
+
+
+def test_nested_subsystems_multiply_their_rates():
+    with Diagram("d", rate=100):
+        with subsystem("a", every=2), subsystem("b", every=3):
+            assert Gain(every=2).every == 12
+
+
+def test_where_rates_meet_the_schedule_says_so():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("slow", every=4):
+            slow = Gain()(Sine()())
+        Gain(name="fast")(slow)
+    assert compile(diagram).holds == [("slow/gain.y", 4, "fast.u", 1)]
+
+
+def test_rates_that_do_not_divide_are_refused():
+    with Diagram("d", rate=100) as diagram:
+        two = Gain(every=2, name="two")(Sine(every=2)())
+        Gain(every=3, name="three")(two); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.port, found.where) == ("TW014", "three", "u", at)
+    assert "every 3 ticks" in found.message and "two.y at every 2" in found.message and "Resample" in found.hint
+
+
+def test_a_device_runs_at_every_tick():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("slow", every=2):
+            CubeMars("AK80-9")(torque_command=0.0)
+    assert complaint(diagram).code == "TW014"
+
+
+@pytest.mark.parametrize("every", [0, -1, 1.5, "2", None])
+def test_every_is_a_whole_number_of_ticks(every):
+    with Diagram("d", rate=100):
+        assert refusal(subsystem, "slow", every=every).code == "TW014"
+        assert refusal(Gain, every=every).code == "TW014"
+
+
+def test_a_disabled_subsystem_holds_outputs_and_states():
+    with Diagram("d", rate=100) as diagram:
+        enabled = StepSource(0.0, 1.0, 0.05)()
+        wave = Sine(1.0, 3.0)()
+        with subsystem("assist", enabled=enabled):
+            UnitDelay()(Gain(3.0)(wave))
+    signals = trace(diagram, 12)
+    wave = signals["sine.y"]
+    assert np.array_equal(signals["assist/gain.y"], np.where(np.arange(12) < 5, 0.0, 3.0 * wave))
+    assert np.array_equal(signals["assist/unit_delay.y"][:7], [0, 0, 0, 0, 0, 0, 3.0 * wave[5]])
+
+
+def test_a_condition_that_is_nan_disables():
+    class Nan(Block):
+        """NaN."""
+
+        y = Output("any")
+
+        def step(self):
+            return float("nan")
+
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("assist", enabled=Nan()()):
+            Gain(name="held")(StepSource(1.0, 1.0)())
+    assert not trace(diagram, 3)["assist/held.y"].any()
+
+
+def test_the_range_of_a_held_block_holds_the_zero_before_it_ran():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("assist", enabled=StepSource()()):
+            held = Gain()(StepSource(5.0, 6.0)())
+    compilation = Compilation(diagram)
+    for check in (compilation.check_wires, compilation.check_shapes, compilation.check_rates, compilation.sort, compilation.prove):
+        check()
+    assert compilation.ranges[Signal(held.block, "y")] == Interval(0.0, 6.0)
+
+
+def test_a_command_that_may_be_held_is_warned_of():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("assist", enabled=StepSource()()):
+            torque = TorqueLimiter(limit=5.0)(1.0)
+        CubeMars("AK80-9", name="knee")(torque_command=torque); at = here()
+    (warning,) = [w for w in compile(diagram).warnings if w.code == "TW021"]
+    assert (warning.path, warning.port, warning.where) == ("knee", "torque_command", at) and "while step_source.y is false" in warning.message
+
+
+def test_a_condition_is_a_scalar_signal():
+    with Diagram("d", rate=100):
+        assert refusal(subsystem, "assist", enabled=1.0).code == "TW012"
+
+
+def test_a_condition_that_depends_on_what_it_enables_is_a_loop():
+    with Diagram("d", rate=100) as diagram:
+        source = Gain(name="condition")
+        with subsystem("assist", enabled=source.y):
+            inside = Gain(name="inside")(1.0)
+        source(inside)
+    found = complaint(diagram)
+    assert found.code == "TW006" and "assist/inside.y -> condition.u" in found.message and "condition.y -> assist/inside.enabled" in found.message

@@ -1,0 +1,109 @@
+"""Diagrams as JSON and back, and their content hash."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.controllers import Impedance, TorqueProfile
+from blocks.discrete import UnitDelay
+from blocks.limiters import TorqueLimiter
+from blocks.mathematics import Gain, Sum
+from blocks.recorders import CsvRecorder
+from blocks.sources import StepSource
+from blocks.states import StateMachine
+from graph import Block, Diagram, DiagramError, Input, Live, Output, compile, subsystem
+from graph.store import content_hash, from_json, to_json
+
+
+class Local(Block):
+    """A block of this file."""
+
+    u = Input("any")
+    y = Output("any")
+
+    def step(self, u):
+        return u
+
+
+def knee(stiffness=30.0, reverse=False, rate=200):
+    with Diagram("knee", rate=rate) as diagram:
+        parts = [left, tail]
+        for part in reversed(parts) if reverse else parts:
+            part(stiffness)
+        CsvRecorder()
+    return diagram
+
+
+def left(stiffness):
+    with subsystem("left", every=1):
+        drive = CubeMars("AK80-9", bus="legs", can_id=3, invert=True, name="knee")
+        torque = Impedance(stiffness=stiffness)(position=drive.position, velocity=drive.velocity)
+        drive(torque_command=TorqueLimiter(limit=Live(8.0, max=9.0))(torque))
+
+
+def tail(stiffness):
+    with subsystem("slow", every=2, enabled=StepSource(name="gate", every=2)()):
+        TorqueProfile(((0.1, 0.0), (0.5, 3.0)))(phase=0.25)
+        UnitDelay()(Sum("+-+")(1.0, 2.0, math.inf))
+        StateMachine(takes={"u": "1"}, gives={"y": "1"}, states={"b": {"y": 2.0}, "a": {"y": 1.0}}, transitions=[("b", "a", "u > 1")])(0.5)
+
+
+def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
+    diagram = knee()
+    again = from_json(to_json(diagram))
+    assert to_json(again) == to_json(diagram) and content_hash(again) == content_hash(diagram) == json.loads(to_json(diagram))["hash"]
+    first, second = compile(diagram), compile(again)
+    assert [(s.name, s.every, s.conditions, s.table) for s in first.output] == [(s.name, s.every, s.conditions, s.table) for s in second.output]
+    assert np.array_equal(first.arena, second.arena, equal_nan=True) and first.signals == second.signals and first.proofs == second.proofs
+    assert again["left/torque_limiter"].live("limit") == (0.0, 9.0)
+
+
+def test_the_hash_does_not_know_the_order_of_making_but_knows_parameters_wires_and_rate():
+    assert content_hash(knee()) == content_hash(knee(reverse=True))
+    others = [knee(stiffness=31.0), knee(rate=100)]
+    with Diagram("knee", rate=200) as rewired:
+        Gain()(1.0)
+    with Diagram("knee", rate=200) as same_but_a_wire:
+        Gain()(2.0)
+    hashes = {content_hash(d) for d in [knee(), *others, rewired, same_but_a_wire]}
+    assert len(hashes) == 5
+
+
+def test_a_local_block_is_written_with_its_source_and_not_loaded_unless_trusted():
+    with Diagram("d", rate=100) as diagram:
+        Local()(1.0)
+    text = to_json(diagram)
+    assert json.loads(text)["blocks"][0]["local"] is True
+    with pytest.raises(DiagramError) as refused:
+        from_json(text)
+    assert refused.value.diagnostics[0].code == "TW032" and refused.value.diagnostics[0].path == "local"
+    assert to_json(from_json(text, trust=(__name__,))) == text
+
+
+def test_a_newer_format_is_refused_in_words():
+    data = json.loads(to_json(knee())) | {"format": 2}
+    with pytest.raises(DiagramError) as refused:
+        from_json(json.dumps(data))
+    assert refused.value.diagnostics[0].code == "TW030" and "format 2" in str(refused.value) and "pip install --upgrade tickwork" in str(refused.value)
+
+
+def test_a_missing_library_is_named_with_the_line_that_installs_it():
+    data = json.loads(to_json(knee()))
+    data["blocks"][0]["type"] = "gait_lab.blocks:Phase"
+    data["libraries"] = {"gait-lab": "1.2"}
+    with pytest.raises(DiagramError) as refused:
+        from_json(json.dumps(data))
+    (problem,) = refused.value.diagnostics
+    assert problem.code == "TW031" and problem.hint == "pip install gait-lab==1.2"
+
+
+def test_a_name_that_is_no_block_is_not_imported_as_one():
+    data = json.loads(to_json(knee()))
+    for name in ("graph.store:from_json", "blocks.filters:NoSuch", "graph.block:Live"):
+        data["blocks"][0]["type"] = name
+        with pytest.raises(DiagramError) as refused:
+            from_json(json.dumps(data))
+        assert refused.value.diagnostics[0].code == "TW031"
