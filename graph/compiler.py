@@ -12,6 +12,7 @@ import numpy as np
 
 from graph import units
 from graph.block import CLOCK, Sink, range_of, size_of
+from graph.budget import bus_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
@@ -37,6 +38,7 @@ def compile(diagram):
         compilation.check_actuators,
         compilation.check_timeouts,
         compilation.check_addresses,
+        compilation.check_buses,
         compilation.check_rates,
         compilation.sort,
         compilation.prove,
@@ -195,6 +197,17 @@ class Compilation:
                 if other is not block:
                     self.report("TW013", f"shares CAN id {address[0]} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
                                 hint="give each device on a bus its own `can_id`")
+
+    def check_buses(self):
+        self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)
+        for load in self.loads:
+            there = [block for block in self.blocks if isinstance(block, Device) and block.bus == load.bus]
+            what = f"{load.frames:g} frames a second take {load.typical:.0%} of bus {load.bus!r} at {load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} at worst"
+            hint = f"lower the rate, or put some of its {len(there)} devices on another bus"
+            if load.typical > 1.0:
+                self.report("TW016", what, there[0], hint=hint)
+            elif load.worst > 0.7:
+                self.report("TW022", what, there[0], hint=hint, severity="warning")
 
     # Rates and conditions
 
@@ -389,7 +402,7 @@ class Compilation:
             name=self.diagram.name, rate=self.diagram.rate, arena=layout.arena(), settle=settle, output=output, update=update,
             devices=devices, buses=buses, signals={place.path: place for place in places.values()}, columns=columns, sinks=sinks,
             python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters, inputs=inputs,
-            proofs=self.proofs, holds=self.holds, warnings=[d for d in self.diagnostics if d.severity == "warning"])
+            proofs=self.proofs, holds=self.holds, loads=self.loads, warnings=[d for d in self.diagnostics if d.severity == "warning"])
 
     def device_steps(self, block, table, places, buses):
         def slot(name):

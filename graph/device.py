@@ -14,12 +14,17 @@ class Device(Block):
 
     decode = encode = None
     bus = ""
+    bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()
 
     def addresses(self):
         """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
+        return []
+
+    def traffic(self):
+        """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""
         return []
 
     def enable_frames(self):

@@ -105,6 +105,7 @@ class Schedule:
     inputs: dict                # path: {input name: slot}, scalars only
     parameters: dict            # "left/impedance.stiffness": slot, native blocks only
     proofs: list = field(default_factory=list)
+    loads: list = field(default_factory=list)       # graph.budget.BusLoad, one a bus
     holds: list = field(default_factory=list)       # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)
 

@@ -105,6 +105,9 @@ class CubeMars(Actuator):
     def addresses(self):
         return [(self.can_id, False)]
 
+    def traffic(self):
+        return [(8, False), (8, False)]
+
     def enable_frames(self):
         return [(self.can_id, False, ENABLE)]
 

@@ -1,0 +1,38 @@
+"""What a diagram puts on its CAN buses, against what they carry.
+
+A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits between frames included. Stuffing adds
+one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.)
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class BusLoad:
+    """frames : a second, commands and replies. typical, worst : share of the bitrate, with average and with worst stuffing."""
+
+    bus: str
+    bitrate: float
+    frames: float
+    typical: float
+    worst: float
+
+
+def frame_bits(length, extended):
+    """(typical, worst) bits of a frame of `length` data bytes, the gap to the next included."""
+    header, stuffed = (67, 53) if extended else (47, 33)
+    bits = header + 8 * length
+    return bits + 8 * length / 15.6, bits + (stuffed + 8 * length) // 4
+
+
+def bus_loads(devices, rate):
+    """One BusLoad for each bus that has traffic, by name. rate : ticks a second."""
+    loads = []
+    for bus in sorted({device.bus for device in devices}):
+        here = [device for device in devices if device.bus == bus]
+        frames = [frame for device in here for frame in device.traffic()]
+        if frames:
+            bitrate = min(device.bitrate for device in here)
+            typical, worst = (sum(bits) * rate / bitrate for bits in zip(*(frame_bits(*frame) for frame in frames)))
+            loads.append(BusLoad(bus, bitrate, len(frames) * rate, typical, worst))
+    return loads
