@@ -103,12 +103,13 @@ survey() {
     fi
 }
 
-# The compiler Python was built with, or any other, that makes a program of a small file.
+# The compiler that CC names, or else the one Python was built with, or any: what makes a program of a small file.
 find_compiler() {
-    local candidate
+    local candidate candidates=("$${CC:-}")
+    [ -n "$${CC:-}" ] || candidates=("$$("$$python" -c 'import sysconfig; print(sysconfig.get_config_var("CC"))')" cc gcc clang)
     printf '#include <math.h>\n#include <string.h>\nint main(int n, char **a) { return floor(strlen(a[0]) * 0.1 * n) < 0; }\n' >"$$1/try.c"
-    for candidate in "$${CC:-$$("$$python" -c 'import sysconfig; print(sysconfig.get_config_var("CC"))')}" $${CC:+false} cc gcc clang; do
-        $$candidate "$$1/try.c" -o "$$1/try" -lm 2>/dev/null && export CC="$$candidate" && return
+    for candidate in "$${candidates[@]}"; do
+        $$candidate "$$1/try.c" -o "$$1/try" -lm 2>/dev/null && [ -e "$$1/try" ] && export CC="$$candidate" && return
     done
     return 1
 }
@@ -151,7 +152,8 @@ install() {
 apt="$$([ "$$(id -u)" = 0 ] || echo 'sudo ')apt install"
 endef
 
-# Set up, step by step: environment, build tools, native code, Tickwork itself. A step is done when its file is newer than what it rests on.
+# Set up, step by step: environment, build tools, native code, Tickwork itself. A step is done when its file is newer than what it rests on;
+# the file has the time of the step's start, so that what is saved meanwhile counts as newer.
 
 $(VENV)/made:
 	$(tools)
@@ -165,16 +167,18 @@ $(VENV)/made:
 
 $(VENV)/tools: pyproject.toml $(VENV)/made
 	$(tools)
+	touch $@.start
 	say "installing what the build needs"
 	eval "requirements=($$(sed -n '/^\[build-system\]/,/^$$/s/^requires = \[\(.*\)\]/\1/p' pyproject.toml | tr , ' '))"
 	install "$${requirements[@]}"
-	touch $@
+	mv $@.start $@
 
 $(VENV)/sources: FORCE | $(VENV)/tools
 	echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" >$@
 
 $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 	$(tools)
+	touch $@.start
 	python=$(VENV)/bin/python
 	survey
 	say "compiling"
@@ -184,20 +188,23 @@ $(VENV)/built: setup.py $(SOURCES) $(VENV)/sources $(VENV)/tools
 	    tail -n 60 build/log >&2
 	    stop "the native code does not compile (all of it in build/log)"
 	fi
-	touch $@
+	mv $@.start $@
 
 $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
+	touch $@.start
 	say "installing Tickwork and what it needs"
 	python=$(VENV)/bin/python
 	survey
 	install --no-build-isolation -e .
-	touch $@
+	mv $@.start $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
+	touch $@.start
 	say "installing Tickwork, what it needs, and what its tests need"
 	python=$(VENV)/bin/python
 	survey
 	install --no-build-isolation -e '.[test]'
-	touch $@ $(VENV)/installed
+	cp -p $@.start $(VENV)/installed
+	mv $@.start $@

@@ -2,13 +2,12 @@
 
 import ast
 import re
-import subprocess
 import sys
 from fnmatch import fnmatch
 
 import pytest
 
-from tests.house import ROOMS, ROOT
+from tests.house import ROOMS, ROOT, tracked
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -27,13 +26,6 @@ def canonical(requirement):
 def rooms():
     """Every folder of the four packages that holds a source."""
     return sorted({path.parent for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".pyx", ".pxd")})
-
-
-def tracked():
-    listing = subprocess.run(["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
-    if listing.returncode != 0:
-        pytest.skip("needs a git checkout")
-    return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
 
 
 # Imports only go down

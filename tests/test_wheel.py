@@ -1,0 +1,84 @@
+"""The wheel and the source archive, made and installed as anybody would."""
+
+import subprocess
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from pathlib import PurePath
+
+import pytest
+
+from tests.house import ROOMS, ROOT, assert_one_line, copy_tracked, python
+
+pytestmark = pytest.mark.soak
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory):
+    """Names in the wheel and in the source archive, and the wheel."""
+    clone = copy_tracked(tmp_path_factory.mktemp("clone"))
+    build = python("-m", "build", "--outdir", clone / "dist", cwd=clone, timeout=900)
+    assert build.returncode == 0, build.stdout + build.stderr
+    [wheel], [source] = (clone / "dist").glob("*.whl"), (clone / "dist").glob("*.tar.gz")
+    with zipfile.ZipFile(wheel) as opened:
+        wheel_names = opened.namelist()
+    with tarfile.open(source) as opened:
+        source_names = [name.partition("/")[2] for name in opened.getnames()]
+    return wheel_names, source_names, wheel
+
+
+@pytest.fixture(scope="module")
+def environment(archives, tmp_path_factory):
+    """An environment with the wheel in it; the libraries it needs are lent by this one."""
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder, with_pip=True)
+    site = next(folder.glob("lib/python*/site-packages"))
+    (site / "lent.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    install = subprocess.run([folder / "bin" / "python", "-m", "pip", "install", "-q", "--no-deps", archives[2]], capture_output=True, text=True)
+    assert install.returncode == 0, install.stderr
+    return folder
+
+
+def sources(suffix):
+    return {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob(f"*{suffix}")}
+
+
+def test_the_wheel_has_every_module_the_headers_of_the_abi_and_nothing_else(archives):
+    names = {name for name in archives[0] if ".dist-info/" not in name}
+    compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
+    assert compiled == sources(".pyx")
+    assert {name for name in names if not name.endswith(".so")} == sources(".py") | sources(".pxd")
+
+
+def test_the_source_archive_has_all_a_builder_needs(archives):
+    names = set(archives[1])
+    assert sources(".py") | sources(".pyx") | sources(".pxd") <= names
+    assert {"setup.py", "pyproject.toml", "LICENSE", "README.md", "Makefile", "diagrams/knee_exo.py", "tests/test_wheel.py"} <= names
+    assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
+
+
+def test_the_knee_exoskeleton_runs_from_the_wheel_beside_folders_of_the_same_names(environment, tmp_path):
+    for name in ROOMS:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    process = subprocess.run(
+        [environment / "bin" / "tickwork", ROOT / "diagrams" / "knee_exo.py", "--fast", "--duration", "2"], cwd=tmp_path, capture_output=True,
+        text=True, timeout=60)
+    assert process.returncode == 0, process.stderr
+    assert list((tmp_path / "recordings").glob("*.csv"))
+
+
+def test_python_m_runtime_tells_of_a_working_folder_in_the_way(environment, tmp_path):
+    (tmp_path / "graph").mkdir()
+    (tmp_path / "graph" / "__init__.py").touch()
+    process = python("-m", "runtime", "--help", cwd=tmp_path, executable=environment / "bin" / "python")
+    assert_one_line(process, f"`graph` comes from {tmp_path}", f"{environment}", "start with `tickwork`")
+
+
+def test_the_installed_version_is_the_one_of_pyproject(environment, tmp_path):
+    code = "import importlib.metadata as m; d = m.distribution('tickwork'); print(d.version, d.metadata['License-Expression'])"
+    process = python("-c", code, cwd=tmp_path, executable=environment / "bin" / "python")
+    from tests.test_packaging import PYPROJECT
+
+    assert process.stdout.split() == [PYPROJECT["project"]["version"], PYPROJECT["project"]["license"]]
