@@ -1,14 +1,19 @@
 """The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
 
-    running ━━━━━━━━╸─────── 5.3/10 s · 200.0 Hz · late 61 µs, p99 240 µs · load 3 % · 1600 frames/s · missed 0 · dropped 0
+    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0
+
+Lateness is the median and the 99th percentile of the run so far; rate, load and frames are those of the last second.
 """
 
 from collections import deque
 
 REFRESH = 0.1                   # s
 WINDOW = 10                     # refreshes over which rates are taken
-BAR = 16                        # characters
-COLOURS = {"green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m", "dim": "\x1b[2m", None: ""}
+BAR = 8                         # characters
+BAR_CHARACTERS = "━╌#."
+HIGH_LOAD = 0.8                 # share of the time in ticks
+COLOURS = {"green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
+RESET = "\x1b[0m"
 STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow"}
 
 
@@ -46,10 +51,8 @@ def describe(plan, state, statistics, speeds, unicode):
     duration = plan["duration"]
     parts = [(9, state, STATES[state])]
     if duration:
-        parts.append((4, bar(seconds / duration, unicode), None))
-        parts.append((8, f"{seconds:.1f}/{duration:g} s", None))
-    else:
-        parts.append((8, f"{seconds:.1f} s", None))
+        parts.append((5, bar(seconds / duration, unicode), None))
+    parts.append((8, f"{seconds:.1f}/{duration:g} s" if duration else f"{seconds:.1f} s", None))
     if speeds is not None:
         ticks, load, frames = speeds
         if plan["virtual"]:
@@ -58,33 +61,38 @@ def describe(plan, state, statistics, speeds, unicode):
             parts.append((7, f"{ticks:.1f} Hz", None))
             late = statistics["lateness"]
             if "p99" in late:
-                parts.append((5, f"late {short(late['p50'])}, p99 {short(late['p99'])}", None))
-            parts.append((3, f"load {100 * load:.1f} %", "red" if load > 0.8 else None))
+                parts.append((4, f"late {both(late['p50'], late['p99'])}", None))
+            parts.append((3, f"load {100 * load:.1f} %", "red" if load > HIGH_LOAD else None))
         if plan["buses"]:
             parts.append((2, f"{frames:.0f} frames/s", None))
-    for word, importance in (("missed", 6), ("dropped", 6)):
+    for word in ("missed", "dropped"):
         count = statistics[word]
-        parts.append((importance + (count > 0), f"{word} {count}", "red" if count else None))
+        parts.append((7.5 if count else 6, f"{word} {count}", "red" if count else None))
     return parts
 
 
 def bar(share, unicode):
     done = min(BAR, max(0, int(share * BAR + 0.5)))
-    return "━" * done + "╌" * (BAR - done) if unicode else "#" * done + "." * (BAR - done)
+    full, rest = BAR_CHARACTERS[:2] if unicode else BAR_CHARACTERS[2:]
+    return full * done + rest * (BAR - done)
 
 
-def short(seconds):
-    return f"{seconds * 1e6:.0f} µs" if seconds < 1e-3 else f"{seconds * 1e3:.1f} ms"
+def both(median, high):
+    return f"{median * 1e6:.0f}/{high * 1e6:.0f} µs" if high < 1e-3 else f"{median * 1e3:.2f}/{high * 1e3:.2f} ms"
 
 
 def fit(parts, width, coloured, unicode):
     """One line of at most `width` characters."""
-    separator = " · " if unicode else " | "
+    dot = " · " if unicode else " | "
     parts = list(parts)
-    while len(parts) > 1 and sum(len(text) + len(separator) for _, text, _ in parts) - len(separator) > width:
+
+    def line(paint):
+        text = ""
+        for index, (_, part, colour) in enumerate(parts):
+            beside_bar = index > 0 and {part[0], parts[index - 1][1][0]} & set(BAR_CHARACTERS)
+            text += ("" if index == 0 else " " if beside_bar else dot) + (f"{COLOURS[colour]}{part}{RESET}" if paint and colour else part)
+        return text if unicode else text.replace("µ", "u")
+
+    while len(line(False)) > width and len(parts) > 1:
         parts.remove(min(parts, key=lambda part: part[0]))
-    texts = [f"{COLOURS[colour]}{text}\x1b[0m" if coloured and colour else text for _, text, colour in parts]
-    if len(parts) == 1:
-        return parts[0][1][:max(0, width)]
-    line = separator.join(texts)
-    return line if unicode else line.replace("µ", "u")
+    return line(coloured) if len(line(False)) <= width else line(False)[:max(0, width)]

@@ -1,0 +1,118 @@
+"""The CSV recorder, through a real recorder process."""
+
+import math
+import resource
+import struct
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from runtime.recorder.csv import CsvWriter
+from runtime.recorder.files import LineFile, create
+from tests.runtime.recorder.running import CSV, columns, plan, read_csv, record, row, sink
+
+
+def written(folder, columns, rows, **parameters):
+    report = record(plan(folder, sink(CSV, "csv_recorder", columns, **parameters)), rows)
+    assert report["problems"] == []
+    return report
+
+
+def test_the_header_names_time_tick_and_every_signal_with_its_unit_in_ascii(tmp_path):
+    signals = columns("left/knee.position rad", "left/knee.torque N·m", "imu.accel[2] m/s²", "left/knee.temperature °C", "gait.phase 1", "sum.y any")
+    written(tmp_path, signals, [row(0, 0, 0, 0, 0, 0, 0)])
+    header, _ = read_csv(tmp_path / "bench_1.csv")
+    assert header == [
+        "time [s]", "tick", "left/knee.position [rad]", "left/knee.torque [N*m]", "imu.accel[2] [m/s^2]", "left/knee.temperature [degC]",
+        "gait.phase", "sum.y"]
+
+
+def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_path):
+    ticks = [tick for tick in range(1000) if tick not in (17, 500, 501)]
+    report = written(tmp_path, columns("a.y m"), [row(tick, 0.5 * tick) for tick in ticks])
+    _, rows = read_csv(tmp_path / "bench_1.csv")
+    assert [int(cells[1]) for cells in rows] == ticks
+    assert [float(cells[0]) for cells in rows] == [tick / 200.0 for tick in ticks]
+    assert [float(cells[2]) for cells in rows] == [0.5 * tick for tick in ticks]
+    assert report["ticks"] == 997 and report["first_tick"] == 0 and report["last_tick"] == 999
+
+
+def test_ints_and_bools_are_whole_numbers_and_what_is_not_a_number_is_said(tmp_path):
+    signals = columns("a.x m", "a.n 1 int", "a.b 1 bool")
+    written(tmp_path, signals, [row(0, 2.0, -7, 1), row(1, math.nan, 3, 0), row(2, -math.inf, math.nan, 1), row(3, 1e300, math.inf, math.nan)])
+    assert (tmp_path / "bench_1.csv").read_text().splitlines()[1:] == [
+        "0.0,0,2.0,-7,1", "0.005,1,nan,3,0", "0.01,2,-inf,nan,1", "0.015,3,1e300,inf,nan"]
+
+
+def test_a_recorder_takes_its_own_columns_in_its_own_order(tmp_path):
+    signals = columns("a.x m", "a.y s", "a.z rad")
+    report = record(plan(
+        tmp_path, sink(CSV, "all", signals), sink(CSV, "some", [signals[2], signals[0]], file="some"), sink(CSV, "one", [signals[1]], file="one")),
+        [row(0, 1.0, 2.0, 3.0)])
+    assert read_csv(tmp_path / "some.csv") == (["time [s]", "tick", "a.z [rad]", "a.x [m]"], [["0.0", "0", "3.0", "1.0"]])
+    assert read_csv(tmp_path / "one.csv")[1] == [["0.0", "0", "2.0"]]
+    assert [file["path"] for file in report["files"]] == [str(tmp_path / name) for name in ("bench_1.csv", "some.csv", "one.csv", "bench_1.json")]
+
+
+def test_the_delimiter_is_the_users_and_a_name_that_holds_it_is_quoted(tmp_path):
+    written(tmp_path, columns("a;b.x m", "a.y m"), [row(0, 1.5, 2.5)], delimiter=";")
+    assert (tmp_path / "bench_1.csv").read_text() == 'time [s];tick;"a;b.x [m]";a.y [m]\n0.0;0;1.5;2.5\n'
+
+
+def test_nothing_is_ever_overwritten(tmp_path):
+    (tmp_path / "bench_1.csv").write_text("dear data\n")
+    (tmp_path / "mine.csv").write_text("dearer data\n")
+    signals = columns("a.x m")
+    for _ in range(2):
+        record(plan(tmp_path, sink(CSV, "a", signals), sink(CSV, "b", signals, file="mine")), [row(0, 1.0)])
+    assert (tmp_path / "bench_1.csv").read_text() == "dear data\n" and (tmp_path / "mine.csv").read_text() == "dearer data\n"
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "bench_1-2.csv", "bench_1-2.json", "bench_1-3.csv", "bench_1-3.json", "bench_1.csv", "mine-2.csv", "mine-3.csv", "mine.csv"]
+
+
+def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    report = record(plan(None, sink(CSV, "csv_recorder", columns("a.x m"))), [row(0, 1.0)])
+    assert report["files"] == [] and report["ticks"] == 1 and list(tmp_path.iterdir()) == []
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(), min_size=1, max_size=5))
+@example([5e-324, -0.0, 1e16, 0.1 + 0.2, 1.7976931348623157e308])
+def test_every_double_reads_back_as_the_same_double(tmp_path_factory, values):
+    folder = tmp_path_factory.mktemp("csv")
+    writer = CsvWriter(plan(folder), sink(CSV, "a", columns(*(f"a.x{i} m" for i in range(len(values))))))
+    writer.open()
+    writer.row(3, 0.015, tuple(values))
+    writer.close()
+    _, rows = read_csv(folder / "bench_1.csv")
+    for value, text in zip(values, rows[0][2:], strict=True):
+        assert math.isnan(float(text)) if math.isnan(value) else struct.pack("d", float(text)) == struct.pack("d", value)
+
+
+def test_rows_reach_the_file_every_flush_rows_rows_and_only_whole_ones(tmp_path):
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), flush_rows=50))
+    writer.open()
+    for tick in range(120):
+        writer.row(tick, tick / 200, (1.0 / (tick + 3),))
+    assert len(read_csv(tmp_path / "bench_1.csv")[1]) == 100
+    writer.flush()
+    assert len(read_csv(tmp_path / "bench_1.csv")[1]) == 120
+    writer.close()
+
+
+def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
+    file = LineFile(*create(str(tmp_path / "x"), ".csv"))
+    file.write("first\n")
+    file.flush()
+    file.write("second\nthird\n")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (15, hard))               # the kernel takes 15 bytes and then says EFBIG
+    try:
+        with pytest.raises(OSError):
+            file.flush()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (tmp_path / "x.csv").read_text() == "first\nsecond\n"
+    file.close()

@@ -1,0 +1,153 @@
+"""The PlotJuggler sink: what a program that listens on UDP receives."""
+
+import json
+import math
+import socket
+
+import pytest
+
+from runtime.recorder import RecorderError
+from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
+from blocks.sinks import PlotJuggler
+
+VECTOR = ["left/imu.accel[0] m/s²", "left/imu.accel[1] m/s²", "left/imu.accel[2] m/s²"]
+
+
+def strict(datagram):
+    """JSON as a strict parser takes it: NaN and Infinity are none."""
+
+    def refuse(word):
+        raise ValueError(word)
+
+    return json.loads(datagram, parse_constant=refuse)
+
+
+class Listener:
+    def __init__(self, family=socket.AF_INET, address="127.0.0.1"):
+        self.socket = socket.socket(family, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
+        self.socket.bind((address, 0))
+        self.host, self.port = address, self.socket.getsockname()[1]
+
+    def heard(self):
+        """All messages that have arrived."""
+        self.socket.setblocking(False)
+        messages = []
+        while True:
+            try:
+                messages.append(strict(self.socket.recv(1 << 16)))
+            except BlockingIOError:
+                return messages
+
+
+@pytest.fixture
+def listener():
+    listener = Listener()
+    yield listener
+    listener.socket.close()
+
+
+def send(listener, signals, records):
+    report = record(plan(None, sink(JUGGLER, "juggler", signals, host=listener.host, port=listener.port)), records)
+    return report["sinks"]["juggler"], listener.heard()
+
+
+def test_one_message_a_tick_in_order_nested_by_block_path(listener):
+    signals = columns("left/knee.position rad", "left/knee.torque N·m", "right/knee.position rad", "gait.walking 1 bool", "gait.steps 1 int")
+    result, messages = send(listener, signals, [row(tick, 0.1 * tick, 2.0, 3.0, tick % 2, tick) for tick in range(100)])
+    assert result["datagrams"] == 100 and result["lost"] == 0
+    assert messages == [
+        {
+            "timestamp": tick / 200.0,
+            "left": {"knee": {"position": 0.1 * tick, "torque": 2.0}},
+            "right": {"knee": {"position": 3.0}},
+            "gait": {"walking": bool(tick % 2), "steps": tick},
+        }
+        for tick in range(100)
+    ]
+
+
+def test_the_block_in_a_running_diagram_sends_every_tick_of_the_run(listener, tmp_path):
+    diagram = counting()
+    with diagram:
+        PlotJuggler(host=listener.host, port=listener.port)
+    run(diagram, tmp_path, 100, virtual=False)
+    messages = listener.heard()
+    assert [message["timestamp"] for message in messages] == sorted(message["timestamp"] for message in messages)
+    assert len(messages) >= 95                                              # a grid point may be missed on a busy machine
+    assert all(message["counter"]["value"] == pytest.approx(20 * message["timestamp"]) for message in messages)
+
+
+def test_vectors_are_arrays_and_keep_their_indices(listener):
+    signals = columns(*VECTOR, "m.r[0][1] 1", "m.r[1][1] 1", "b.y[2] 1")
+    _, messages = send(listener, signals, [row(0, 1, 2, 3, 4, 5, 6)])
+    assert messages[0]["left"] == {"imu": {"accel": [1.0, 2.0, 3.0]}}
+    assert messages[0]["m"] == {"r": [[None, 4.0], [None, 5.0]]} and messages[0]["b"] == {"y": [None, None, 6.0]}
+
+
+def test_what_is_not_finite_becomes_null(listener):
+    signals = columns("a.x m", "a.y m", "a.n 1 int", "a.b 1 bool")
+    _, messages = send(listener, signals, [row(0, math.nan, math.inf, math.nan, math.nan), row(1, -math.inf, 1.0, math.inf, 1.0)])
+    assert messages == [
+        {"timestamp": 0.0, "a": {"x": None, "y": None, "n": None, "b": None}},
+        {"timestamp": 0.005, "a": {"x": None, "y": 1.0, "n": None, "b": True}}]
+
+
+def test_a_signal_called_timestamp_does_not_displace_the_timestamp(listener):
+    _, messages = send(listener, columns("timestamp s", "timestamp_ s"), [row(3, 77.0, 78.0)])
+    assert messages == [{"timestamp": 0.015, "timestamp_": 77.0, "timestamp__": 78.0}]
+
+
+def test_paths_that_are_in_each_others_way_all_arrive(listener):
+    _, messages = send(listener, columns("a m", "a.b m", "a.b.c m", "d.e m", "d m", "d[0] m", "a m"), [row(0, 1, 2, 3, 4, 5, 6, 7)])
+    flat = json.dumps(messages[0])
+    assert all(f"{value}.0" in flat for value in range(1, 8)) and messages[0]["timestamp"] == 0.0
+
+
+def test_a_message_too_large_for_a_datagram_goes_as_one_a_subsystem_each_with_the_timestamp(listener):
+    sides = [f"{side}/{'block' * 12}{index}.signal 1" for side in ("left", "right") for index in range(600)]
+    result, messages = send(listener, columns(*sides), [row(tick, *range(1200)) for tick in range(2)])
+    assert len(messages) == result["datagrams"] == 4
+    assert [(message["timestamp"], *(set(message) - {"timestamp"})) for message in messages] == [
+        (0.0, "left"), (0.0, "right"), (0.005, "left"), (0.005, "right")]
+    assert messages[1]["right"]["block" * 12 + "599"]["signal"] == 1199.0
+
+
+def test_one_large_subsystem_is_divided_further(listener):
+    signals = columns(*(f"left/block.{'signal' * 12}{index} 1" for index in range(1500)))
+    _, messages = send(listener, signals, [row(1, *range(1500))])
+    assert len(messages) > 1 and all(message["timestamp"] == 0.005 for message in messages)
+    merged = {name: value for message in messages for name, value in message["left"]["block"].items()}
+    assert merged == {f"{'signal' * 12}{index}": float(index) for index in range(1500)}
+
+
+def test_it_speaks_ipv6():
+    try:
+        listener = Listener(socket.AF_INET6, "::1")
+    except OSError:
+        pytest.skip("this machine has no IPv6")
+    _, messages = send(listener, columns("a.x m"), [row(0, 1.0)])
+    listener.socket.close()
+    assert messages == [{"timestamp": 0.0, "a": {"x": 1.0}}]
+
+
+def test_datagrams_that_the_network_refuses_are_counted_and_stop_nothing(tmp_path):
+    signals = columns("a.x m")
+    report = record(
+        plan(tmp_path, sink(JUGGLER, "juggler", signals, host="255.255.255.255", port=9870)),          # broadcasting was not asked for: EACCES
+        [row(tick, 1.0) for tick in range(10)])
+    assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
+    assert report["ticks"] == 10 and report["problems"] == []
+
+
+def test_nobody_listening_is_no_error():
+    listener = Listener()
+    listener.socket.close()
+    report = record(plan(None, sink(JUGGLER, "juggler", columns("a.x m"), host="127.0.0.1", port=listener.port)), [row(k, 1.0) for k in range(10)])
+    assert report["sinks"]["juggler"]["datagrams"] == 10 and report["sinks"]["juggler"]["lost"] == 0
+
+
+def test_an_unknown_host_is_told_before_the_run(tmp_path):
+    with pytest.raises(RecorderError, match="juggler cannot start: there is no host 'no-such-host.invalid'"):
+        record(plan(tmp_path, sink(JUGGLER, "juggler", columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,174 @@
+"""The status line: what it says, that it fits, and where it keeps quiet."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from runtime.recorder.status import StatusLine, describe, fit, rates
+from runtime.recorder.terminal import Terminal
+from tests.runtime.recorder.running import plan
+
+ROOT = Path(__file__).parents[3]
+STATISTICS = {
+    "ticks": 1061, "last_tick": 1060, "missed": 0, "dropped": 0, "frames": {"sent": 4000, "received": 4000}, "busy": 0.1,
+    "lateness": {"count": 1061, "p50": 61e-6, "p99": 240e-6, "p99.9": 2e-3, "max": 3e-3},
+}
+
+
+def line(width=200, unicode=True, coloured=False, state="running", statistics=STATISTICS, speeds=(199.97, 0.031, 1600.0), **changed):
+    settings = {"duration": 10.0, "virtual": False, "buses": ["legs"], **changed}
+    return fit(describe(plan(None, **settings), state, statistics, speeds, unicode), width, coloured, unicode)
+
+
+def test_it_tells_state_progress_rate_lateness_load_frames_missed_and_dropped():
+    assert line() == (
+        "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0")
+
+
+def test_in_virtual_time_it_tells_the_speed_instead():
+    assert line(virtual=True, speeds=(40_000.0, 0.9, 1e5)) == (
+        "running ━━━━╌╌╌╌ 5.3/10 s · 200 times real time · 100000 frames/s · missed 0 · dropped 0")
+
+
+def test_without_a_duration_there_is_no_bar_and_without_buses_no_traffic():
+    assert line(duration=None, buses=[]) == "running · 5.3 s · 200.0 Hz · late 61/240 µs · load 3.1 % · missed 0 · dropped 0"
+
+
+@pytest.mark.parametrize("width", range(1, 140))
+def test_it_fits_any_width_and_keeps_what_matters(width):
+    text = line(width)
+    assert len(text) <= width
+    assert text.startswith("running"[:width])
+    if width >= 30:
+        assert "5.3/10 s" in text
+
+
+def test_what_was_missed_outlives_what_merely_informs_on_a_narrow_terminal():
+    text = line(40, statistics={**STATISTICS, "missed": 12})
+    assert "missed 12" in text and "frames" not in text and "dropped" not in text
+
+
+def test_a_terminal_without_unicode_gets_ascii():
+    text = line(unicode=False)
+    assert text.isascii() and "running ####.... 5.3/10 s | " in text and "late 61/240 us" in text
+
+
+def test_colours_are_for_trouble_and_for_the_state():
+    assert "\x1b[32mrunning\x1b[0m" in line(coloured=True) and "\x1b[31m" not in line(coloured=True)
+    assert "\x1b[31mdropped 3\x1b[0m" in line(coloured=True, statistics={**STATISTICS, "dropped": 3})
+    assert "\x1b" not in line()
+
+
+def test_a_common_terminal_of_80_columns_shows_all_but_load_and_traffic():
+    assert line(79) == "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · missed 0 · dropped 0"
+
+
+def test_milliseconds_of_lateness_are_told_in_milliseconds():
+    assert "late 0.06/1.24 ms" in line(statistics={**STATISTICS, "lateness": {**STATISTICS["lateness"], "p99": 1.24e-3}})
+
+
+def test_rates_are_taken_over_the_window():
+    assert rates([(10.0, 100, 1.0, 50), (10.5, 200, 1.25, 450)]) == (200.0, 0.5, 800.0)
+    assert rates([(10.0, 100, 1.0, 50)]) is None
+
+
+@pytest.fixture
+def screen():
+    """(what the recorder writes to, a function that reads what the person sees)"""
+    master, slave = pty.openpty()
+
+    def seen():
+        os.set_blocking(master, False)
+        try:
+            return os.read(master, 1 << 16).decode()
+        except BlockingIOError:
+            return ""
+
+    yield slave, seen
+    os.close(master)
+    os.close(slave)
+
+
+def terminal(descriptor, **environment):
+    return Terminal(descriptor, {"TERM": "xterm", "LANG": "C.UTF-8", **environment})
+
+
+class Still:
+    """A page that stands still."""
+
+    state = "running"
+
+    def statistics(self):
+        return STATISTICS
+
+
+def test_it_refreshes_in_place_ten_times_a_second_and_is_erased(screen):
+    slave, seen = screen
+    status = StatusLine(terminal(slave), plan(None, status_line=True), Still())
+    for millisecond in range(1000):
+        status.update(5.0 + millisecond * 1e-3)
+    drawn = seen()
+    assert 10 <= drawn.count("\r") <= 11 and drawn.count("\x1b[K") == drawn.count("\r") and "\n" not in drawn
+    status.erase()
+    assert seen() == "\r\x1b[K"
+
+
+def test_a_lasting_line_takes_the_place_of_the_status_line(screen):
+    slave, seen = screen
+    shown = terminal(slave)
+    shown.draw("status")
+    shown.say("a problem")
+    assert seen() == "\rstatus\x1b[K\r\x1b[Ka problem\r\n"
+
+
+@pytest.mark.parametrize("environment, interactive, coloured", [
+    ({}, True, True), ({"NO_COLOR": "1"}, True, False), ({"NO_COLOR": ""}, True, True), ({"TERM": "dumb"}, False, False)])
+def test_the_environment_is_respected(screen, environment, interactive, coloured):
+    shown = terminal(screen[0], **environment)
+    assert (shown.interactive, shown.coloured) == (interactive, coloured)
+
+
+def test_a_pipe_gets_no_status_line():
+    reader, writer = os.pipe()
+    status = StatusLine(terminal(writer), plan(None, status_line=True), Still())
+    status.update(1.0)
+    status.erase()
+    os.close(writer)
+    assert os.read(reader, 100) == b""
+    os.close(reader)
+
+
+def test_a_terminal_that_takes_nothing_holds_nobody_up():
+    reader, writer = os.pipe()
+    shown = terminal(writer)
+    for _ in range(3000):
+        shown.say("x" * 99)                     # far more than a pipe holds
+    assert 1000 < len(os.read(reader, 1 << 20)) <= 1 << 16
+    os.close(reader)
+    shown.say("nobody listens")                 # a broken pipe
+    os.close(writer)
+    shown.say("nor is there anything to write to")
+
+
+@pytest.mark.parametrize("on_terminal", [True, False])
+def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen, tmp_path, on_terminal):
+    slave, seen = screen
+    script = (
+        "import sys; from tests.runtime.recorder.running import run, counting\n"
+        "outcome, report, _ = run(counting(), sys.argv[1], 80, virtual=False, status_line=True, duration=0.4)\n"
+        "assert outcome.status == 'ok', outcome\n")
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, stdin=subprocess.DEVNULL, stderr=slave if on_terminal else subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm", "LANG": "C.UTF-8", "LC_ALL": "C.UTF-8"}, timeout=60)
+    assert done.returncode == 0
+    if not on_terminal:
+        assert done.stderr == b""
+        return
+    drawn = seen()
+    assert re.search(r"\r\x1b\[32mrunning\x1b\[0m [━╌]{8} 0\.\d/0\.4 s", drawn)
+    assert drawn.endswith("\r\x1b[K")
