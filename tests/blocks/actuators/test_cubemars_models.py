@@ -87,7 +87,7 @@ def test_the_limit_is_rated_peak_or_a_torque_up_to_the_peak(name):
 @pytest.mark.parametrize("limit, said", [
     (math.nextafter(18.0, 19.0), "at most the peak torque of AK80-9, 18 N·m"), (65.0, "at most the peak torque"), (0.0, "above 0"),
     (-9.0, "above 0"), (math.nan, "got nan"), (math.inf, "at most the peak torque"), ("Rated", "'rated', 'peak' or a torque"), ("9", "'rated', 'peak'"),
-    (None, "'rated', 'peak' or a torque"), (True, "'rated', 'peak' or a torque"), ([9.0], "'rated', 'peak' or a torque"), ("", "'rated', 'peak'"),
+    (True, "'rated', 'peak' or a torque"), ([9.0], "'rated', 'peak' or a torque"), ("", "'rated', 'peak'"),
 ])
 def test_a_limit_that_is_none_is_refused(limit, said):
     with pytest.raises(DiagramError, match=f"limit must be .*{said}"):
@@ -100,7 +100,7 @@ def test_a_limit_that_is_none_is_refused(limit, said):
     ({"invert": 1}, "invert: expected True or False"), ({"offset": 12.6}, "offset: must be at most 12.5 rad, got 12.6"),
     ({"offset": -13.0}, "offset: must be at least -12.5 rad"), ({"offset": math.nan}, "offset: NaN"), ({"offset": -math.inf}, "offset: must be"),
     ({"timeout": -0.1}, "timeout: must be at least 0.0 s"), ({"bus": 0}, "bus: expected text"), ({"model": 80}, "model: expected text"),
-    ({"can": 1}, "has no parameter 'can'"),
+    ({"can": 1}, "has no parameter 'can'"), ({"limit": None}, "limit: a value is wanted"),
 ])
 def test_a_parameter_out_of_bounds_is_refused_with_its_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said) as refused:
