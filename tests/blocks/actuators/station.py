@@ -1,6 +1,7 @@
 """The other end of a bus, and a controller that says exactly what it is told, tick by tick."""
 
-from graph import Block, Interval, Output
+from blocks.mathematics import Gain
+from graph import Block, Interval, Output, Param
 
 
 class Station(Block):
@@ -19,19 +20,13 @@ class Station(Block):
 
 
 class Script(Block):
-    """Commands by tick: `commands[tick]`, a dict; zero where it says nothing. It promises to stay inside the limits, and may lie."""
+    """Commands by tick: `commands[tick]`, a dict; zero where it says nothing."""
 
     position = Output("rad")
     velocity = Output("rad/s")
     torque = Output("N·m")
     stiffness = Output("N·m/rad")
     damping = Output("N·m·s/rad")
-
-    def output_range(self):
-        return {
-            "position": Interval(-12.5, 12.5), "velocity": Interval(-50.0, 50.0), "torque": Interval(-18.0, 18.0),
-            "stiffness": Interval(0.0, 500.0), "damping": Interval(0.0, 5.0),
-        }
 
     def configure(self):
         self.commands = {}
@@ -41,8 +36,20 @@ class Script(Block):
         return [now.get(name, 0.0) for name in self.outputs]
 
 
+class Promise(Gain):
+    """Hands its input on and promises, truly or not, that it stays between `low` and `high`."""
+
+    low = Param(0.0, "any", "promised bound")
+    high = Param(0.0, "any", "promised bound")
+
+    def output_range(self, u):
+        return Interval(self.low, self.high)
+
+
 def wire(drive, script):
-    """Every command of a drive from a script."""
-    return drive(
-        position_command=script.position, velocity_command=script.velocity, torque_command=script.torque,
-        stiffness_command=script.stiffness, damping_command=script.damping)
+    """Every command of a drive from a script, which promises to stay inside the drive's limits, and may lie."""
+    limits = drive.command_limits()
+    drive(**{
+        f"{name}_command": Promise(low=limits[f"{name}_command"].low, high=limits[f"{name}_command"].high)(getattr(script, name))
+        for name in script.outputs
+    })

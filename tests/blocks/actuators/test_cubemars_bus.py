@@ -101,21 +101,12 @@ BETWEEN = {
 }
 
 
-class OneNumber(Script):
-    """Zero, and at tick 7 the number it was given."""
-
-    velocity = position = stiffness = damping = None
-
-    def step(self, tick):
-        return self.commands.get(tick, 0.0)
-
-
 @pytest.mark.parametrize("between", BETWEEN)
 def test_nan_is_a_fault_also_behind(between):
     with Diagram("behind", rate=200) as diagram:
-        drive, source, station = CubeMars("AK80-9", name="drive", timeout=0.0), OneNumber(), Station()
+        drive, source, station = CubeMars("AK80-9", name="drive", timeout=0.0), Script(), Station()
         drive(torque_command=BETWEEN[between](source.torque))
-    source.commands = {7: math.nan}
+    source.commands = {7: {"torque": math.nan}}
 
     def before(buses):
         station.end = buses["can"].device
