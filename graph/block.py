@@ -6,14 +6,13 @@ from it. Within a block each name is used once.
 
 import inspect
 import math
-import operator
 import re
 
 import numpy as np
 
 from graph import units
 from graph.diagnostics import Diagnostic, DiagramError, caller
-from graph.diagram import Outputs, Signal, current_scope
+from graph.diagram import Outputs, Signal, current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
@@ -94,7 +93,7 @@ class Param(_Declaration):
 
     def check(self, value):
         """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""
-        if value is None and self.default is None and not self.required:
+        if value is None and (self.default is None and not self.required or self.dtype is object):
             return None
         if value is None:
             raise ValueError("a value is wanted, got None")
@@ -268,15 +267,10 @@ class Block:
                     raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
             except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {error}", param.description)
-        try:
-            every = operator.index(self.every)
-        except TypeError:
-            every = 0
-        if not 1 <= every < 2**31:
+        if not is_count(self.every):
             problems.append(Diagnostic(
                 "TW014", f"every must be a whole number of ticks, 1 or more, got {self.every!r}", path=who, where=self.location,
                 hint="every=2 runs the block in every second tick"))
-        self.every = every
         if problems:
             raise DiagramError(problems)
 

@@ -165,7 +165,7 @@ class subsystem:
         if scope is None:
             raise DiagramError(Diagnostic(
                 "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
-        if isinstance(every, bool) or not isinstance(every, int) or every < 1:
+        if not is_count(every):
             raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}", path=str(name), where=where))
         if enabled is not None and (not isinstance(enabled, Signal) or enabled.declaration.shape not in ((), ...)):
             raise DiagramError(Diagnostic("TW012", f"enabled must be a scalar signal, got {enabled!r}", path=str(name), where=where))
@@ -186,6 +186,11 @@ def check_name(name, where):
         raise DiagramError(Diagnostic(
             "TW010", f"{name!r} cannot be a name", where=where,
             hint="a name is printable text without '/', '.' and '='; subsystems make paths, as in `with subsystem(\"left\")`"))
+
+
+def is_count(every):
+    """Whether a block can run in every so many ticks."""
+    return isinstance(every, numbers.Integral) and not isinstance(every, bool) and 1 <= every < 2**31
 
 
 def is_number(value):

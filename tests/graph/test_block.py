@@ -82,7 +82,7 @@ def test_parameters_by_position_are_counted_and_not_given_twice():
     assert refusal(Gain, 1.0, gain=2.0).message == "gain was given twice"
 
 
-@pytest.mark.parametrize("every", [0, -1, 1.5, "2", None, math.nan, 2**31])
+@pytest.mark.parametrize("every", [0, -1, 1.5, "2", None, True, math.nan, 2**31])
 def test_a_block_runs_in_every_whole_number_of_ticks(every):
     found = refusal(Gain, every=every)
     assert (found.code, found.message) == ("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}")

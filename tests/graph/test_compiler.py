@@ -285,6 +285,14 @@ def test_an_empty_diagram_compiles():
     assert schedule.output == [] and schedule.signals == {} and schedule.gil_sections == 0
 
 
+def test_mistakes_come_in_the_order_of_the_file():
+    with Diagram("d", rate=100) as diagram:
+        Sum("++", name="z")(1.0)
+        CubeMars("AK80-9", name="m")
+        Sum("++", name="a")(1.0)
+    assert [d.path for d in complaints(diagram)] == ["z", "m", "a"]
+
+
 def test_compiling_twice_gives_the_same_schedule():
     with Diagram("d", rate=100) as diagram:
         knee = CubeMars("AK80-9")

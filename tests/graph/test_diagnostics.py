@@ -36,7 +36,7 @@ def test_every_code_is_used_and_every_use_is_a_code():
 
 def test_every_code_has_a_test_that_provokes_it():
     tested = set()
-    for file in Path(__file__).parent.glob("test_*.py"):
+    for file in Path(__file__).parents[1].rglob("test_*.py"):
         if file != Path(__file__):
             tested |= set(re.findall(r'"(TW\d{3})"', file.read_text()))
     assert tested == set(CODES)
