@@ -24,42 +24,11 @@ from cext.abi cimport (
 )
 from cext.histogram cimport Histogram, add
 from cext.page cimport ARMING, ROW, RUNNING, SAFE, STOPPING, Page, PageLayout, commit, load_i32, load_u64, reserve, store_i32, store_i64
+from cext.posix cimport (
+    CLOCK_MONOTONIC, CLOCK_REALTIME, PR_SET_TIMERSLACK, POLLIN, SIGHUP, SIGINT, SIGTERM, TIMER_ABSTIME,
+    action, clock_gettime, clock_nanosleep, poll, pollfd, prctl, sigaction, timespec,
+)
 from cext.program cimport Device, Program
-
-cdef extern from "<time.h>" nogil:
-    cdef struct timespec:
-        long tv_sec
-        long tv_nsec
-    int clock_gettime(int clock, timespec *time)
-    int clock_nanosleep(int clock, int flags, const timespec *request, timespec *remain)
-    const int CLOCK_MONOTONIC
-    const int CLOCK_REALTIME
-    const int TIMER_ABSTIME
-
-cdef extern from "<poll.h>" nogil:
-    cdef struct pollfd:
-        int fd
-        short events
-        short revents
-    int poll(pollfd *files, unsigned long count, int timeout)
-    const short POLLIN
-
-cdef extern from "<signal.h>" nogil:
-    ctypedef struct sigset_t:
-        pass
-    ctypedef void (*handler_t)(int)
-    cdef struct action "sigaction":
-        handler_t sa_handler
-        int sa_flags
-        sigset_t sa_mask
-    int sigaction(int signum, const action *new, action *old)
-    const int SIGINT
-    const int SIGTERM
-    const int SIGHUP
-
-cdef extern from "<sys/prctl.h>" nogil:
-    int prctl(int option, unsigned long argument)
-    const int PR_SET_TIMERSLACK
 
 cdef extern from *:
     """

@@ -45,22 +45,6 @@ cdef struct Device:
     int64_t replies
     int64_t replies_wanted       # before it counts as answered
 
-cdef class PythonStep:
-    cdef object callable
-    cdef readonly str name
-    cdef int input_count, output_count
-    cdef int[32] input_kinds
-    cdef int32_t[32] input_slots
-    cdef int[32] output_kinds
-    cdef int32_t[32] output_slots
-    cdef double[32] output_lows
-    cdef double[32] output_highs
-    cdef PyObject *arguments[33]
-    cdef list input_views, output_views, output_names
-    cdef int call(self, double *arena) except -1
-    cdef int refuse(self, int index, value) except -1
-    cdef int store(self, int index, object value, double *arena) except -1
-
 cdef class Program:
     """The tables of one schedule, ready for the executor."""
     cdef double *arena
