@@ -317,18 +317,14 @@ cdef class Executor:
                 self.first_tick = now                              # tick 0 is here, with the answers just heard
                 if self.layout != NULL:
                     self.layout.first_tick = now
-                return self.settle_blocks()
+                self.set_clock(self.control, 0, -1, self.rate, 0)
+                return self.control.start_from_here()
             status = self.send_batches(True, True, False, now)
             if status == OK:
                 status = self.advance_plant(now)
             if status != OK:
                 return status
         return NO_ANSWER if self.control.device_count else OK
-
-    cdef int settle_blocks(self) noexcept nogil:
-        """One pass over the diagram on the present measurement: blocks with a settle step take their inputs as the steady state."""
-        self.set_clock(self.control, 0, -1, self.rate, 0)
-        return self.control.run(&self.control.settle, 0, -1)
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
         cdef int64_t now, began, behind

@@ -48,8 +48,11 @@ cdef struct Device:
 cdef class Program:
     """The tables of one schedule, ready for the executor."""
     cdef double *arena
+    cdef const double *initial   # what the arena holds at reset
+    cdef int size
     cdef object memory, image, keep
-    cdef Phase settle, output, update
+    cdef Phase look, settle, output, update
+    cdef int memory_start        # slot from which on the arena is state
     cdef Device *devices
     cdef int device_count
     cdef list ends               # BusEnd, one a bus
@@ -73,6 +76,8 @@ cdef class Program:
     cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil
     cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil
+    cdef int start_from_here(self) noexcept nogil
+    cdef int reset_blocks(self) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil

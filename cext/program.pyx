@@ -82,8 +82,12 @@ cdef class Program:
         self.image = np.ascontiguousarray(schedule.arena, dtype=np.float64)
         self.memory = self.image.copy()
         self.arena = <double *><uintptr_t>self.memory.ctypes.data
+        self.initial = <const double *><uintptr_t>self.image.ctypes.data
+        self.size = len(self.memory)
         self.keep = []
         self.blocks = list(schedule.python_blocks)
+        self.memory_start = schedule.memory_start
+        self.load_phase(&self.look, schedule.look)
         self.load_phase(&self.settle, schedule.settle)
         self.load_phase(&self.output, schedule.output)
         self.load_phase(&self.update, schedule.update)
@@ -99,6 +103,7 @@ cdef class Program:
             self.columns[index] = slot
 
     def __dealloc__(self):
+        free(self.look.steps); free(self.look.segments)
         free(self.settle.steps); free(self.settle.segments)
         free(self.output.steps); free(self.output.segments)
         free(self.update.steps); free(self.update.segments)
@@ -182,7 +187,8 @@ cdef class Program:
         if self.failed_bus >= 0:
             return self.schedule.buses[self.failed_bus]
         if self.failed_step >= 0:
-            return (self.schedule.settle, self.schedule.output, self.schedule.update)[self.failed_phase][self.failed_step].name
+            phases = self.schedule.look, self.schedule.settle, self.schedule.output, self.schedule.update
+            return phases[self.failed_phase][self.failed_step].name
         return None
 
     def inputs(self, str path):
@@ -242,7 +248,7 @@ cdef class Program:
 
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
         self.failed_step = step
-        self.failed_phase = 0 if phase == &self.settle else 1 if phase == &self.output else 2
+        self.failed_phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
 
     cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil:
         cdef int step = segment.first
@@ -253,6 +259,26 @@ cdef class Program:
             except BaseException as error:
                 self.error = error
                 self.blame_step(phase, step)
+                return PYTHON_ERROR
+        return OK
+
+    cdef int start_from_here(self) noexcept nogil:
+        """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""
+        cdef int status = self.run(&self.look, 0, -1)
+        if status == OK:
+            status = self.reset_blocks()
+        if status == OK:
+            status = self.run(&self.settle, 0, -1)
+        return status
+
+    cdef int reset_blocks(self) noexcept nogil:
+        memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start) * sizeof(double))
+        with gil:
+            try:
+                for block in self.blocks:
+                    block.reset()
+            except BaseException as error:
+                self.error = error
                 return PYTHON_ERROR
         return OK
 

@@ -3,24 +3,19 @@
 Every check adds what it finds to one list; all of it is raised together.
 """
 
-import math
-
-import heapq
-
-import networkx as nx
 import numpy as np
 
 from graph import units
-from graph.block import CLOCK, Sink, range_of, size_of
+from graph.assembly import assemble
+from graph.block import Sink, range_of, size_of
 from graph.budget import bus_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
 from graph.inference import has_units_of_its_own, infer_shapes, infer_units
 from graph.interval import EVERYTHING, Interval
-from graph.layout import Layout, kernel_tables
-from graph.schedule import Column, DeviceSteps, Proof, Schedule, SignalPlace, SinkColumns, Step
-
+from graph.order import cluster, computes, dependencies, take_out_loops
+from graph.schedule import Proof
 
 NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before it
 
@@ -49,7 +44,7 @@ def compile(diagram):
     errors = [d for d in compilation.diagnostics if d.severity == "error"]
     if errors:
         raise DiagramError(sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0)))
-    return compilation.schedule()
+    return assemble(compilation)
 
 
 class Compilation:
@@ -115,8 +110,8 @@ class Compilation:
 
     def check_steps(self):
         for block in self.blocks:
-            computes = self.steps(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
-            if not computes and not isinstance(block, (Device, Sink)):
+            works = computes(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
+            if not works and not isinstance(block, (Device, Sink)):
                 self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block,
                             hint=f"define step(self, {', '.join(block.inputs)})" if block.inputs else "define step(self)")
 
@@ -239,44 +234,19 @@ class Compilation:
     # Order
 
     def sort(self):
-        graph = nx.DiGraph()
-        graph.add_nodes_from(block for block in self.blocks if self.steps(block))
-        for block in graph.nodes:
-            for name in block.step_inputs():
-                source = self.sources.get((block, name))
-                if isinstance(source, Signal) and source.block in graph and source.port not in getattr(source.block, "sent_outputs", ()):
-                    graph.add_edge(source.block, block, port=name, source=source.port)
-            for condition in block.conditions:
-                if condition.block in graph:
-                    graph.add_edge(condition.block, block, port="enabled", source=condition.port)
-        for component in list(nx.strongly_connected_components(graph)):
-            inside = graph.subgraph(component)
-            first = min(component, key=lambda block: block.path)
-            if inside.number_of_edges():
-                self.report_loop(inside, next((block for block in [first, *inside] if inside.has_edge(block, block)), first))
-                graph.remove_edges_from(list(inside.edges))         # an order for the checks that follow
+        graph = dependencies(self.blocks, self.sources)
+        for cycle in take_out_loops(graph):
+            spelled = ", ".join(f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle)
+            *_, (_, _, first, port) = cycle
+            self.report("TW006", f"each of these needs the other in the same tick: {spelled}", first, where=self.where(first, port),
+                        hint="break the loop with a block that has no direct feedthrough, such as UnitDelay")
         self.order = cluster(graph)
-
-    def steps(self, block):
-        return block.is_python or block.kernel is not None
-
-    def report_loop(self, graph, first):
-        if graph.has_edge(first, first):
-            cycle = [first, first]
-        else:
-            back = nx.shortest_path(graph, first)
-            last = min((b for b in graph.predecessors(first)), key=lambda b: (len(back[b]), b.path))
-            cycle = back[last] + [first]
-        spelled = [f"{a.path}.{graph.edges[a, b]['source']} -> {b.path}.{graph.edges[a, b]['port']}" for a, b in zip(cycle, cycle[1:])]
-        self.report("TW006", "each of these needs the other in the same tick: " + ", ".join(spelled), first,
-                    where=self.where(first, graph.edges[cycle[-2], first]["port"]),
-                    hint="break the loop with a block that has no direct feedthrough, such as UnitDelay")
 
     # Range proof
 
     def prove(self):
         for _ in range(2):          # every pass starts from a sound answer, so a second one only narrows what loops left open
-            for block in [b for b in self.blocks if not self.steps(b)] + self.order:
+            for block in [b for b in self.blocks if not computes(b)] + self.order:
                 self.find_ranges(block)
         self.proofs = []
         for block in self.blocks:
@@ -321,7 +291,7 @@ class Compilation:
             if block.outputs and block not in used and not isinstance(block, Device):
                 self.report("TW020", "nobody uses or records what it computes", block, severity="warning")
 
-    # Layout
+    # What blocks are told before they are laid out
 
     def prepare(self):
         """Tell each block how wide it is and how often it runs."""
@@ -329,135 +299,3 @@ class Compilation:
             block.width = size_of(next((self.shapes[block, n] for n, p in (block.inputs | block.outputs).items() if p.shape is ...), ()))
             block.dt = block.every / self.diagram.rate
             self.attempt(block, block.prepare, block.dt)
-
-    def schedule(self):
-        layout = Layout()
-        places, constants = {}, {}
-        in_order = [b for b in self.blocks if not self.steps(b)] + self.order
-        for block in in_order:
-            for name, port in block.outputs.items():
-                shape = self.shapes[block, name]
-                slot = layout.place(np.zeros(size_of(shape)))
-                places[Signal(block, name)] = SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.units[block, name])
-
-        def input_slot(block, name):
-            source = self.sources[block, name]
-            if isinstance(source, Signal):
-                return places[source].slot
-            if (block, name) not in constants:
-                constants[block, name] = layout.place(np.broadcast_to(source, self.shapes[block, name]))
-            return constants[block, name]
-
-        def described(block, name):
-            if name in CLOCK and name not in block.inputs:
-                return name, CLOCK[name], "int" if name == "tick" else "float", ()
-            return name, input_slot(block, name), block.inputs[name].dtype, self.shapes[block, name]
-
-        tables, parameters = {}, {}
-        for block in in_order:
-            if block.is_python or isinstance(block, Sink):
-                continue
-            tables[block] = kernel_tables(
-                block, layout, [input_slot(block, n) for n in block.inputs], [places[Signal(block, n)].slot for n in block.outputs],
-                [size_of(self.shapes[block, n]) for n in block.inputs], [size_of(self.shapes[block, n]) for n in block.outputs])
-            at = len(block.inputs) + len(block.outputs)
-            for index, name in enumerate(n for n, p in block.parameters.items() if p.numeric):
-                parameters[f"{block.path}.{name}"] = tables[block].slots[at + index]
-
-        def when(block):
-            return tuple(places[condition].slot for condition in block.conditions)
-
-        def native(block, kernel):
-            return Step(block.path, block.every, when(block), kernel=kernel, table=tables[block])
-
-        def python(block, method, names, outputs):
-            return Step(block.path, block.every, when(block), function=method, inputs=tuple(described(block, n) for n in names),
-                        outputs=tuple(result(block, n, p) for n, p in outputs.items()))
-
-        def result(block, name, port):
-            promised = port.range or EVERYTHING
-            return name, places[Signal(block, name)].slot, port.dtype, self.shapes[block, name], promised.low, promised.high
-
-        def output_step(block):
-            return python(block, block.step, block.step_inputs(), block.outputs) if block.is_python else native(block, block.kernel)
-
-        output = [output_step(block) for block in self.order]
-        settle = []
-        for block, step in zip(self.order, output):
-            if block.settle_kernel is not None:
-                settle.append(native(block, block.settle_kernel))
-            elif hasattr(block, "settle") and block.is_python:
-                settle.append(python(block, block.settle, block.arguments_of("settle"), {}))
-            settle.append(step)
-        update = sorted(
-            [native(b, b.update_kernel) for b in self.blocks if b.update_kernel is not None]
-            + [python(b, b.update, b.update_inputs(), {}) for b in self.blocks if b.has_python_update],
-            key=lambda step: (step.every, step.conditions, step.kernel is None))
-        buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
-        devices = [self.device_steps(block, tables[block], places, buses) for block in self.blocks if isinstance(block, Device)]
-        devices.sort(key=lambda device: device.bus)
-        inputs = {b.path: {n: input_slot(b, n) for n in b.inputs if self.shapes[b, n] == ()} for b in self.blocks if not isinstance(b, Sink)}
-        columns, sinks = self.recorded(places)
-        return Schedule(
-            name=self.diagram.name, rate=self.diagram.rate, arena=layout.arena(), settle=settle, output=output, update=update,
-            devices=devices, buses=buses, signals={place.path: place for place in places.values()}, columns=columns, sinks=sinks,
-            python_blocks=[b for b in self.blocks if b.is_python or b.has_python_update], parameters=parameters, inputs=inputs,
-            proofs=self.proofs, holds=self.holds, loads=self.loads, warnings=[d for d in self.diagnostics if d.severity == "warning"])
-
-    def device_steps(self, block, table, places, buses):
-        def slot(name):
-            return places[Signal(block, name)].slot if name in block.outputs else -1
-
-        return DeviceSteps(
-            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=table,
-            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
-            enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()))
-
-    def recorded(self, places):
-        """Slots of everything that some sink takes, and each sink's columns among them."""
-        slots, index_of, sinks = [], {}, []
-        everything = [(place.path, signal) for signal, place in sorted(places.items(), key=lambda item: item[1].path)]
-        for block in self.blocks:
-            if not isinstance(block, Sink):
-                continue
-            columns = []
-            for label, signal in self.taps.get(block) or everything:
-                place = places[signal]
-                for offset in range(place.size):
-                    slot = place.slot + offset
-                    if slot not in index_of:
-                        index_of[slot] = len(slots)
-                        slots.append(slot)
-                    where = "".join(f"[{i}]" for i in np.unravel_index(offset, place.shape)) if place.shape else ""
-                    columns.append(Column(index_of[slot], label + where, place.dtype, place.unit))
-            sinks.append(SinkColumns(block, tuple(columns)))
-        return np.array(slots, dtype=np.int32), sinks
-
-
-def cluster(graph):
-    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can."""
-    waiting = dict(graph.in_degree())
-    ready = {}                                  # kind: heap of (path, block)
-
-    def release(block):
-        heapq.heappush(ready.setdefault(kind(block), []), (block.path, block))
-
-    for block, count in waiting.items():
-        if count == 0:
-            release(block)
-    order, current = [], None
-    while ready:
-        current = current if current in ready else min(ready)
-        _, block = heapq.heappop(ready[current])
-        if not ready[current]:
-            del ready[current]
-        order.append(block)
-        for follower in graph.successors(block):
-            waiting[follower] -= 1
-            if waiting[follower] == 0:
-                release(follower)
-    return order
-
-
-def kind(block):
-    return block.every, tuple(condition.path for condition in block.conditions), block.is_python

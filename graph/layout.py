@@ -1,4 +1,4 @@
-"""Where things lie in the arena: the clock first, then what each block needs, in the order of its declaration."""
+"""Where things lie in the arena: the clock first, then signals and parameters, then the memory of blocks."""
 
 from typing import NamedTuple
 
@@ -27,29 +27,35 @@ class Layout:
         self.values.extend(np.ravel(np.asarray(values, dtype=float)).tolist())
         return slot
 
+    def __len__(self):
+        return len(self.values)
+
     def arena(self):
         return np.array(self.values, dtype=np.float64)
 
 
-def memory_values(block, name):
-    """What a block's memory holds at reset: what `prepare` has set, else what is declared."""
-    value = block.__dict__.get(name)
-    return np.atleast_1d(np.asarray(block.memory[name].initial if value is None else value, dtype=float))
-
-
-
-def kernel_tables(block, layout, input_slots, output_slots, input_sizes, output_sizes):
-    """The KernelTable of a native block: inputs, outputs, parameters, memory. Places the last two in the layout."""
-    slots = list(input_slots) + list(output_slots)
-    sizes = list(input_sizes) + list(output_sizes)
+def place_parameters(block, layout):
+    """{name: slot} of a block's numeric parameters; NaN stands for one that has no value."""
+    slots = {}
     for name, param in block.parameters.items():
         if param.numeric:
             value = getattr(block, name)
-            slots.append(layout.place([float("nan") if value is None else value]))
-            sizes.append(1)
-    for name in block.memory:
-        values = memory_values(block, name)
-        slots.append(layout.place(values))
-        sizes.append(len(values))
-    parameters = sum(param.numeric for param in block.parameters.values())
-    return KernelTable((len(input_slots), len(output_slots), parameters, len(block.memory)), tuple(slots), tuple(sizes))
+            slots[name] = layout.place(float("nan") if value is None else value)
+    return slots
+
+
+def place_memory(block, layout):
+    """{name: (slot, length)} of a block's memory: what `prepare` has set, else what is declared."""
+    places = {}
+    for name, memory in block.memory.items():
+        value = vars(block).get(name)
+        values = np.ravel(np.asarray(memory.initial if value is None else value, dtype=float))
+        places[name] = layout.place(values), len(values)
+    return places
+
+
+def kernel_table(inputs, outputs, parameters, memory):
+    """The KernelTable of a block. inputs, outputs, memory : lists of (slot, length); parameters : list of slots."""
+    items = [*inputs, *outputs, *((slot, 1) for slot in parameters), *memory]
+    counts = len(inputs), len(outputs), len(parameters), len(memory)
+    return KernelTable(counts, tuple(slot for slot, _ in items), tuple(length for _, length in items))

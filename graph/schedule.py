@@ -93,7 +93,9 @@ class Schedule:
     name: str
     rate: float
     arena: np.ndarray
-    settle: list
+    memory_start: int           # slot where the memory of blocks begins: from here on the arena is state
+    look: list                  # one pass on the present measurement, settling each block before its output
+    settle: list                # the settle steps of that pass alone
     output: list
     update: list
     devices: list

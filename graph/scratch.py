@@ -4,7 +4,7 @@ import numpy as np
 
 from cext.program import call_kernel
 from graph.block import size_of
-from graph.layout import Layout, kernel_tables
+from graph.layout import Layout, kernel_table, place_memory, place_parameters
 
 
 class Scratch:
@@ -33,10 +33,11 @@ class Scratch:
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
         self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
-        self.table = kernel_tables(
-            block, layout, [self.slots_of[n] for n in block.inputs], [self.slots_of[n] for n in block.outputs],
-            [sizes[n] for n in block.inputs], [sizes[n] for n in block.outputs])
-        self.first_parameter = len(self.shapes)
+        self.parameters = place_parameters(block, layout)
+        memory = place_memory(block, layout)
+        self.table = kernel_table(
+            [(self.slots_of[n], sizes[n]) for n in block.inputs], [(self.slots_of[n], sizes[n]) for n in block.outputs],
+            list(self.parameters.values()), list(memory.values()))
         self.arena = layout.arena()
         period = block.dt if block.dt is not None else 1e-3
         self.arena[[2, 3, 6]] = period, period, 1.0
@@ -61,9 +62,9 @@ class Scratch:
             if value is None:
                 continue
             self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
-        for index, (name, param) in enumerate((n, p) for n, p in block.parameters.items() if p.numeric):
+        for name, slot in self.parameters.items():
             value = getattr(block, name)
-            self.arena[self.table.slots[self.first_parameter + index]] = np.nan if value is None else value
+            self.arena[slot] = np.nan if value is None else value
 
     def call(self, kernel):
         status = call_kernel(kernel, self.arena, self.table)

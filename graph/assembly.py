@@ -1,0 +1,163 @@
+"""The last part of a compile: what has been checked and sorted gets its places in the arena and becomes a schedule."""
+
+import numpy as np
+
+from graph.block import CLOCK, Sink, size_of
+from graph.device import Actuator, Device
+from graph.diagram import Signal
+from graph.interval import EVERYTHING
+from graph.layout import Layout, kernel_table, place_memory, place_parameters
+from graph.order import computes
+from graph.schedule import Column, DeviceSteps, Schedule, SignalPlace, SinkColumns, Step
+
+
+def assemble(facts):
+    """The Schedule of a Compilation that has passed every check."""
+    return Assembly(facts).schedule()
+
+
+class Assembly:
+    """facts : a Compilation: blocks, order, sources, shapes, units, taps, and what was proved."""
+
+    def __init__(self, facts):
+        self.facts = facts
+        self.blocks = facts.blocks
+        self.layout = Layout()
+        # In the order of the tick, so that neighbours in time are neighbours in memory.
+        self.in_order = [block for block in self.blocks if not computes(block)] + facts.order
+        self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
+        self.places = {
+            Signal(block, name): self.place_signal(block, name, port) for block in self.in_order for name, port in block.outputs.items()
+        }
+        self.constants = {
+            (block, name): self.layout.place(np.broadcast_to(facts.sources[block, name], facts.shapes[block, name]))
+            for block in self.in_order for name in block.inputs
+            if not isinstance(facts.sources[block, name], Signal) and not isinstance(block, Sink)
+        }
+        parameters = {block: place_parameters(block, self.layout) for block in self.native}
+        self.memory_start = len(self.layout)
+        memory = {block: place_memory(block, self.layout) for block in self.native}
+        self.parameters = {f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()}
+        self.tables = {
+            block: kernel_table(
+                [(self.input_slot(block, name), self.size(block, name)) for name in block.inputs],
+                [(self.places[Signal(block, name)].slot, self.size(block, name)) for name in block.outputs],
+                list(parameters[block].values()), list(memory[block].values()))
+            for block in self.native
+        }
+
+    def place_signal(self, block, name, port):
+        shape = self.facts.shapes[block, name]
+        slot = self.layout.place(np.zeros(size_of(shape)))
+        return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name])
+
+    def size(self, block, name):
+        return size_of(self.facts.shapes[block, name])
+
+    def input_slot(self, block, name):
+        source = self.facts.sources[block, name]
+        return self.places[source].slot if isinstance(source, Signal) else self.constants[block, name]
+
+    # Steps
+
+    def native_step(self, block, kernel):
+        return Step(block.path, block.every, self.conditions(block), kernel=kernel, table=self.tables[block])
+
+    def python_step(self, block, method, names, outputs):
+        return Step(
+            block.path, block.every, self.conditions(block), function=method, inputs=tuple(self.argument(block, name) for name in names),
+            outputs=tuple(self.result(block, name, port) for name, port in outputs.items()))
+
+    def conditions(self, block):
+        return tuple(self.places[condition].slot for condition in block.conditions)
+
+    def argument(self, block, name):
+        if name in CLOCK and name not in block.inputs:
+            return name, CLOCK[name], "int" if name == "tick" else "float", ()
+        return name, self.input_slot(block, name), block.inputs[name].dtype, self.facts.shapes[block, name]
+
+    def result(self, block, name, port):
+        promised = port.range or EVERYTHING
+        return name, self.places[Signal(block, name)].slot, port.dtype, self.facts.shapes[block, name], promised.low, promised.high
+
+    def output_step(self, block):
+        if block.is_python:
+            return self.python_step(block, block.step, block.step_inputs(), block.outputs)
+        return self.native_step(block, block.kernel)
+
+    def settle_step(self, block):
+        """The step that takes the present inputs as the steady state, or None."""
+        if block.settle_kernel is not None:
+            return self.native_step(block, block.settle_kernel)
+        if block.is_python and hasattr(block, "settle"):
+            return self.python_step(block, block.settle, block.arguments_of("settle"), {})
+        return None
+
+    def update_steps(self):
+        steps = [self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None]
+        steps += [self.python_step(block, block.update, block.update_inputs(), {}) for block in self.blocks if block.has_python_update]
+        return sorted(steps, key=lambda step: (step.every, step.conditions, step.kernel is None))
+
+    # The whole
+
+    def schedule(self):
+        facts = self.facts
+        output = [self.output_step(block) for block in facts.order]
+        settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
+        look = [step for block, step in zip(facts.order, output) for step in (settle.get(block), step) if step is not None]
+        buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
+        columns, sinks = self.recorded()
+        return Schedule(
+            name=facts.diagram.name,
+            rate=facts.diagram.rate,
+            arena=self.layout.arena(),
+            memory_start=self.memory_start,
+            look=look,
+            settle=list(settle.values()),
+            output=output,
+            update=self.update_steps(),
+            devices=sorted((self.device_steps(block, buses) for block in self.blocks if isinstance(block, Device)), key=lambda d: d.bus),
+            buses=buses,
+            signals={place.path: place for place in self.places.values()},
+            columns=columns,
+            sinks=sinks,
+            python_blocks=[block for block in self.blocks if block.is_python or block.has_python_update],
+            inputs={
+                block.path: {name: self.input_slot(block, name) for name in block.inputs if facts.shapes[block, name] == ()}
+                for block in self.blocks if not isinstance(block, Sink)
+            },
+            parameters=self.parameters,
+            proofs=facts.proofs,
+            holds=facts.holds,
+            loads=facts.loads,
+            warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],
+        )
+
+    def device_steps(self, block, buses):
+        def slot(name):
+            return self.places[Signal(block, name)].slot if name in block.outputs else -1
+
+        return DeviceSteps(
+            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
+            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
+            enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()))
+
+    def recorded(self):
+        """Slots of everything that some sink takes, and each sink's columns among them."""
+        slots, index_of, sinks = [], {}, []
+        everything = [(place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)]
+        for block in self.blocks:
+            if not isinstance(block, Sink):
+                continue
+            columns = []
+            for label, signal in self.facts.taps.get(block) or everything:
+                place = self.places[signal]
+                for offset in range(place.size):
+                    slot = place.slot + offset
+                    if slot not in index_of:
+                        index_of[slot] = len(slots)
+                        slots.append(slot)
+                    where = "".join(f"[{i}]" for i in np.unravel_index(offset, place.shape)) if place.shape else ""
+                    columns.append(Column(index_of[slot], label + where, place.dtype, place.unit))
+            sinks.append(SinkColumns(block, tuple(columns)))
+        return np.array(slots, dtype=np.int32), sinks

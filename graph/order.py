@@ -1,0 +1,81 @@
+"""The order of steps in a tick: who needs whom, and what may run side by side."""
+
+import heapq
+
+import networkx as nx
+
+from graph.diagram import Signal
+
+
+def computes(block):
+    """Whether the block has a step of its own in the output phase."""
+    return block.is_python or block.kernel is not None
+
+
+def dependencies(blocks, sources):
+    """A networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition; data: `source` and `port`, their names."""
+    graph = nx.DiGraph()
+    graph.add_nodes_from(block for block in blocks if computes(block))
+    for block in graph.nodes:
+        for name in block.step_inputs():
+            source = sources.get((block, name))
+            if isinstance(source, Signal) and source.block in graph and source.port not in getattr(source.block, "sent_outputs", ()):
+                graph.add_edge(source.block, block, port=name, source=source.port)
+        for condition in block.conditions:
+            if condition.block in graph:
+                graph.add_edge(condition.block, block, port="enabled", source=condition.port)
+    return graph
+
+
+def take_out_loops(graph):
+    """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output, block, input)."""
+    cycles = []
+    for component in list(nx.strongly_connected_components(graph)):
+        inside = graph.subgraph(component)
+        if not inside.number_of_edges():
+            continue
+        first = min(component, key=lambda block: block.path)
+        first = next((block for block in [first, *inside] if inside.has_edge(block, block)), first)
+        cycles.append([(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)])
+        graph.remove_edges_from(list(inside.edges))
+    return cycles
+
+
+def shortest_cycle(graph, first):
+    """Edges of a shortest cycle through a block."""
+    if graph.has_edge(first, first):
+        return [(first, first)]
+    paths = nx.shortest_path(graph, first)
+    last = min(graph.predecessors(first), key=lambda block: (len(paths[block]), block.path))
+    around = paths[last] + [first]
+    return list(zip(around, around[1:]))
+
+
+def cluster(graph):
+    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can."""
+    waiting = dict(graph.in_degree())
+    ready = {}                                  # kind: heap of (path, block)
+
+    def release(block):
+        heapq.heappush(ready.setdefault(kind(block), []), (block.path, block))
+
+    for block, count in waiting.items():
+        if count == 0:
+            release(block)
+    order, current = [], None
+    while ready:
+        current = current if current in ready else min(ready)
+        _, block = heapq.heappop(ready[current])
+        if not ready[current]:
+            del ready[current]
+        order.append(block)
+        for follower in graph.successors(block):
+            waiting[follower] -= 1
+            if waiting[follower] == 0:
+                release(follower)
+    return order
+
+
+def kind(block):
+    """What neighbours in one segment share: rate, conditions, and whether they are Python."""
+    return block.every, tuple(condition.path for condition in block.conditions), block.is_python
