@@ -226,7 +226,8 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
 
 def test_what_a_refused_recording_had_already_made_is_taken_away(tmp_path):
     bad = sink(CSV, "bad_recorder", SIGNALS, file="no/such/folder/x")
-    refused(tmp_path / "new" / "newer", sink(CSV, "csv_recorder", SIGNALS), bad, match="bad_recorder cannot start: No such file or directory")
+    good = sink(CSV, "csv_recorder", SIGNALS)
+    refused(tmp_path / "new" / "newer", good, bad, match="bad_recorder cannot start: No such file or directory")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -315,7 +316,8 @@ def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path)
         "if sys.argv[2] == 'configured': recorder.configure(plan(sys.argv[1], sink(CSV, 'a', columns('a.x m'))))\n"
         "print(recorder.pid, flush=True)\nos.kill(os.getpid(), 9)\n")
     for when in ("configured", "spawned"):
-        died = subprocess.run([sys.executable, "-c", script, str(tmp_path / "new"), when], cwd=ROOT, capture_output=True, text=True, timeout=60)
+        command = [sys.executable, "-c", script, str(tmp_path / "new"), when]
+        died = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
         assert died.returncode == -9 and ends_by_itself(int(died.stdout)) and died.stderr == ""
         assert list(tmp_path.iterdir()) == []
 
@@ -335,10 +337,13 @@ def test_the_child_imports_what_the_parent_imports_whatever_lies_in_the_working_
 
 def test_the_child_needs_neither_numpy_nor_the_language(tmp_path):
     (tmp_path / "spy.py").write_text(
-        "import sys\nfrom runtime.recorder.service import Service\n\nclass Spy(Service):\n    def close(self):\n        return {'modules': sorted(sys.modules)}\n")
+        "import sys\nfrom runtime.recorder.service import Service\n\n"
+        "class Spy(Service):\n    def close(self):\n        return {'modules': sorted(sys.modules)}\n")
     script = (
         "import sys\nsys.path.insert(0, sys.argv[1])\nfrom tests.runtime.recorder.running import *\n"
-        "report = record(plan(sys.argv[1], sink('spy:Spy', 'spy', columns('a.x m')), sink(CSV, 'a', columns('a.x m')), buses=['legs']), [row(0, 1.0)])\n"
+        "signals = columns('a.x m')\n"
+        "sinks = [sink('spy:Spy', 'spy', signals), sink(CSV, 'a', signals)]\n"
+        "report = record(plan(sys.argv[1], *sinks, buses=['legs']), [row(0, 1.0)])\n"
         "print([name for name in ('numpy', 'networkx', 'matplotlib', 'graph', 'can') if name in report['sinks']['spy']['modules']])\n")
     done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == "['can']\n", done.stderr
