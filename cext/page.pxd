@@ -99,3 +99,4 @@ cdef class Page:
     cdef PageLayout *layout
     cdef object memory
     cdef readonly int fd
+    cdef bint made_here             # the file is ours to close

@@ -6,6 +6,7 @@ import os
 
 from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
 from libc.string cimport memcpy
+from posix.unistd cimport close
 
 from cext.histogram cimport BUCKETS, Histogram, lower_edge
 
@@ -26,7 +27,8 @@ cdef class Page:
         cdef Py_buffer buffer
         if fd is None:
             room = 1 << max(12, (int(capacity) - 1).bit_length())
-            fd = os.memfd_create("tickwork")
+            self.fd = fd = os.memfd_create("tickwork")
+            self.made_here = True
             os.ftruncate(fd, sizeof(PageLayout) + room)
         self.fd = fd
         self.memory = mmap.mmap(fd, 0)
@@ -41,6 +43,10 @@ cdef class Page:
             self.layout.magic = MAGIC
         elif self.layout.magic != MAGIC:
             raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
+
+    def __dealloc__(self):
+        if self.made_here:
+            close(self.fd)
 
     def push(self, uint32_t kind, bytes payload):
         """Append one record from outside the loop. The payload is padded with spaces to a multiple of 8 bytes."""

@@ -13,7 +13,7 @@ ROWS = (
     ("torque", "torque [N·m]", "#D55E00", float),
     ("power", "power [W]", "#009E73", float),
 )
-INK, FAINT = "#333333", "#DDDDDD"
+INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
 
 
 def draw(name, legs, file):
@@ -37,7 +37,7 @@ def draw(name, legs, file):
         axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
     figure.align_ylabels(axes[:, 0])
     figure.suptitle(f"{name}: the average stride", fontsize=13, fontweight="bold", color=INK)
-    marks = [Line2D([], [], color="#666666", linewidth=2.0, label="mean"), Patch(color="#666666", alpha=0.25, label="± 1 standard deviation")]
+    marks = [Line2D([], [], color=GREY, linewidth=2.0, label="mean"), Patch(color=GREY, alpha=0.25, label="± 1 standard deviation")]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
     figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
 
@@ -68,5 +68,5 @@ def title(axis, leg):
     numbers = (
         f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−"))
-    axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color="#666666", linespacing=1.4)
+    axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color=GREY, linespacing=1.4)
     axis.set_title(leg["title"], fontsize=11, fontweight="bold", color=INK, pad=40)

@@ -124,7 +124,7 @@ class Sums:
 
 
 def resample(phases, values):
-    """Values at 0, 1, ... 100 % of the stride, on straight lines between the samples. A sample that does not advance the phase is passed over."""
+    """Values at 0, 1, ... 100 % of the stride, on straight lines between samples; one that does not advance the phase is passed over."""
     xs, ys = [phases[0]], [values[0]]
     for phase, value in zip(phases, values):
         if phase > xs[-1]:

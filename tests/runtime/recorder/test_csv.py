@@ -20,7 +20,8 @@ def written(folder, columns, rows, **parameters):
 
 
 def test_the_header_names_time_tick_and_every_signal_with_its_unit_in_ascii(tmp_path):
-    signals = columns("left/knee.position rad", "left/knee.torque N·m", "imu.accel[2] m/s²", "left/knee.temperature °C", "gait.phase 1", "sum.y any")
+    signals = columns(
+        "left/knee.position rad", "left/knee.torque N·m", "imu.accel[2] m/s²", "left/knee.temperature °C", "gait.phase 1", "sum.y any")
     written(tmp_path, signals, [row(0, 0, 0, 0, 0, 0, 0)])
     header, _ = read_csv(tmp_path / "bench_1.csv")
     assert header == [
@@ -40,19 +41,20 @@ def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_p
 
 def test_ints_and_bools_are_whole_numbers_and_what_is_not_a_number_is_said(tmp_path):
     signals = columns("a.x m", "a.n 1 int", "a.b 1 bool")
-    written(tmp_path, signals, [row(0, 2.0, -7, 1), row(1, math.nan, 3, 0), row(2, -math.inf, math.nan, 1), row(3, 1e300, math.inf, math.nan)])
+    rows = [row(0, 2.0, -7, 1), row(1, math.nan, 3, 0), row(2, -math.inf, math.nan, 1), row(3, 1e300, math.inf, math.nan)]
+    written(tmp_path, signals, rows)
     assert (tmp_path / "bench_1.csv").read_text().splitlines()[1:] == [
         "0.0,0,2.0,-7,1", "0.005,1,nan,3,0", "0.01,2,-inf,nan,1", "0.015,3,1e300,inf,nan"]
 
 
 def test_a_recorder_takes_its_own_columns_in_its_own_order(tmp_path):
     signals = columns("a.x m", "a.y s", "a.z rad")
-    report = record(plan(
-        tmp_path, sink(CSV, "all", signals), sink(CSV, "some", [signals[2], signals[0]], file="some"), sink(CSV, "one", [signals[1]], file="one")),
-        [row(0, 1.0, 2.0, 3.0)])
+    some, one = sink(CSV, "some", [signals[2], signals[0]], file="some"), sink(CSV, "one", [signals[1]], file="one")
+    report = record(plan(tmp_path, sink(CSV, "all", signals), some, one), [row(0, 1.0, 2.0, 3.0)])
     assert read_csv(tmp_path / "some.csv") == (["time [s]", "tick", "a.z [rad]", "a.x [m]"], [["0.0", "0", "3.0", "1.0"]])
     assert read_csv(tmp_path / "one.csv")[1] == [["0.0", "0", "2.0"]]
-    assert [file["path"] for file in report["files"]] == [str(tmp_path / name) for name in ("bench_1.csv", "some.csv", "one.csv", "bench_1.json")]
+    files = ["bench_1.csv", "some.csv", "one.csv", "bench_1.json"]
+    assert [file["path"] for file in report["files"]] == [str(tmp_path / name) for name in files]
 
 
 def test_the_delimiter_is_the_users_and_a_name_that_holds_it_is_quoted(tmp_path):

@@ -3,6 +3,7 @@
 import json
 import math
 import socket
+from types import SimpleNamespace
 
 import pytest
 
@@ -53,7 +54,8 @@ def send(listener, signals, records):
 
 
 def test_one_message_a_tick_in_order_nested_by_block_path(listener):
-    signals = columns("left/knee.position rad", "left/knee.torque N·m", "right/knee.position rad", "gait.walking 1 bool", "gait.steps 1 int")
+    signals = columns(
+        "left/knee.position rad", "left/knee.torque N·m", "right/knee.position rad", "gait.walking 1 bool", "gait.steps 1 int")
     result, messages = send(listener, signals, [row(tick, 0.1 * tick, 2.0, 3.0, tick % 2, tick) for tick in range(100)])
     assert result["datagrams"] == 100 and result["lost"] == 0
     assert messages == [
@@ -133,9 +135,8 @@ def test_it_speaks_ipv6():
 
 def test_datagrams_that_the_network_refuses_are_counted_and_stop_nothing(tmp_path):
     signals = columns("a.x m")
-    report = record(
-        plan(tmp_path, sink(JUGGLER, "juggler", signals, host="255.255.255.255", port=9870)),          # broadcasting was not asked for: EACCES
-        [row(tick, 1.0) for tick in range(10)])
+    broadcast = sink(JUGGLER, "juggler", signals, host="255.255.255.255", port=9870)          # was not asked for: EACCES
+    report = record(plan(tmp_path, broadcast), [row(tick, 1.0) for tick in range(10)])
     assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
     assert report["ticks"] == 10 and report["problems"] == []
 
@@ -143,8 +144,8 @@ def test_datagrams_that_the_network_refuses_are_counted_and_stop_nothing(tmp_pat
 def test_nobody_listening_is_no_error():
     listener = Listener()
     listener.socket.close()
-    report = record(plan(None, sink(JUGGLER, "juggler", columns("a.x m"), host="127.0.0.1", port=listener.port)), [row(k, 1.0) for k in range(10)])
-    assert report["sinks"]["juggler"]["datagrams"] == 10 and report["sinks"]["juggler"]["lost"] == 0
+    result, _ = send(SimpleNamespace(host="127.0.0.1", port=listener.port, heard=list), columns("a.x m"), [row(k, 1.0) for k in range(10)])
+    assert result["datagrams"] == 10 and result["lost"] == 0
 
 
 def test_an_unknown_host_is_told_before_the_run(tmp_path):

@@ -3,6 +3,7 @@
 import os
 import pty
 import re
+import select
 import subprocess
 import sys
 from pathlib import Path
@@ -83,11 +84,10 @@ def screen():
     master, slave = pty.openpty()
 
     def seen():
-        os.set_blocking(master, False)
-        try:
-            return os.read(master, 1 << 16).decode()
-        except BlockingIOError:
-            return ""
+        data = b""
+        while select.select([master], [], [], 0.2)[0]:         # the kernel hands it over when it gets to it
+            data += os.read(master, 1 << 16)
+        return data.decode()
 
     yield slave, seen
     os.close(master)
