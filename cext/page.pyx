@@ -49,11 +49,10 @@ cdef class Page:
             close(self.fd)
 
     def push(self, uint32_t kind, bytes payload):
-        """Append one record from outside the loop. The payload is padded with spaces to a multiple of 8 bytes."""
+        """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes. False: there is no room for it now."""
         payload += b" " * (-len(payload) % 8)
         cdef void *room = reserve(self.layout, kind, <uint32_t>len(payload))
         if room == NULL:
-            self.layout.dropped += 1
             return False
         memcpy(room, <const char *>payload, len(payload))
         commit(self.layout)

@@ -70,7 +70,7 @@ def run(request):
         outcome = executor.run(ticks)
     finally:
         if outcome is not None:
-            page.push(RECORD_EVENT, ending(outcome))
+            tell(page, ending(outcome), recorder)
         page.close()
         recording = recorder.finish()
     return Result(request, diagram, schedule, simulation, outcome, page.statistics(), recording, ticks, inputs_of(control, diagram, outcome))
@@ -102,6 +102,8 @@ def ring_bytes(schedule):
 
 def plan(request, schedule, simulation):
     """What the recorder process has to do."""
+    from blocks.recorders import CsvRecorder
+
     sinks = [
         {
             "service": sink.block.service,
@@ -110,7 +112,7 @@ def plan(request, schedule, simulation):
             "columns": [vars(column) for column in sink.columns],
         }
         for sink in schedule.sinks
-        if not (request.no_record and writes_files(sink.block))
+        if not (request.no_record and isinstance(sink.block, CsvRecorder))
     ]
     records = not request.no_record and (request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks))
     return {
@@ -131,6 +133,13 @@ def plan(request, schedule, simulation):
 
 def writes_files(sink):
     return type(sink).__module__.endswith("recorders") if isinstance(sink, Sink) else False
+
+
+def tell(page, event, recorder):
+    """One event into the ring, which the recorder may still be emptying."""
+    deadline = time.monotonic() + 5.0
+    while not page.push(RECORD_EVENT, event) and recorder.alive and time.monotonic() < deadline:
+        time.sleep(0.001)
 
 
 def ending(outcome):

@@ -100,6 +100,12 @@ class RecorderProcess:
             raise RecorderError(answer["error"])
         self._files = answer["files"]
 
+    @property
+    def alive(self):
+        poll = select.poll()
+        poll.register(self.pidfd, select.POLLIN)
+        return not poll.poll(0)
+
     def finish(self, timeout=60.0):
         """After page.close(): wait until all is written, and return the report.
 
