@@ -193,6 +193,8 @@ class Block:
     every = 1                   # runs at every n-th tick
     conditions = ()             # signals that must all be true for it to run
     resamples = False           # may stand between rates that do not divide
+    jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
+    compiled = False            # it has been
     diagram = None
     path = ""
     _scratch = None
@@ -344,11 +346,11 @@ class Block:
 
     @property
     def is_python(self):
-        return type(self).step is not Block.step
+        return type(self).step is not Block.step and not self.compiled
 
     @property
     def has_python_update(self):
-        return type(self).update is not Block.update
+        return type(self).update is not Block.update and not self.compiled
 
     def step_inputs(self):
         """Names of the inputs with direct feedthrough, in the order the step takes them, and of the clock arguments among them."""

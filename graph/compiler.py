@@ -26,6 +26,7 @@ def compile(diagram):
     for check in (
         compilation.check_names,
         compilation.check_wires,
+        compilation.compile_marked,
         compilation.check_steps,
         compilation.check_dtypes,
         compilation.check_shapes,
@@ -107,6 +108,22 @@ class Compilation:
                     self.report("TW001", f"nothing is wired to it, and it has no default [{port.unit}]", block, name,
                                 hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)")
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
+
+    def compile_marked(self):
+        """Python blocks that are marked `jit` become native, where Numba is installed."""
+        marked = [block for block in self.blocks if block.jit and block.is_python]
+        if not marked:
+            return
+        from graph import jit
+
+        for block in marked:
+            if not jit.available():
+                self.report("TW023", "runs in Python, since Numba is not installed", block, hint="pip install 'tickwork[jit]'", severity="warning")
+                continue
+            try:
+                jit.compile_block(block)
+            except jit.CannotCompile as error:
+                self.report("TW017", str(error), block, hint="write it with numbers, or take the mark `jit` away")
 
     def check_steps(self):
         for block in self.blocks:

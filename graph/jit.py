@@ -1,0 +1,123 @@
+"""Python blocks compiled to native kernels with Numba, the optional extra `jit`.
+
+    class Spring(Block):
+        jit = True
+        ...
+
+The block's `step` (and `update`) is rewritten, as source, to the kernel ABI: inputs, outputs, parameters and the numbers that `reset` sets become slots of the
+arena. So it runs without the GIL, among the native blocks. What can be rewritten is scalar arithmetic, comparisons, `if`, loops, and functions of
+`math`. Results are those of Python for + - * / and sqrt, and comparisons; within 2 ulp for elementary functions. A division by zero gives an infinity
+or NaN instead of an exception. Without Numba the block runs in Python, as it would without the mark.
+"""
+
+import ast
+import inspect
+import math
+import textwrap
+
+from graph.block import CLOCK, Memory
+
+
+class CannotCompile(ValueError):
+    """The source of a step goes beyond what can be rewritten. The text says what and where."""
+
+
+def available():
+    """Whether Numba is installed."""
+    from importlib.util import find_spec
+
+    return find_spec("numba") is not None
+
+
+def compile_block(block):
+    """Give a Python block native kernels for its step and update. CannotCompile if its source does not allow it."""
+    block.reset()
+    state = {name: value for name, value in vars(block).items() if type(value) in (float, int, bool) and is_state(block, name)}
+    ports = [*block.inputs.items(), *block.outputs.items()]
+    for name, port in ports:
+        if port.shape != ():
+            raise CannotCompile(f"{name} has shape {port.shape}: only scalar ports can be compiled")
+    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.numeric), *state]
+    slots = {name: index for index, name in enumerate(items)}
+    block.memory = {name: Memory(float(value), "state").named(name) for name, value in state.items()}
+    block.feedthrough = tuple(name for name in block.step_inputs() if name in block.inputs)
+    block.kernel = kernel_of(block, type(block).step, slots, list(block.outputs))
+    if block.has_python_update:
+        block.update_kernel = kernel_of(block, type(block).update, slots, [])
+    block.compiled = True
+
+
+def is_state(block, name):
+    return name not in block.parameters and not name.startswith("_") and not hasattr(type(block), name)
+
+
+def kernel_of(block, method, slots, outputs):
+    """A Numba cfunc of the kernel ABI from one method of a block."""
+    import numba
+    from numba import types
+
+    source = textwrap.dedent(inspect.getsource(method))
+    function = ast.parse(source).body[0]
+    if not isinstance(function, ast.FunctionDef):
+        raise CannotCompile(f"{method.__qualname__} is not a plain method")
+    rewritten = Rewriter(block, slots, outputs, [a.arg for a in function.args.args[1:]]).kernel(function)
+    namespace = {**method.__globals__, "math": math}
+    exec(compile(rewritten, inspect.getsourcefile(method) or "<step>", "exec"), namespace)
+    pointer = types.CPointer
+    signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
+    try:
+        return numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
+    except numba.core.errors.NumbaError as error:
+        raise CannotCompile(f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}") from None
+
+
+class Rewriter(ast.NodeTransformer):
+    """`self.gain` becomes arena[slots[i]], an argument a local read from the arena, `return` the stores of the outputs."""
+
+    def __init__(self, block, slots, outputs, arguments):
+        self.block, self.slots, self.outputs, self.arguments = block, slots, outputs, arguments
+
+    def kernel(self, function):
+        reads = [self.read(name) for name in self.arguments]
+        tree = ast.parse("def kernel(arena, slots, sizes):\n    return 0")
+        tree.body[0].body[:0] = [*reads, *self.generic_visit(ast.Module(function.body, [])).body]
+        return ast.fix_missing_locations(tree)
+
+    def read(self, name):
+        if name in CLOCK and name not in self.block.inputs:
+            value = f"arena[{CLOCK[name]}]"
+            value = f"int({value})" if name == "tick" else value
+        else:
+            value = f"arena[slots[{self.slots[name]}]]"
+            dtype = self.block.inputs[name].dtype
+            value = f"({value} != 0.0)" if dtype == "bool" else f"int({value})" if dtype == "int" else value
+        return ast.parse(f"{name} = {value}").body[0]
+
+    def visit_Attribute(self, node):
+        if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
+            return self.generic_visit(node)
+        if node.attr not in self.slots:
+            raise CannotCompile(f"self.{node.attr} in line {node.lineno} of the method is neither a parameter nor a number that reset() sets")
+        place = ast.parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
+        place.ctx = node.ctx
+        return ast.copy_location(place, node)
+
+    def visit_Return(self, node):
+        self.generic_visit(node)
+        stores = []
+        values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+        if self.outputs and (node.value is None or len(values) != len(self.outputs)):
+            raise CannotCompile(f"return in line {node.lineno} of the method gives {len(values)} values for {', '.join(self.outputs)}")
+        for index, value in enumerate(values if self.outputs else []):
+            stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], value))
+        for index, name in enumerate(self.outputs):
+            stores.append(ast.parse(f"arena[slots[{self.slots[name]}]] = result_{index}").body[0])
+        return [*stores, ast.parse("return 0").body[0]]
+
+    def visit_Name(self, node):
+        if node.id == "self":
+            raise CannotCompile(f"self in line {node.lineno} of the method is used as a whole")
+        return node
+
+    def visit_FunctionDef(self, node):
+        raise CannotCompile(f"a function inside the method, line {node.lineno}")

@@ -1,0 +1,15 @@
+"""Compiles the kernels against Tickwork's public kernel ABI. All else stands in pyproject.toml."""
+
+from pathlib import Path
+
+import cext
+from Cython.Build import cythonize
+from setuptools import Extension, setup
+
+setup(
+    ext_modules=cythonize(
+        [Extension("gaitlab.kernels", ["gaitlab/kernels.pyx"], extra_compile_args=["-O2", "-ffp-contract=off"])],
+        include_path=[str(Path(cext.__file__).parent.parent)],
+        language_level=3,
+    )
+)

@@ -1,0 +1,22 @@
+"""What every block must keep, and what these two compute."""
+
+import pytest
+from gaitlab.blocks import CadenceMeter, LeakyAccumulator
+
+from graph.conformance import check_block
+
+
+@pytest.mark.parametrize("kind", [CadenceMeter, LeakyAccumulator])
+def test_conforms(kind):
+    assert check_block(kind) == 7
+
+
+def test_cadence_of_strikes_half_a_second_apart():
+    meter = CadenceMeter()
+    strikes = [1.0, 0.0, 0.0, 0.0, 0.0] * 3
+    assert [meter.step(strike, 0.1) for strike in strikes][-1] == pytest.approx(120.0)
+
+
+def test_the_accumulator_forgets():
+    accumulator = LeakyAccumulator(leak=0.5)
+    assert [accumulator.step(u) for u in (1.0, 0.0, 0.0, 4.0)] == [1.0, 0.5, 0.25, 4.125]

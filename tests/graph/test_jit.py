@@ -1,0 +1,139 @@
+"""Python blocks compiled with Numba: the same numbers as in Python, without the GIL. Skipped where the extra is not installed."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from cext.executor import Executor
+from cext.page import RECORD_ROW, Page
+from cext.program import Program
+from graph import Block, Diagram, Input, Output, Param, compile, jit
+from tests.graph.complaints import complaint
+
+NUMBA = pytest.mark.skipif(not jit.available(), reason="needs Numba, the extra `jit`")
+
+
+class Tracker(Block):
+    """Follows with a dead band, counts its moves, and says which way it goes."""
+
+    band = Param(0.3, "1", "dead band", min=0.0)
+    gain = Param(0.7, "1", "share of the way in a tick")
+
+    u = Input("any", "input")
+    hold = Input("1", "whether to stand still", dtype=bool, default=False)
+    y = Output("any", "followed")
+    moves = Output("1", "moves so far", dtype=int)
+    up = Output("1", "whether it rises", dtype=bool)
+
+    def reset(self):
+        self.value, self.count = 0.0, 0
+
+    def step(self, u, hold, dt):
+        before = self.value
+        if hold:
+            return before, self.count, False
+        change = u - before
+        if abs(change) > self.band:
+            self.value += self.gain * change / (1.0 + dt) - math.sqrt(dt)
+            self.count += 1
+        return self.value, self.count, self.value > before
+
+
+class Delay(Block):
+    """The tick before."""
+
+    jit = True
+    u = Input("any", "input")
+    y = Output("any", "before")
+
+    def reset(self):
+        self.held = 0.5
+
+    def step(self):
+        return self.held
+
+    def update(self, u):
+        self.held = u
+
+
+def trace(kind, ticks=400):
+    with Diagram("d", rate=100) as diagram:
+        kind(name="block")(Sine(2.0, 3.0)()) if len(kind.inputs) == 1 else kind(name="block")(Sine(2.0, 3.0)(), hold=False)
+        CsvRecorder()
+    schedule = compile(diagram)
+    page = Page(1 << 20)
+    assert Executor(Program(schedule), 100.0, page=page, virtual=True).run(ticks).status == "ok"
+    return schedule, np.array([np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW])
+
+
+@NUMBA
+@pytest.mark.parametrize("kind", [Tracker, Delay])
+def test_compiled_and_python_agree_bit_for_bit(kind):
+    slow, expected = trace(type("InPython", (kind,), {"jit": False, "__doc__": "-"}))
+    fast, found = trace(type("Compiled", (kind,), {"jit": True, "__doc__": "-"}))
+    assert slow.gil_sections > 0 and fast.gil_sections == 0
+    assert np.array_equal(found, expected) and len(found) == 400 and np.ptp(found[:, 2:]) > 0.5
+
+
+class Elementary(Block):
+    """Functions of math."""
+
+    jit = True
+    u = Input("1", "input")
+    a = Output("1", "sine")
+    b = Output("1", "exponential")
+    c = Output("1", "arctangent")
+
+    def step(self, u):
+        return math.sin(u), math.exp(u / 10.0), math.atan2(u, 1.5)
+
+
+@NUMBA
+def test_elementary_functions_are_within_two_units_in_the_last_place():
+    block = Elementary()
+    jit.compile_block(block)
+    from cext.program import call_kernel
+    from graph.layout import KernelTable
+
+    random.seed(3)
+    for _ in range(2000):
+        u = random.uniform(-30.0, 30.0)
+        arena = np.array([0.0] * 8 + [u, 0.0, 0.0, 0.0])
+        assert call_kernel(block.kernel, arena, KernelTable((1, 3, 0, 0), (8, 9, 10, 11), (1, 1, 1, 1))) == 0
+        for value, exact in zip(arena[9:], (math.sin(u), math.exp(u / 10.0), math.atan2(u, 1.5))):
+            assert abs(value - exact) <= 2 * math.ulp(exact)
+
+
+class Lister(Block):
+    """Keeps a list."""
+
+    jit = True
+    u = Input("1", "input")
+    y = Output("1", "length")
+
+    def reset(self):
+        self.seen = []
+
+    def step(self, u):
+        self.seen.append(u)
+        return len(self.seen)
+
+
+@NUMBA
+def test_what_cannot_be_compiled_is_said_before_anything_runs():
+    with Diagram("d", rate=100) as diagram:
+        Lister()(1.0)
+    found = complaint(diagram)
+    assert found.code == "TW017" and "self.seen" in found.message and found.path == "lister"
+
+
+def test_without_numba_the_block_runs_in_python_and_says_so(monkeypatch):
+    monkeypatch.setattr(jit, "available", lambda: False)
+    with Diagram("d", rate=100) as diagram:
+        Delay()(1.0)
+    schedule = compile(diagram)
+    assert [w.code for w in schedule.warnings if w.code == "TW023"] == ["TW023"] and schedule.gil_sections == 2
