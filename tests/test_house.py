@@ -126,13 +126,6 @@ def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "activate the environment (`. .venv/bin/activate`)", "`make run`")
 
 
-def test_a_library_that_native_code_misses_is_not_called_a_missing_build(tmp_path):
-    copy_rooms(tmp_path, built=False)
-    (tmp_path / "cext" / "page.py").write_text("import no_such_library\n")
-    process = python("-c", "import cext", cwd=tmp_path)
-    assert process.stderr.splitlines()[-1] == "ModuleNotFoundError: No module named 'no_such_library'"
-
-
 def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "Makefile").touch()
