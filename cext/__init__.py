@@ -1,10 +1,8 @@
 """Ground floor: the native executor, its memory and its kernels. Plain C semantics in Cython, nothing of robots or CAN models."""
 
-try:
-    import cext.page as _page  # noqa: F401  (the cheapest to import: the recorder process needs no NumPy)
-except ModuleNotFoundError as error:
-    if not (error.name or "").startswith("cext."):
-        raise
+from importlib.machinery import PathFinder
+
+# Looked for in this folder alone: an environment whose editable install is another clone would lend that clone's modules.
+if PathFinder.find_spec(f"{__name__}.page", __path__) is None:
     raise ImportError(
-        f"Tickwork is not built for this Python in {__path__[0]}: run `make run`, or `pip install -e .` in your own environment", name=__name__
-    ) from None
+        f"Tickwork is not built for this Python in {__path__[0]}: run `make run`, or `pip install -e .` in your own environment", name=__name__)

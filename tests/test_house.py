@@ -3,7 +3,7 @@
 import ast
 import os
 import sys
-from importlib.metadata import packages_distributions
+from importlib.metadata import files
 
 import pytest
 
@@ -126,13 +126,6 @@ def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
     assert_one_line(python("-S", *RUN, cwd=tmp_path), "activate the environment (`. .venv/bin/activate`)", "`make run`")
 
 
-def test_a_library_that_native_code_misses_is_not_called_a_missing_build(tmp_path):
-    copy_rooms(tmp_path, built=False)
-    (tmp_path / "cext" / "page.py").write_text("import no_such_library\n")
-    process = python("-c", "import cext", cwd=tmp_path)
-    assert process.stderr.splitlines()[-1] == "ModuleNotFoundError: No module named 'no_such_library'"
-
-
 def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "Makefile").touch()
@@ -157,9 +150,8 @@ def test_a_fault_of_our_own_is_not_hidden(tmp_path):
 def test_what_is_looked_for_is_what_the_project_depends_on():
     declared = {canonical(requirement) for requirement in PYPROJECT["project"]["dependencies"]}
     assert set(house.NEEDS.values()) == declared
-    brought = packages_distributions()
     for module, distribution in house.NEEDS.items():
-        assert distribution in {canonical(name) for name in brought[module]}
+        assert any(file.parts[0] in (module, module + ".py") for file in files(distribution)), f"{distribution} does not bring {module}"
     assert PYPROJECT["project"]["requires-python"] == ">=%d.%d" % house.OLDEST_PYTHON
 
 
