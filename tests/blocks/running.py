@@ -9,7 +9,7 @@ from cext.buses import MemoryBus
 from cext.executor import Executor
 from cext.page import RECORD_ROW, Page
 from cext.program import Program
-from graph import compile
+from graph import Block, Diagram, Output, compile
 
 
 class Recording:
@@ -46,3 +46,44 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
     assert page.statistics()["dropped"] == 0
     rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(-1, 2 + len(schedule.columns))
     return Recording(schedule.sinks[0].columns, rows, outcome, page.statistics(), buses)
+
+
+def player(values, unit="any", dtype=float):
+    """A source that plays `values`, one a tick along the first axis, and then stays at the last."""
+    values = np.asarray(values)
+
+    def step(self, tick):
+        return values[min(tick, len(values) - 1)]
+
+    body = {"__doc__": "Plays numbers.", "step": step, "y": Output(unit, "what is played", shape=values.shape[1:], dtype=dtype)}
+    return type("Player", (Block,), body)()()
+
+
+def by_hand(block, ticks, **inputs):
+    """Step a block by hand, `inputs` being arrays over the ticks: a dict of arrays by output."""
+    rows = []
+    for tick in range(ticks):
+        now = {name: values[tick] for name, values in inputs.items()}
+        outputs = block.step(**now)
+        if block.update_kernel is not None:
+            block.update(**now)
+        rows.append([outputs] if len(block.outputs) == 1 else outputs)
+    return {name: np.array([row[i] for row in rows], dtype=float) for i, name in enumerate(block.outputs)}
+
+
+def both_ways(make, *, rate=200, ticks=None, **inputs):
+    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running diagram."""
+    ticks = ticks or len(next(iter(inputs.values())))
+    with Diagram("by hand", rate=rate):
+        block = make()
+    alone = by_hand(block, ticks, **inputs)
+    with Diagram("running", rate=rate) as diagram:
+        block = make()
+        block(**{name: player(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()})
+    recording = run(diagram, ticks)
+    assert recording.outcome.status == "ok", recording.outcome
+    for name, values in alone.items():
+        for index in np.ndindex(values.shape[1:]):
+            place = "".join(f"[{i}]" for i in index)
+            assert np.array_equal(recording[f"{block.path}.{name}{place}"], values[(slice(None), *index)], equal_nan=True), (name, index)
+    return alone
