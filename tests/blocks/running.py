@@ -51,9 +51,10 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
 def player(values, unit="any", dtype=float):
     """A source that plays `values`, one a tick along the first axis, and then stays at the last."""
     values = np.asarray(values)
+    rows = values.tolist() if values.ndim == 1 else values
 
     def step(self, tick):
-        return values[min(tick, len(values) - 1)]
+        return rows[min(tick, len(rows) - 1)]
 
     body = {"__doc__": "Plays numbers.", "step": step, "y": Output(unit, "what is played", shape=values.shape[1:], dtype=dtype)}
     return type("Player", (Block,), body)()()
@@ -71,19 +72,33 @@ def by_hand(block, ticks, **inputs):
     return {name: np.array([row[i] for row in rows], dtype=float) for i, name in enumerate(block.outputs)}
 
 
-def both_ways(make, *, rate=200, ticks=None, **inputs):
-    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running diagram."""
-    ticks = ticks or len(next(iter(inputs.values())))
-    with Diagram("by hand", rate=rate):
-        block = make()
-    alone = by_hand(block, ticks, **inputs)
+def inside(make, *, rate=200, ticks=None, **inputs):
+    """The same of the block that `make` makes, inside a running diagram."""
     with Diagram("running", rate=rate) as diagram:
         block = make()
         block(**{name: player(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()})
-    recording = run(diagram, ticks)
+    recording = run(diagram, ticks or len(next(iter(inputs.values()))))
     assert recording.outcome.status == "ok", recording.outcome
-    for name, values in alone.items():
-        for index in np.ndindex(values.shape[1:]):
-            place = "".join(f"[{i}]" for i in index)
-            assert np.array_equal(recording[f"{block.path}.{name}{place}"], values[(slice(None), *index)], equal_nan=True), (name, index)
+
+    def values(name):
+        path = f"{block.path}.{name}"
+        shape = recorded_shape(recording, path)
+        return np.stack([recording[path + "".join(f"[{i}]" for i in index)] for index in np.ndindex(shape)], axis=-1).reshape(-1, *shape)
+
+    return {name: values(name) for name in block.outputs}
+
+
+def recorded_shape(recording, path):
+    """Shape of a recorded signal, from the names of its columns."""
+    indices = [name[len(path) :] for name in recording.signals if name == path or name.startswith(path + "[")]
+    return tuple(1 + max(map(int, axis)) for axis in zip(*(index.strip("[]").split("][") for index in indices if index)))
+
+
+def both_ways(make, *, rate=200, ticks=None, **inputs):
+    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running diagram."""
+    with Diagram("by hand", rate=rate):
+        block = make()
+    alone = by_hand(block, ticks or len(next(iter(inputs.values()))), **inputs)
+    for name, values in inside(make, rate=rate, ticks=ticks, **inputs).items():
+        assert np.array_equal(values, alone[name], equal_nan=True), name
     return alone
