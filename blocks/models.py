@@ -101,7 +101,7 @@ class RecordedKnee(Block):
 
 
 def read_column(file, column):
-    """(times in s, angles in rad) of a CSV file of at least 100 evenly spaced samples. ValueError or OSError saying what is wrong with it."""
+    """(times in s, angles in rad) of a CSV file of at least 100 evenly spaced samples. ValueError or OSError saying what it lacks."""
     with open(file, newline="", encoding="utf-8-sig") as stream:
         reader = csv.reader(stream)
         try:
@@ -126,7 +126,8 @@ def read_column(file, column):
         raise ValueError(f"{file} has {len(samples)} samples, and at least 100 are needed")
     times, angles = np.array(samples).T
     steps = np.diff(times)
-    wrong = np.flatnonzero((steps <= 0.0) | (np.abs(steps - np.median(steps)) > 0.02 * np.median(steps)))
+    # Half a step either way is what rounding to three decimals makes of some hundred hertz; a lost sample is a whole one.
+    wrong = np.flatnonzero((steps <= 0.0) | (np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
     if len(wrong):
         before, after = times[wrong[0] : wrong[0] + 2]
         raise ValueError(f"{file}: the samples must be evenly spaced in time, and {before:g} s is followed by {after:g} s")

@@ -1,5 +1,6 @@
 """Runs diagrams in virtual time, on the executor that robots run on, and gives back every signal of every tick."""
 
+import gc
 import struct
 
 import numpy as np
@@ -13,16 +14,15 @@ from graph import Block, Diagram, Output, compile
 
 
 class Recording:
-    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks, `recording["sum.y", 1]` one element of a vector."""
+    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks; elements of vectors are `"imu.rate[1]"`."""
 
     def __init__(self, columns, rows, outcome, statistics, buses):
         self.outcome, self.statistics, self.buses = outcome, statistics, buses
         self.time, self.tick = rows[:, 1], rows[:, 0]
         self.signals = {column.path: rows[:, 2 + column.index] for column in columns}
 
-    def __getitem__(self, key):
-        path, index = key if isinstance(key, tuple) else (key, None)
-        return self.signals[path if index is None else f"{path}[{index}]"]
+    def __getitem__(self, path):
+        return self.signals[path]
 
 
 def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
@@ -41,6 +41,7 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
         before(buses)
     row = struct.Struct(f"={2 + len(schedule.columns)}d")
     page = Page((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
+    gc.freeze()                 # the collection that the executor makes has little left to look at: 50 ms a run, otherwise
     outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(ticks, fade=fade)
     records = page.drain(1 << 30)
     assert page.statistics()["dropped"] == 0

@@ -11,8 +11,8 @@ from scipy import signal
 from blocks.actuators import CubeMars
 from blocks.filters import Butterworth, butterworth_lowpass
 from blocks.sources import StepSource
-from graph import Diagram, DiagramError
-from tests.blocks.running import both_ways, by_hand, run
+from graph import Diagram, DiagramError, compile
+from tests.blocks.running import both_ways, by_hand, player, run
 
 RATE = 200.0
 
@@ -122,10 +122,14 @@ def test_parameters_out_of_bounds_are_refused(parameters, said):
 
 @pytest.mark.parametrize("cutoff", [100.0, 150.0, math.inf])
 def test_a_cutoff_beyond_half_the_rate_is_refused_with_the_rate_it_needs(cutoff):
-    with Diagram("slow", rate=RATE):
+    with Diagram("slow", rate=RATE) as diagram:
         block = Butterworth(order=2, cutoff=cutoff)
-        with pytest.raises((DiagramError, ValueError), match=f"a cutoff of {cutoff:g} Hz needs a rate above {2 * cutoff:g} Hz, and this is 200 Hz"):
+        said = f"a cutoff of {cutoff:g} Hz needs a rate above {2 * cutoff:g} Hz, and this is 200 Hz"
+        with pytest.raises((DiagramError, ValueError), match=said):
             block.step(1.0)
+        block(player([0.0]))
+    with pytest.raises(DiagramError, match=f"butterworth: {said}"):
+        compile(diagram)
 
 
 def test_without_a_rate_it_says_how_to_give_it_one():

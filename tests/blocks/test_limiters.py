@@ -85,7 +85,8 @@ def test_a_limit_lowered_while_running_holds_at_once():
 
 
 @pytest.mark.parametrize("parameters, said", [
-    ({}, "limit is missing"), ({"limit": -1.0}, "limit: must be at least 0.0 N·m, got -1.0"), ({"limit": math.nan}, "limit: NaN is not allowed"),
+    ({}, "limit is missing"), ({"limit": -1.0}, "limit: must be at least 0.0 N·m, got -1.0"),
+    ({"limit": math.nan}, "limit: NaN is not allowed"),
     ({"limit": 12.0, "slew": -1.0}, "slew: must be at least 0.0 N·m/s, got -1.0"), ({"limit": [1.0, 2.0]}, "limit: expected one number"),
     ({"limit": "12"}, "limit: expected a number, got '12'"), ({"limits": 12.0}, "has no parameter 'limits'\n.*did you mean 'limit'"),
 ])

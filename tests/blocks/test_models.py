@@ -96,7 +96,8 @@ def test_nan_in_the_torque_of_a_limb_shows():
 
 @pytest.mark.parametrize("parameters, said", [
     ({"inertia": 0.0}, "inertia: must be above 0.0 kg·m², got 0.0"), ({"damping": -1.0}, "damping: must be at least 0.0"),
-    ({"stiffness": -1.0}, "stiffness: must be at least 0.0 N·m/rad"), ({"reflex": math.nan}, "reflex: NaN"), ({"ligament": -1.0}, "ligament: must be at least"),
+    ({"stiffness": -1.0}, "stiffness: must be at least 0.0 N·m/rad"), ({"reflex": math.nan}, "reflex: NaN"),
+    ({"ligament": -1.0}, "ligament: must be at least"),
 ])
 def test_parameters_of_a_limb_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=f"Limb: {said}"):
@@ -136,7 +137,8 @@ def test_a_walking_knee_repeats_every_stride_and_the_other_leg_is_half_a_stride_
 
 
 @pytest.mark.parametrize("parameters, said", [
-    ({"stride_time": 0.0}, "stride_time: must be above 0.0 s"), ({"harmonics": 0}, "harmonics: must be at least 1"), ({"harmonics": 10}, "at most 9"),
+    ({"stride_time": 0.0}, "stride_time: must be above 0.0 s"), ({"harmonics": 0}, "harmonics: must be at least 1"),
+    ({"harmonics": 10}, "harmonics: must be at most 9"),
     ({"start": math.nan}, "start: NaN"),
 ])
 def test_parameters_of_a_walking_knee_are_refused(parameters, said):
@@ -204,6 +206,14 @@ def test_a_recording_may_come_from_a_spreadsheet(tmp_path):
         assert np.array_equal(RecordedKnee(str(plain), "knee").angles, RecordedKnee(str(other), "knee").angles)
 
 
+def test_times_that_were_rounded_to_milliseconds_are_evenly_spaced(tmp_path):
+    """120 Hz: steps of 8 and 9 ms, which are 8.33 ms on average."""
+    rows = [(f"{k / 120:.3f}", 30.0 - 25.0 * math.cos(2.0 * math.pi * k / 132)) for k in range(601)]
+    with Diagram("play", rate=120):
+        knee = RecordedKnee(write(tmp_path / "rounded.csv", "time,knee", rows), "knee")
+    assert knee.rate == pytest.approx(120.0, rel=1e-3) and (len(knee.angles) - 1) % 132 == 0
+
+
 GOOD = [(f"{k / 100:.2f}", k % 50) for k in range(200)]
 
 
@@ -225,6 +235,7 @@ def changed(line, row):
     ("time,knee", GOOD[:99], "knee", "has 99 samples, and at least 100 are needed"),
     ("time,knee", [], "knee", "has 0 samples, and at least 100 are needed"),
     ("time,knee", GOOD[:50] + GOOD[60:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.6 s"),
+    ("time,knee", GOOD[:50] + GOOD[51:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.51 s"),
     ("time,knee", GOOD[::-1], "knee", "evenly spaced in time, and 1.99 s is followed by 1.98 s"),
     ("time,knee", [("0.00", 1.0)] * 150, "knee", "evenly spaced in time, and 0 s is followed by 0 s"),
 ])
