@@ -1,5 +1,7 @@
 """Controllers of joints."""
 
+import math
+
 import numpy as np
 
 from cext.kernels import controllers as kernels
@@ -43,11 +45,16 @@ class TorqueProfile(Block):
     kernel = kernels.torque_profile
 
     def configure(self):
-        points = np.asarray(self.points, dtype=float)
+        try:
+            points = np.asarray(self.points, dtype=float)
+        except (TypeError, ValueError):
+            points = np.empty(0)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
             raise ValueError(f"points are at least two pairs (phase, torque), not {self.points!r}")
         phases, torques = points.T
-        if not np.all(np.isfinite(points)) or phases[0] < 0.0 or phases[-1] >= 1.0 or np.any(np.diff(phases) <= 0.0):
+        if not np.all(np.isfinite(points)):
+            raise ValueError(f"points must be finite, not {self.points!r}")
+        if phases[0] < 0.0 or phases[-1] >= 1.0 or np.any(np.diff(phases) <= 0.0):
             raise ValueError(f"the phases must rise from 0 to below 1, and they are {phases.tolist()}")
         knots = np.append(phases, phases[0] + 1.0)
         values = np.append(torques, torques[0])
@@ -55,7 +62,8 @@ class TorqueProfile(Block):
         self.bounds = torques.min(), torques.max()
 
     def output_range(self, phase, enable):
-        return self.span("scale") * Interval(*map(float, self.bounds)) | Interval.point(0.0)
+        most = self.span("scale").high
+        return Interval(min(most * float(self.bounds[0]), 0.0), max(most * float(self.bounds[1]), 0.0))
 
 
 def monotone_cubics(knots, values):
@@ -66,7 +74,7 @@ def monotone_cubics(knots, values):
     # The weighted harmonic mean of the slopes on both sides; flat at a peak.
     w1, w2 = 2.0 * width + before_width, width + 2.0 * before_width
     rising = slope * before > 0.0
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         tangent = np.where(rising, (w1 + w2) / (w1 / before + w2 / slope), 0.0)
     after = np.roll(tangent, -1)
     return np.column_stack((
@@ -77,13 +85,14 @@ def monotone_cubics(knots, values):
 class GaitPhase(Block):
     """Gait phase from the knee alone: time since the swing knee last passed a flexion threshold, over the mean stride time.
 
-    Principle: 1. a stride is counted when the angle rises through `threshold` (near toe-off) after having been below half of it; 2. its
-    duration, if between `shortest` and `longest`, enters a running mean; 3. phase = event_phase + elapsed / mean, modulo 1; 4. `walking`
-    from the third event on, until none comes for one and a half strides. NaN in the angle gives NaN in the phase.
+    Principle: 1. an event is the angle rising through `threshold` (near toe-off) after having been below half of it; 2. the time between
+    two events, if between `shortest` and `longest`, is a stride and enters a running mean, else all starts over; 3. phase =
+    event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none comes for one and a half strides. NaN in
+    the angle or its velocity gives NaN in the phase, and is forgotten with it.
     """
 
     threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)
-    event_phase = Param(0.63, "1", "gait phase at the event: 0.63 at toe-off", min=0.0, max=1.0)
+    event_phase = Param(0.62, "1", "gait phase at the event, shortly after toe-off", min=0.0, max=1.0)
     shortest = Param(0.6, "s", "shortest stride believed", above=0.0)
     longest = Param(2.5, "s", "longest stride believed", above=0.0)
 
@@ -92,10 +101,14 @@ class GaitPhase(Block):
     phase = Output("1", "0 at heel strike, 1 at the next", range=(0.0, 1.0))
     walking = Output("1", "whether the phase is known", dtype=bool, range=(0.0, 1.0))
     stride_time = Output("s", "mean stride time, 0 while unknown")
-    strides = Output("1", "events since the start", dtype=int)
-    elapsed = Memory(0.0, "s since the last event")
+    strides = Output("1", "events since the start, one a stride", dtype=int)
+    elapsed = Memory(math.inf, "s since the last event")
     armed = Memory(0.0, "whether the knee was extended since")
     mean = Memory(0.0, "mean stride time")
     valid = Memory(0.0, "strides in a row that were believed")
 
     kernel = kernels.gait_phase
+
+    def configure(self):
+        if self.shortest >= self.longest:
+            raise ValueError(f"shortest, {self.shortest:g} s, is not below longest, {self.longest:g} s")

@@ -22,11 +22,17 @@ class Saturation(Block):
             raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
 
     def output_range(self, u):
-        return Interval(self.span("lower").low, self.span("upper").high) & u
+        lower, upper = self.span("lower"), self.span("upper")
+        if lower.high > upper.low:              # live bounds that may cross
+            return lower | upper
+        return Interval(min(max(u.low, lower.low), upper.low), min(max(u.high, lower.high), upper.high))
 
 
 class SlewRate(Block):
-    """Follows the input at a bounded rate: |y[k] - y[k-1]| <= rate · dt. Starts at zero, or at the present input when armed; NaN passes and is not held."""
+    """Follows the input at a bounded rate: |y[k] - y[k-1]| <= rate · dt.
+
+    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes and is not held.
+    """
 
     rate = Param(1.0, "any", "largest change a second", min=0.0)
 
@@ -48,7 +54,7 @@ class TorqueLimiter(Block):
     """Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew.
 
     Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never leaves the interval that
-    holds both. Starts at zero. NaN passes, is not held, and is a fault at the actuator.
+    holds both. A limit lowered while running holds at once. Starts at zero. NaN passes, is not held, and is a fault at the actuator.
     """
 
     limit = Param(1.0, "N·m", "largest torque, either way", min=0.0, required=True)

@@ -2,7 +2,7 @@
 
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Memory, Output, Param
-from graph.units import multiply
+from graph.units import canonical, multiply
 
 
 class Gain(Block):
@@ -15,6 +15,9 @@ class Gain(Block):
     y = Output("any", "gain · u", shape=...)
 
     kernel = kernels.gain
+
+    def configure(self):
+        self.unit = canonical(self.unit)
 
     def output_units(self, u):
         return {"y": multiply(u, self.unit)}

@@ -73,15 +73,17 @@ class WalkingKnee(Block):
 class RecordedKnee(Block):
     """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time` column in s.
 
-    `at_start` is the angle at t = 0."""
+    Linear between samples. Its last two seconds are cut where it goes on most as its beginning does, so that it repeats stride after
+    stride, with a small step at the seam; one of less than four seconds is played whole. `at_start` is the angle at t = 0.
+    """
 
     file = Param("", "1", "path of the CSV file", required=True, dtype=str)
     column = Param("", "1", "name of its column, in degrees", required=True, dtype=str)
-    rate = Param(200.0, "Hz", "samples a second, found from the file", above=0.0)
 
     angle = Output("rad", "knee flexion")
     velocity = Output("rad/s", "its derivative")
     acceleration = Output("rad/s²", "and the next")
+    rate = Memory(0.0, "samples a second")
     angles = Memory(0.0, "every sample")
     velocities = Memory(0.0, "every sample")
     accelerations = Memory(0.0, "every sample")
@@ -92,37 +94,51 @@ class RecordedKnee(Block):
         times, angles = read_column(self.file, self.column)
         self.rate = (len(times) - 1) / (times[-1] - times[0])
         velocities = np.gradient(angles, 1.0 / self.rate)
-        end = seam(angles, velocities, int(self.rate))
+        end = seam(angles, int(self.rate))
         self.angles, self.velocities = angles[:end], velocities[:end]
         self.accelerations = np.gradient(velocities, 1.0 / self.rate)[:end]
         self.at_start = float(angles[0])
 
 
 def read_column(file, column):
-    """(times in s, angles in rad) of a CSV file. ValueError or OSError saying what is wrong with it."""
-    with open(file, newline="") as stream:
-        rows = csv.reader(stream)
-        header = next(rows, [])
-        for name in ("time", column):
-            if name not in header:
-                raise ValueError(f"{file} has no column {name!r}; it has {', '.join(header) or 'none'}")
-        indices = header.index("time"), header.index(column)
-        samples = []
-        for number, row in enumerate(rows, start=2):
-            try:
-                samples.append([float(row[index]) for index in indices])
-            except (ValueError, IndexError):
-                raise ValueError(f"{file}, line {number}: a number is missing in column 'time' or {column!r}") from None
-    times, angles = np.array(samples).reshape(-1, 2).T
-    if len(times) < 100 or not np.all(np.isfinite(times + angles)) or not np.allclose(np.diff(times), np.median(np.diff(times)), rtol=0.02):
-        raise ValueError(f"{file}: at least 100 evenly spaced finite samples are needed")
+    """(times in s, angles in rad) of a CSV file of at least 100 evenly spaced samples. ValueError or OSError saying what it lacks."""
+    with open(file, newline="", encoding="utf-8-sig") as stream:
+        reader = csv.reader(stream)
+        try:
+            rows = [(reader.line_num, row) for row in reader if row]
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise ValueError(f"{file} is not a CSV file: {error}") from None
+    header = [name.strip() for name in rows[0][1]] if rows else []
+    for name in ("time", column):
+        if name not in header:
+            raise ValueError(f"{file} has no column {name!r}; it has {', '.join(header) or 'none'}")
+    indices = header.index("time"), header.index(column)
+    samples = []
+    for line, row in rows[1:]:
+        try:
+            sample = [float(row[index]) for index in indices]
+        except (ValueError, IndexError):
+            sample = [math.nan]
+        if not all(map(math.isfinite, sample)):
+            raise ValueError(f"{file}, line {line}: a number is missing in column 'time' or {column!r}")
+        samples.append(sample)
+    if len(samples) < 100:
+        raise ValueError(f"{file} has {len(samples)} samples, and at least 100 are needed")
+    times, angles = np.array(samples).T
+    steps = np.diff(times)
+    # Half a step either way is what rounding to three decimals makes of some hundred hertz; a lost sample is a whole one.
+    wrong = np.flatnonzero((steps <= 0.0) | (np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
+    if len(wrong):
+        before, after = times[wrong[0] : wrong[0] + 2]
+        raise ValueError(f"{file}: the samples must be evenly spaced in time, and {before:g} s is followed by {after:g} s")
     return times, np.radians(angles)
 
 
-def seam(angles, velocities, window):
-    """Where to cut a recording so that its end meets its beginning: the sample of the last `window` that is most like the first."""
+def seam(angles, window):
+    """Where to cut a recording so that it repeats: after the sample of its last two windows that goes on most as the beginning does."""
     if len(angles) < 4 * window:
         return len(angles)
+    beginning = angles[: window // 2]
     first = len(angles) - 2 * window
-    unlike = np.abs(angles[first:] - angles[0]) + 0.1 * np.abs(velocities[first:] - velocities[0])
-    return first + int(np.argmin(unlike)) + 1
+    going_on = np.lib.stride_tricks.sliding_window_view(angles[first:], len(beginning))
+    return first + int(np.argmin(np.sum((going_on - beginning) ** 2, axis=1))) + 1

@@ -1,7 +1,7 @@
 # cython: freethreading_compatible=True
 """Controllers and gait."""
 
-from libc.math cimport floor
+from libc.math cimport INFINITY, floor
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
@@ -17,17 +17,19 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
     # angle, velocity, phase, walking, stride_time, strides, threshold, event_phase, shortest, longest,
     # memory: elapsed, armed, mean, valid
     cdef double angle = arena[slots[0]]
+    cdef double velocity = arena[slots[1]]
     cdef double threshold = arena[slots[6]]
     cdef double longest = arena[slots[9]]
     cdef double *elapsed = arena + slots[10]
     cdef double *armed = arena + slots[11]
     cdef double *mean = arena + slots[12]
     cdef double *valid = arena + slots[13]
+    cdef double missing = angle + velocity
     cdef double phase
     elapsed[0] += arena[DT]
     if angle < 0.5 * threshold:
         armed[0] = 1.0
-    if armed[0] != 0.0 and angle > threshold and arena[slots[1]] > 0.0:
+    if armed[0] != 0.0 and angle > threshold and velocity > 0.0:
         # 1. The swing knee passes the threshold: one stride since the last time, if it is as long as a stride can be.
         armed[0] = 0.0
         if elapsed[0] >= arena[slots[8]] and elapsed[0] <= longest:
@@ -38,15 +40,19 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
         arena[slots[5]] += 1.0
         elapsed[0] = 0.0
     if elapsed[0] > longest or (valid[0] > 0.0 and elapsed[0] > 1.5 * mean[0]):
-        valid[0] = 0.0          # 2. The wearer has stopped.
-    if angle != angle or valid[0] < 2.0:
-        arena[slots[2]] = angle if angle != angle else 0.0
-        arena[slots[3]] = 0.0
-    else:
-        phase = arena[slots[7]] + elapsed[0] / mean[0]
-        arena[slots[2]] = phase - floor(phase)
-        arena[slots[3]] = 1.0
-    arena[slots[4]] = mean[0]
+        # 2. The wearer has stopped: what lies between this event and the next is no stride.
+        valid[0] = 0.0
+        elapsed[0] = INFINITY
+    arena[slots[2]] = missing if missing != missing else 0.0
+    arena[slots[3]] = 0.0
+    arena[slots[4]] = 0.0
+    if valid[0] >= 2.0:
+        # 3. Two strides in a row make a rhythm.
+        arena[slots[4]] = mean[0]
+        if missing == missing:
+            phase = arena[slots[7]] + elapsed[0] / mean[0]
+            arena[slots[2]] = phase - floor(phase)
+            arena[slots[3]] = 1.0
     return OK
 
 

@@ -1,6 +1,7 @@
 # cython: freethreading_compatible=True
 """Limiters. NaN passes through, so that the actuator sees it and faults: fmin and fmax would turn it into full torque."""
 
+from libc.math cimport isfinite
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
@@ -51,14 +52,15 @@ cdef int slew_kernel(double *arena, const int32_t *slots, const int32_t *sizes) 
 cdef int slew_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     cdef int i
     for i in range(sizes[1]):
-        arena[slots[3] + i] = arena[slots[0] + i]
+        if isfinite(arena[slots[0] + i]):
+            arena[slots[3] + i] = arena[slots[0] + i]
     return OK
 
 
 cdef int torque_limiter_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # torque, limited, limit, slew, previous
     cdef double limit = arena[slots[2]]
-    cdef double y = toward(arena[slots[4]], clip(arena[slots[0]], -limit, limit), arena[slots[3]] * arena[DT])
+    cdef double y = toward(clip(arena[slots[4]], -limit, limit), clip(arena[slots[0]], -limit, limit), arena[slots[3]] * arena[DT])
     arena[slots[1]] = y
     if y == y:
         arena[slots[4]] = y

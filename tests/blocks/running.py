@@ -1,5 +1,6 @@
 """Runs diagrams in virtual time, on the executor that robots run on, and gives back every signal of every tick."""
 
+import gc
 import struct
 
 import numpy as np
@@ -9,20 +10,19 @@ from cext.buses import MemoryBus
 from cext.executor import Executor
 from cext.page import RECORD_ROW, Page
 from cext.program import Program
-from graph import compile
+from graph import Block, Diagram, Output, compile
 
 
 class Recording:
-    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks, `recording["sum.y", 1]` one element of a vector."""
+    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks; elements of vectors are `"imu.rate[1]"`."""
 
     def __init__(self, columns, rows, outcome, statistics, buses):
         self.outcome, self.statistics, self.buses = outcome, statistics, buses
         self.time, self.tick = rows[:, 1], rows[:, 0]
         self.signals = {column.path: rows[:, 2 + column.index] for column in columns}
 
-    def __getitem__(self, key):
-        path, index = key if isinstance(key, tuple) else (key, None)
-        return self.signals[path if index is None else f"{path}[{index}]"]
+    def __getitem__(self, path):
+        return self.signals[path]
 
 
 def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
@@ -41,8 +41,65 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
         before(buses)
     row = struct.Struct(f"={2 + len(schedule.columns)}d")
     page = Page((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
+    gc.freeze()                 # the collection that the executor makes has little left to look at: 50 ms a run, otherwise
     outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(ticks, fade=fade)
     records = page.drain(1 << 30)
     assert page.statistics()["dropped"] == 0
     rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(-1, 2 + len(schedule.columns))
     return Recording(schedule.sinks[0].columns, rows, outcome, page.statistics(), buses)
+
+
+def player(values, unit="any", dtype=float):
+    """A source that plays `values`, one a tick along the first axis, and then stays at the last."""
+    values = np.asarray(values)
+    rows = values.tolist() if values.ndim == 1 else values
+
+    def step(self, tick):
+        return rows[min(tick, len(rows) - 1)]
+
+    body = {"__doc__": "Plays numbers.", "step": step, "y": Output(unit, "what is played", shape=values.shape[1:], dtype=dtype)}
+    return type("Player", (Block,), body)()()
+
+
+def by_hand(block, ticks, **inputs):
+    """Step a block by hand, `inputs` being arrays over the ticks: a dict of arrays by output."""
+    rows = []
+    for tick in range(ticks):
+        now = {name: values[tick] for name, values in inputs.items()}
+        outputs = block.step(**now)
+        if block.update_kernel is not None:
+            block.update(**now)
+        rows.append([outputs] if len(block.outputs) == 1 else outputs)
+    return {name: np.array([row[i] for row in rows], dtype=float) for i, name in enumerate(block.outputs)}
+
+
+def inside(make, *, rate=200, ticks=None, **inputs):
+    """The same of the block that `make` makes, inside a running diagram."""
+    with Diagram("running", rate=rate) as diagram:
+        block = make()
+        block(**{name: player(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()})
+    recording = run(diagram, ticks or len(next(iter(inputs.values()))))
+    assert recording.outcome.status == "ok", recording.outcome
+
+    def values(name):
+        path = f"{block.path}.{name}"
+        shape = recorded_shape(recording, path)
+        return np.stack([recording[path + "".join(f"[{i}]" for i in index)] for index in np.ndindex(shape)], axis=-1).reshape(-1, *shape)
+
+    return {name: values(name) for name in block.outputs}
+
+
+def recorded_shape(recording, path):
+    """Shape of a recorded signal, from the names of its columns."""
+    indices = [name[len(path) :] for name in recording.signals if name == path or name.startswith(path + "[")]
+    return tuple(1 + max(map(int, axis)) for axis in zip(*(index.strip("[]").split("][") for index in indices if index)))
+
+
+def both_ways(make, *, rate=200, ticks=None, **inputs):
+    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running diagram."""
+    with Diagram("by hand", rate=rate):
+        block = make()
+    alone = by_hand(block, ticks or len(next(iter(inputs.values()))), **inputs)
+    for name, values in inside(make, rate=rate, ticks=ticks, **inputs).items():
+        assert np.array_equal(values, alone[name], equal_nan=True), name
+    return alone

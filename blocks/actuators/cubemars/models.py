@@ -69,10 +69,11 @@ def find(name):
     for short, full in AMBIGUOUS.items():
         if _plain(short) == wanted:
             raise ValueError(
-                f"{short} was sold with driver boards of two generations, which speak different protocols: write {full!r} for boards V1 and "
-                f"V2 (MIT mode in standard frames); V3.0 boards (extended frames) are not supported yet")
+                f"{short} was sold with driver boards of two generations, which speak different protocols: write {full!r} for boards V1 "
+                f"and V2 (MIT mode in standard frames); V3.0 boards (extended frames) are not supported yet")
     hint = _same_motor(motor) or suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
-    raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table" + (f": {hint}" if hint else f"; there are {', '.join(MODELS)}"))
+    known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
+    raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table{known}")
 
 
 def _same_motor(motor):

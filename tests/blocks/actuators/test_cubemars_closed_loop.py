@@ -129,7 +129,7 @@ def test_the_work_of_the_drive_is_what_the_limb_holds_and_what_friction_took():
 
 
 def test_an_impedance_in_the_diagram_closes_the_same_loop_one_tick_later():
-    """Feedback of the last tick and torque held over a tick: as a spring and damper with 1.5 ticks of delay, which take K · 1.5 T of the damping."""
+    """Feedback of the last tick and torque held over a tick are a delay of 1.5 ticks, which takes K · 1.5 T of the damping."""
     stiffness, damping, target = 20.0, 1.0, 0.2
     with Diagram("impedance", rate=RATE) as robot:
         drive = CubeMars("AK80-9", name="drive")

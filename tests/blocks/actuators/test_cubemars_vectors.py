@@ -22,6 +22,7 @@ from tests.blocks.actuators.wire import NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 from tests.shared import entries, specifications
 
 INPUTS = {"position": "position_rad", "velocity": "velocity_rad_s", "stiffness": "kp", "damping": "kd", "torque": "torque_nm"}
+LIMITS = {"position": "p", "velocity": "v", "stiffness": "kp", "damping": "kd", "torque": "t"}
 BEFORE = {"velocity": "position", "stiffness": "velocity", "damping": "stiffness", "torque": "damping"}
 
 # What dfki's library has for each of its models: half ranges of position, velocity and torque, and the sign it turns every value by.
@@ -38,7 +39,8 @@ def ours(family):
 
 
 def library(source):
-    for name, mark in (("dfki", "mini-cheetah"), ("EP", "epicallypowerful"), ("TM", "TMotorCANControl"), ("LR", "leggedrobotics"), ("AKM", "CubeMars")):
+    marks = {"dfki": "mini-cheetah", "EP": "epicallypowerful", "TM": "TMotorCANControl", "LR": "leggedrobotics", "AKM": "CubeMars"}
+    for name, mark in marks.items():
         if source.startswith(mark):
             return name
     raise ValueError(f"nothing is known of {source}")
@@ -74,7 +76,7 @@ def compared(entry, drives):
     What they ask beyond their range they clamp; we would refuse it, and are given the end instead.
     """
     limits, model = entry["limits"], ours(entry["model_family"])
-    their_half = {"position": limits["p"], "velocity": limits["v"], "stiffness": limits["kp"], "damping": limits["kd"], "torque": limits["t"]}
+    their_half = {name: limits[key] for name, key in LIMITS.items()}
     our_half = half_ranges(model)
     wired = drives(model, invert=entry.get("axis_direction", 1) < 0)
     asked, at_top = {}, set()
@@ -96,7 +98,7 @@ def test_dfki_sends_our_bytes(drives):
     for entry in of("dfki", "cubemars_mit_command"):
         theirs, mine, _ = compared(entry, drives)
         limits, half = entry["limits"], half_ranges(ours(entry["model_family"]))
-        for name, key in (("position", "p"), ("velocity", "v"), ("stiffness", "kp"), ("damping", "kd"), ("torque", "t")):
+        for name, key in LIMITS.items():
             assert abs(theirs[name] - mine[name]) <= (limits[key] != half[name]), (name, entry)
 
 
@@ -171,7 +173,7 @@ def test_our_emulated_drive_understands_commands_as_mit_firmware_does():
 
 
 def test_our_emulated_drive_answers_as_mit_firmware_does():
-    """Six bytes are common to both (then comes a voltage there, temperature and error here): equal. Torque is set by commanding it, to the code."""
+    """Six bytes are common to both, then comes a voltage there, temperature and error here: equal."""
     for entry in entries("mit_reply_encode_katz"):
         model, given = ours(entry["model"]), entry["inputs"]
         wired = Wired(EmulatedCubeMars, model.name, can_id=given["id"], peak=model.wire_torque)

@@ -1,0 +1,70 @@
+"""What every block of the library keeps, whichever it is."""
+
+import importlib
+import inspect
+import math
+import pkgutil
+
+import pytest
+
+import blocks
+from graph import Block, Device, DiagramError, Sink
+from graph.conformance import check_block, check_declarations
+
+# Parameters for blocks that have no usable defaults and no `examples` of their own.
+EXAMPLES = {
+    "TorqueLimiter": ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0}), "CubeMars": ({"model": "AK80-9"},),
+    "EmulatedCubeMars": ({"model": "AK80-9"},),
+}
+
+
+def library():
+    """Every public block of the library, by name."""
+    found = {}
+    for module in pkgutil.walk_packages(blocks.__path__, "blocks."):
+        for name, kind in vars(importlib.import_module(module.name)).items():
+            if inspect.isclass(kind) and issubclass(kind, Block) and kind.__module__ == module.name and not name.startswith("_"):
+                found[name] = kind
+    return found
+
+
+LIBRARY = library()
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    """A file that a RecordedKnee plays."""
+    file = tmp_path_factory.mktemp("recording") / "walk.csv"
+    rows = (f"{k / 100},{30.0 - 25.0 * math.cos(2.0 * math.pi * k / 110)}" for k in range(1000))
+    file.write_text("time,knee\n" + "\n".join(rows) + "\n")
+    return str(file)
+
+
+@pytest.fixture
+def examples(request, recording):
+    if request.param == "RecordedKnee":
+        return ({"file": recording, "column": "knee"},)
+    return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
+
+
+def test_the_library_has_the_blocks_of_the_first_exoskeleton():
+    assert set(LIBRARY) >= {
+        "Butterworth", "CsvRecorder", "CubeMars", "EmulatedCubeMars", "Gain", "GaitPhase", "Impedance", "Limb", "PlotJuggler", "Product",
+        "RecordedKnee", "Saturation", "Sine", "SlewRate", "StepSource", "Sum", "TorqueLimiter", "TorqueProfile", "UnitDelay", "WalkingKnee",
+    }
+
+
+@pytest.mark.parametrize("name, examples", [(name, name) for name in LIBRARY], indirect=["examples"])
+def test_a_block_keeps_the_rules_of_the_conformance_test(name, examples):
+    kind = LIBRARY[name]
+    if issubclass(kind, (Device, Sink)):
+        for parameters in examples:
+            check_declarations(kind, dict(parameters))
+    else:
+        assert check_block(kind, examples) > 0
+
+
+@pytest.mark.parametrize("name, examples", [(name, name) for name in LIBRARY], indirect=["examples"])
+def test_a_misspelt_parameter_is_refused_by_every_block(name, examples):
+    with pytest.raises(DiagramError, match=f"{name}: has no parameter 'colour'"):
+        LIBRARY[name](**{**examples[0], "colour": 1})

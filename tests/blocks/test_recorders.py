@@ -1,0 +1,56 @@
+"""Recorders and viewers as blocks: what they take, and what they refuse. What they write is the recorder process's."""
+
+import pytest
+
+from blocks.recorders import CsvRecorder, StrideReport
+from blocks.sinks import PlotJuggler
+from blocks.sources import Sine
+from graph import Diagram, DiagramError, compile
+from tests.blocks.running import player
+
+
+def columns(sink):
+    """Paths of the columns that the only sink of a diagram with two sources takes; sink: called with them, inside the diagram."""
+    with Diagram("recorded", rate=100) as diagram:
+        sink(Sine(name="a"), player([[1.0, 2.0]], "rad"))
+    (found,) = compile(diagram).sinks
+    return [column.path for column in found.columns]
+
+
+@pytest.mark.parametrize("kind", [CsvRecorder, PlotJuggler])
+def test_without_wires_a_sink_takes_every_port(kind):
+    assert columns(lambda a, b: kind()) == ["a.y", "player.y[0]", "player.y[1]"]
+
+
+@pytest.mark.parametrize("kind", [CsvRecorder, PlotJuggler])
+def test_with_wires_a_sink_takes_those_in_their_order_under_the_names_it_is_told(kind):
+    assert columns(lambda a, b: kind()(b, a.y)) == ["player.y[0]", "player.y[1]", "a.y"]
+    assert columns(lambda a, b: kind()(angle=a.y)) == ["angle"]
+
+
+def test_a_stride_report_wants_all_it_reports():
+    with Diagram("report", rate=100) as diagram:
+        StrideReport()(phase=player([0.0], "1"), torque=player([0.0], "N·m"))
+    with pytest.raises(DiagramError) as refused:
+        compile(diagram)
+    assert {d.port for d in refused.value.diagnostics} == {"walking", "angle", "velocity"}
+
+
+def test_a_stride_report_knows_torque_from_angle():
+    with Diagram("report", rate=100) as diagram:
+        StrideReport()(
+            phase=player([0.0], "1"), walking=player([True], "1", bool), angle=player([0.0], "N·m"), velocity=player([0.0], "rad/s"),
+            torque=player([0.0], "N·m"))
+    with pytest.raises(DiagramError, match="stride_report.angle: expected rad, got N·m"):
+        compile(diagram)
+
+
+@pytest.mark.parametrize("make, said", [
+    (lambda: CsvRecorder(flush_rows=0), "flush_rows: must be at least 1, got 0"),
+    (lambda: CsvRecorder(delimiter="|"), "delimiter: must be one of"), (lambda: PlotJuggler(port=0), "port: must be at least 1, got 0"),
+    (lambda: PlotJuggler(port=70000), "port: must be at most 65535, got 70000"),
+    (lambda: PlotJuggler(port=9870.5), "port: expected a whole number"), (lambda: PlotJuggler(host=127), "host: expected text"),
+])
+def test_parameters_out_of_bounds_are_refused(make, said):
+    with pytest.raises(DiagramError, match=said):
+        make()
