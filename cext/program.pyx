@@ -36,14 +36,19 @@ def address(kernel, kind="kernel"):
             return <uintptr_t>PyCapsule_GetPointer(kernel, name)
         except ValueError:
             raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(), kernel)) from None
-    if hasattr(kernel, "address"):
+    if isinstance(getattr(kernel, "address", None), int):
         return int(kernel.address)
     import ctypes
 
-    try:
-        return int(ctypes.cast(kernel, ctypes.c_void_p).value)
-    except (ctypes.ArgumentError, TypeError):
-        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel)) from None
+    wanted = 3 if kind == "kernel" else 4
+    if not isinstance(kernel, ctypes._CFuncPtr):
+        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel))
+    if kernel.argtypes is not None and len(kernel.argtypes) != wanted:
+        raise TypeError("a native %s takes %d arguments, and %r takes %d" % (kind, wanted, kernel, len(kernel.argtypes)))
+    function = ctypes.cast(kernel, ctypes.c_void_p).value
+    if not function:
+        raise TypeError("a native %s cannot be a null pointer" % kind)
+    return int(function)
 
 
 def call_kernel(kernel, double[::1] arena, table):
