@@ -48,6 +48,7 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     SILENT = 5              # a device has been silent for longer than its timeout
     DEVICE_FAULT = 6        # a device reports a fault
     BUS_ERROR = 7           # a bus cannot receive or send
+    FENCED = 8              # another process has stopped the run
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

@@ -19,7 +19,7 @@ from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    AUTHORITY, BUS_ERROR, DEVICE_FAULT, DT, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS,
+    AUTHORITY, BUS_ERROR, DEVICE_FAULT, DT, FENCED, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS,
     PERIOD, PYTHON_ERROR, SILENT, TICK, TIME, WAKE, Frame,
 )
 from cext.histogram cimport Histogram, add
@@ -28,7 +28,7 @@ from cext.posix cimport (
     CLOCK_MONOTONIC, CLOCK_REALTIME, PR_SET_TIMERSLACK, POLLIN, SIGHUP, SIGINT, SIGTERM, TIMER_ABSTIME,
     action, clock_gettime, clock_nanosleep, poll, pollfd, prctl, sigaction, timespec,
 )
-from cext.program cimport Device, Program
+from cext.program cimport Blame, Device, Program
 
 cdef extern from *:
     """
@@ -49,6 +49,7 @@ STATUS = {
     SILENT: "silent",
     DEVICE_FAULT: "device fault",
     BUS_ERROR: "bus error",
+    FENCED: "fenced",
 }
 
 
@@ -113,6 +114,7 @@ cdef class Executor:
     cdef int substeps, reader
     cdef bint virtual, simulated
     cdef int64_t began, first_tick, period, tick, previous, plant_tick
+    cdef int64_t now             # ns from the run's begin to the present round or tick
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
                  int reader=-1):
@@ -120,6 +122,8 @@ cdef class Executor:
             raise ValueError("the rate must be above 0 Hz, not %r" % rate)
         if substeps < 1:
             raise ValueError("the plant's rate must be a whole multiple of the diagram's")
+        if page is not None and 16 * (3 + control.column_count) > <int64_t>page.layout.capacity:
+            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + control.column_count))
         self.control, self.plant, self.page = control, plant, page
         self.layout = NULL if page is None else page.layout
         self.rate, self.substeps, self.virtual, self.reader = rate, substeps, virtual, reader
@@ -142,8 +146,9 @@ cdef class Executor:
         if self.plant is not None:
             self.plant.reset()
         self.tick = self.previous = -1
-        self.plant_tick = 0
+        self.plant_tick = self.now = 0
         self.clear_page()
+        collecting = gc.isenabled()
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -166,8 +171,9 @@ cdef class Executor:
         finally:
             for index in range(3):
                 sigaction(SIGNALS[index], &before[index], NULL)
-            gc.enable()
             gc.unfreeze()
+            if collecting:
+                gc.enable()
         if self.layout != NULL:
             store_i32(&self.layout.status, status)
         error = self.control.error
@@ -305,11 +311,13 @@ cdef class Executor:
         self.set_state(ARMING)
         self.want_replies(True, False)
         for round in range(rounds + 1 if self.control.device_count else 0):
-            now = self.grid(round)
+            self.now = now = self.grid(round)
             if not self.virtual:
                 sleep_until(self.began + now)
             if caught or not self.make_room(False):
                 return OK
+            if self.fenced():
+                return FENCED
             status = self.control.receive(now, self.layout)
             if status != OK:
                 return status
@@ -325,6 +333,9 @@ cdef class Executor:
             if status != OK:
                 return status
         return NO_ANSWER if self.control.device_count else OK
+
+    cdef inline bint fenced(self) noexcept nogil:
+        return self.layout != NULL and load_i32(&self.layout.fence) != 0
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
         cdef int64_t now, began, behind
@@ -351,7 +362,7 @@ cdef class Executor:
                     if tick == ticks:
                         break
                 late = began - epoch - self.grid(tick)
-            now = self.first_tick + self.grid(tick)
+            self.now = now = self.first_tick + self.grid(tick)
             self.tick = tick
             self.set_clock(self.control, tick, self.previous, self.rate, late)
             self.control.arena[AUTHORITY] = 1.0 if fade <= 0.0 or tick / self.rate >= fade else tick / (self.rate * fade)
@@ -381,8 +392,8 @@ cdef class Executor:
             status = self.control.run(&self.control.output, tick, self.previous)
         if status == OK:
             status = self.control.command()
-        if status == OK and (self.layout == NULL or load_i32(&self.layout.fence) == 0):
-            status = self.control.transmit(now, self.layout)
+        if status == OK:
+            status = FENCED if self.fenced() else self.control.transmit(now, self.layout)
         if status == OK:
             status = self.control.run(&self.control.update, tick, self.previous)
         if status == OK:
@@ -446,11 +457,14 @@ cdef class Executor:
     cdef void stop(self, double timeout) noexcept nogil:
         """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up."""
         cdef int64_t step = min(self.period, 5000000)
-        cdef int64_t now = self.first_tick + self.grid(self.tick + 1)
+        cdef int64_t now = self.now + self.period
         cdef int64_t waited = 0
+        cdef Blame blame = self.control.failed                     # what fails from here on is not why
         if self.layout != NULL:
             store_i32(&self.layout.fence, 1)
         self.set_state(STOPPING)
+        self.make_room(True)
+        self.control.receive(now, self.layout)                     # answers to the last commands confirm nothing
         while self.control.device_count > 0:
             self.want_replies(True, True)
             self.make_room(True)
@@ -463,4 +477,5 @@ cdef class Executor:
             self.control.receive(now, self.layout)
             if self.all_answered() or waited >= timeout * 1e9:
                 break
+        self.control.failed = blame
         self.set_state(SAFE)

@@ -5,10 +5,10 @@ import mmap
 import os
 
 from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
-from cext.histogram cimport BUCKETS, Histogram, lower_edge
+from cext.histogram cimport BUCKETS, Histogram, add, lower_edge
 
 cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
 
@@ -50,7 +50,7 @@ cdef class Page:
 
     def push(self, uint32_t kind, bytes payload):
         """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes. False: there is no room for it now."""
-        payload += b" " * (-len(payload) % 8)
+        payload += b" " * ((8 - len(payload) % 8) % 8)
         cdef void *room = reserve(self.layout, kind, <uint32_t>len(payload))
         if room == NULL:
             return False
@@ -128,8 +128,17 @@ cdef class Page:
         return load_i64(&self.layout.first_tick)
 
 
+def percentiles(durations):
+    """Of durations in ns, as the page has them of lateness and execution: a dict in s, each percentile at most 3.2 % above the true one."""
+    cdef Histogram histogram
+    memset(&histogram, 0, sizeof(Histogram))
+    for index, ns in enumerate(durations):
+        add(&histogram, ns, index)
+    return summary(&histogram)
+
+
 cdef dict summary(Histogram *histogram):
-    """Percentiles of a histogram, in s. Each is the upper edge of its bucket, so never better than the truth."""
+    """Percentiles of a histogram, in s, where it has any. Each is the upper edge of its bucket, so never better than the truth."""
     cdef uint64_t seen = 0
     cdef int bucket
     result = {"count": histogram.count, "max": histogram.largest * 1e-9, "max_at_tick": histogram.largest_at}

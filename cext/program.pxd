@@ -45,6 +45,12 @@ cdef struct Device:
     int64_t replies
     int64_t replies_wanted       # before it counts as answered
 
+cdef struct Blame:               # what failed last, -1 where it was something else
+    int phase
+    int step
+    int device
+    int bus
+
 cdef class Program:
     """The tables of one schedule, ready for the executor."""
     cdef double *arena
@@ -64,7 +70,8 @@ cdef class Program:
     cdef Frame *outgoing
     cdef int32_t *outgoing_count # a bus
     cdef public object error     # what a Python step raised
-    cdef int failed_phase, failed_step, failed_device, failed_bus
+    cdef Blame failed
+    cdef bint ran
     cdef list blocks
     cdef object schedule
 
@@ -83,4 +90,5 @@ cdef class Program:
     cdef int command(self) noexcept nogil
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
+    cdef void discard(self) noexcept nogil
     cdef void record(self, double *row) noexcept nogil

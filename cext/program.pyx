@@ -36,14 +36,19 @@ def address(kernel, kind="kernel"):
             return <uintptr_t>PyCapsule_GetPointer(kernel, name)
         except ValueError:
             raise TypeError("the capsule of a native %s must be named %r: %r is not" % (kind, name.decode(), kernel)) from None
-    if hasattr(kernel, "address"):
+    if isinstance(getattr(kernel, "address", None), int):
         return int(kernel.address)
     import ctypes
 
-    try:
-        return int(ctypes.cast(kernel, ctypes.c_void_p).value)
-    except (ctypes.ArgumentError, TypeError):
-        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel)) from None
+    wanted = 3 if kind == "kernel" else 4
+    if not isinstance(kernel, ctypes._CFuncPtr):
+        raise TypeError("a native %s is a PyCapsule, a ctypes function or a Numba cfunc, not %r" % (kind, kernel))
+    if kernel.argtypes is not None and len(kernel.argtypes) != wanted:
+        raise TypeError("a native %s takes %d arguments, and %r takes %d" % (kind, wanted, kernel, len(kernel.argtypes)))
+    function = ctypes.cast(kernel, ctypes.c_void_p).value
+    if not function:
+        raise TypeError("a native %s cannot be a null pointer" % kind)
+    return int(function)
 
 
 def call_kernel(kernel, double[::1] arena, table):
@@ -164,15 +169,18 @@ cdef class Program:
         return 0
 
     def reset(self):
-        """Everything as at the first tick: arena, devices, Python blocks."""
+        """Everything as at the first tick: arena, devices, Python blocks. What buses heard in an earlier run is forgotten."""
         cdef int index
+        if self.ran:
+            self.discard()
+        self.ran = True
         self.memory[:] = self.image
         for block in self.blocks:
             block.reset()
         for index in range(self.device_count):
             self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
         self.error = None
-        self.failed_step = self.failed_device = self.failed_bus = -1
+        self.failed.step = self.failed.device = self.failed.bus = -1
 
     @property
     def values(self):
@@ -182,13 +190,13 @@ cdef class Program:
     @property
     def culprit(self):
         """Path of the block, device or bus whose step failed last, or None."""
-        if self.failed_device >= 0:
-            return self.schedule.devices[self.failed_device].name
-        if self.failed_bus >= 0:
-            return self.schedule.buses[self.failed_bus]
-        if self.failed_step >= 0:
+        if self.failed.device >= 0:
+            return self.schedule.devices[self.failed.device].name
+        if self.failed.bus >= 0:
+            return self.schedule.buses[self.failed.bus]
+        if self.failed.step >= 0:
             phases = self.schedule.look, self.schedule.settle, self.schedule.output, self.schedule.update
-            return phases[self.failed_phase][self.failed_step].name
+            return phases[self.failed.phase][self.failed.step].name
         return None
 
     def inputs(self, str path):
@@ -247,8 +255,8 @@ cdef class Program:
         return True
 
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
-        self.failed_step = step
-        self.failed_phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
+        self.failed.step = step
+        self.failed.phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
 
     cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil:
         cdef int step = segment.first
@@ -292,7 +300,7 @@ cdef class Program:
             count = (<BusEnd>self.bus_ends[bus]).bus.receive(
                 (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
             if count < 0:
-                self.failed_bus = bus
+                self.failed.bus = bus
                 return BUS_ERROR
             for index in range(count):
                 frame = &self.received[index]
@@ -327,10 +335,10 @@ cdef class Program:
         for number in range(self.device_count):
             device = &self.devices[number]
             if device.timeout > 0.0 and (now - device.heard) * 1e-9 > device.timeout:
-                self.failed_device = number
+                self.failed.device = number
                 return SILENT
             if device.fault >= 0 and self.arena[device.fault] != 0.0:
-                self.failed_device = number
+                self.failed.device = number
                 return DEVICE_FAULT
         return OK
 
@@ -345,7 +353,7 @@ cdef class Program:
             count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
             if count < 0:
                 memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
-                self.failed_device = number
+                self.failed.device = number
                 return -count
             total += count
             self.outgoing_count[device.bus] += count
@@ -369,14 +377,23 @@ cdef class Program:
             frames[index].time = now
             frames[index].bus = <uint8_t>bus
             frames[index].sent = 1
-        if (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count) < 0:
-            self.failed_bus = bus
+        count = (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count)
+        if count < 0:
+            self.failed.bus = bus
             return BUS_ERROR
-        if page != NULL:
+        if page != NULL:                        # a full queue takes fewer than all: what it took is what was sent
             page.frames_sent += count
             for index in range(count):
                 log_frame(page, &frames[index])
         return OK
+
+    cdef void discard(self) noexcept nogil:
+        """Forget what buses have heard: an answer to an earlier run is none."""
+        cdef int bus, rounds
+        for bus in range(self.bus_count):
+            for rounds in range(64):
+                if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
+                    break
 
     cdef void record(self, double *row) noexcept nogil:
         cdef int index

@@ -12,7 +12,7 @@ cdef class PythonStep:
     cdef double[32] output_lows
     cdef double[32] output_highs
     cdef PyObject *arguments[33]
-    cdef list input_views, output_views, output_names
+    cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int refuse(self, int index, value) except -1
     cdef int store(self, int index, object value, double *arena) except -1

@@ -6,8 +6,8 @@ import numpy as np
 from cpython.bool cimport PyBool_FromLong
 from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExact, PyFloat_FromDouble
 from cpython.long cimport PyLong_FromDouble
-from cpython.object cimport PyObject_IsTrue
 from cpython.ref cimport Py_DECREF, Py_XDECREF
+from libc.math cimport isfinite
 from libc.string cimport memset
 
 cdef extern from "Python.h":
@@ -49,7 +49,7 @@ cdef class PythonStep:
         self.callable, self.name = callable, name
         self.input_count, self.output_count = len(inputs), len(outputs)
         self.input_views, self.output_views = [], []
-        self.output_names = [port for port, *_ in outputs]
+        self.input_names, self.output_names = [port for port, *_ in inputs], [port for port, *_ in outputs]
         memset(self.arguments, 0, sizeof(self.arguments))
         for index, (port, slot, dtype, shape) in enumerate(inputs):
             self.input_slots[index] = slot
@@ -77,6 +77,8 @@ cdef class PythonStep:
             value = arena[self.input_slots[index]]
             if kind == REAL:
                 number = PyFloat_FromDouble(value)
+            elif not isfinite(value):
+                raise ArithmeticError("%s.%s is %r, which is neither a whole number nor a truth" % (self.name, self.input_names[index], value))
             elif kind == INTEGER:
                 number = PyLong_FromDouble(value)
             else:
@@ -119,12 +121,12 @@ cdef class PythonStep:
                 view[...] = value
                 if np.any(view < self.output_lows[index]) or np.any(view > self.output_highs[index]):
                     self.refuse(index, value)
-            elif kind == TRUTH:
-                arena[self.output_slots[index]] = 1.0 if PyObject_IsTrue(value) else 0.0
-            elif kind == INTEGER:
-                arena[self.output_slots[index]] = float(value.__index__())
             else:
-                number = PyFloat_AsDouble(value)
+                number = value.__index__() if kind == INTEGER else PyFloat_AsDouble(value)
+                if kind == TRUTH:
+                    if number != number:
+                        raise ValueError("NaN is neither true nor false")
+                    number = number != 0.0
                 if number < self.output_lows[index] or number > self.output_highs[index]:
                     self.refuse(index, value)
                 arena[self.output_slots[index]] = number

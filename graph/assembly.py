@@ -7,7 +7,7 @@ from graph.device import Actuator, Device
 from graph.diagram import Signal
 from graph.interval import EVERYTHING
 from graph.layout import Layout, kernel_table, place_memory, place_parameters
-from graph.order import computes
+from graph.order import computes, upstream
 from graph.schedule import Column, DeviceSteps, Schedule, SignalPlace, SinkColumns, Step
 
 
@@ -104,7 +104,8 @@ class Assembly:
         facts = self.facts
         output = [self.output_step(block) for block in facts.order]
         settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
-        look = [step for block, step in zip(facts.order, output) for step in (settle.get(block), step) if step is not None]
+        seen = upstream(settle, facts.sources)                  # no other step is called before its first tick
+        look = [step for block, step in zip(facts.order, output) if block in seen for step in (settle.get(block), step) if step is not None]
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, sinks = self.recorded()
         return Schedule(

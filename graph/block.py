@@ -175,7 +175,8 @@ class Block:
 
     A Python block defines `step(self, *inputs)`, called with floats (vectors: read-only views, valid during the call) and
     returning its outputs. Inputs that `step` does not take have no direct feedthrough. With state it may have
-    `update(self, *inputs)`, run at the end of the tick, and `reset()`. A step may also take `t`, `tick` and `dt`.
+    `update(self, *inputs)`, run at the end of the tick, `reset()`, and `settle(self, *inputs)`, which takes the present inputs
+    as the steady state when a robot has been armed. A step may also take `t`, `tick` and `dt`.
 
     A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names the
     inputs its kernel reads, all by default.

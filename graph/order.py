@@ -27,6 +27,18 @@ def dependencies(blocks, sources):
     return graph
 
 
+def upstream(blocks, sources):
+    """The blocks themselves and all whose outputs reach them along wires, with or without feedthrough."""
+    found, waiting = set(blocks), list(blocks)
+    while waiting:
+        block = waiting.pop()
+        for source in (*(sources.get((block, name)) for name in block.inputs), *block.conditions):
+            if isinstance(source, Signal) and source.block not in found:
+                found.add(source.block)
+                waiting.append(source.block)
+    return found
+
+
 def take_out_loops(graph):
     """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output, block, input)."""
     cycles = []

@@ -94,7 +94,7 @@ class Schedule:
     rate: float
     arena: np.ndarray
     memory_start: int           # slot where the memory of blocks begins: from here on the arena is state
-    look: list                  # one pass on the present measurement, settling each block before its output
+    look: list                  # a pass over what settling needs, on the present measurement, each block settled before its output
     settle: list                # the settle steps of that pass alone
     output: list
     update: list

@@ -1,0 +1,103 @@
+"""Robots on in-memory buses with emulated drives, and what a third party sees of their runs."""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.models import Limb
+from blocks.recorders import CsvRecorder
+from cext.buses import MemoryBus
+from cext.executor import Executor
+from cext.page import RECORD_FRAME, RECORD_ROW, Page
+from cext.program import Program
+from graph import Diagram, compile
+
+FRAME = struct.Struct("=qIBBBB64s")
+STOP = [NOTHING, DISABLE]
+
+
+class Frame(NamedTuple):
+    """A frame as the page has it: time in ns from the run's begin; `sent` by the robot, or received."""
+
+    time: int
+    id: int
+    bus: int
+    sent: bool
+    data: bytes
+
+
+class Rig:
+    """A robot, its plant and the page between them. robot, plant : Diagrams; page : capacity of the ring in bytes, or a Page."""
+
+    def __init__(self, robot, plant=None, *, page=1 << 24, virtual=True, record=True):
+        if record and not any(isinstance(block, CsvRecorder) for block in robot):
+            with robot:
+                CsvRecorder()
+        self.schedule = compile(robot)
+        self.buses = {name: MemoryBus() for name in self.schedule.buses}
+        self.control = Program(self.schedule, [bus.host for bus in self.buses.values()])
+        self.plant, substeps = None, 1
+        if plant is not None:
+            model = compile(plant)
+            self.plant = Program(model, [self.buses[name].device for name in model.buses])
+            substeps = round(plant.rate / robot.rate)
+        self.page = page if isinstance(page, Page) else Page(page)
+        self.executor = Executor(self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=virtual)
+
+    def run(self, ticks, **options):
+        """Run, and take what was recorded: rows by column, frames in their order. Returns the Outcome."""
+        outcome = self.executor.run(ticks, **options)
+        width = 2 + len(self.schedule.columns)
+        rows, self.frames = [], []
+        for kind, record in self.page.drain(1 << 30):
+            if kind == RECORD_ROW:
+                rows.append(struct.unpack(f"={width}d", record))
+            elif kind == RECORD_FRAME:
+                time, identifier, length, _, bus, sent, data = FRAME.unpack(record)
+                self.frames.append(Frame(time, identifier, bus, bool(sent), data[:length]))
+        rows = np.array(rows).reshape(-1, width)
+        self.tick, self.time = rows[:, 0].astype(int), rows[:, 1]
+        self.signals = {column.path: rows[:, 2 + column.index] for sink in self.schedule.sinks for column in sink.columns}
+        return outcome
+
+    def __getitem__(self, path):
+        return self.signals[path]
+
+    def sent(self, can_id=1):
+        """Data of every frame that was sent to one drive."""
+        return [frame.data for frame in self.frames if frame.sent and frame.id == can_id]
+
+    def commands(self, can_id=1):
+        """The same between arming and the safe stop."""
+        data = self.sent(can_id)
+        while data[:2] == [ENABLE, NOTHING]:
+            del data[:2]
+        while data[-2:] == STOP:
+            del data[-2:]
+        return data
+
+    def statistics(self):
+        return self.page.statistics()
+
+
+def plant_of(robot, *, substeps=5, **parameters):
+    """Every drive of a robot, emulated on a limb of its own. parameters : of the emulators."""
+    with Diagram("plant", rate=substeps * robot.rate) as plant:
+        for block in [block for block in robot if isinstance(block, CubeMars)]:
+            name = block.path.replace("/", "_")
+            drive = EmulatedCubeMars.of(block, name=name, **parameters)
+            limb = Limb(inertia=0.1, damping=0.5, stiffness=0.0, reflex=0.0, name=f"{name}_limb")
+            limb(torque=drive.torque)
+            drive(position=limb.position, velocity=limb.velocity)
+    return plant
+
+
+def one_drive(law, *, rate=200, ticks=None, virtual=True, plant=True, **parameters):
+    """A rig with one drive. law(drive) : the signal that commands its torque."""
+    with Diagram("robot", rate=rate) as robot:
+        drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee", **parameters)
+        drive(torque_command=law(drive))
+    return Rig(robot, plant_of(robot) if plant else None, virtual=virtual)

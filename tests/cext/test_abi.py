@@ -1,0 +1,179 @@
+"""Kernels from outside: ctypes function pointers, capsules by their C signature, cfuncs by their address; and what is refused."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from cext.executor import Executor
+from cext.kernels import cubemars, mathematics
+from cext.program import Program, address, call_kernel
+from graph import Block, Diagram, Input, Memory, Output, Param, compile
+from graph.layout import KernelTable
+from tests.cext.rigs import Rig
+
+KERNEL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32))
+SIGNATURE = b"int (double *, int32_t const *, int32_t const *)"
+
+new_capsule = ctypes.pythonapi.PyCapsule_New
+new_capsule.restype, new_capsule.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+calls = []
+
+
+@KERNEL
+def leaky(arena, slots, sizes):
+    """y = held = held + leak (u - held): inputs, outputs, parameters, memory, in the order of the declaration."""
+    calls.append((slots[-4], slots[-3], slots[-2], slots[-1]))
+    for i in range(sizes[1]):
+        held = arena[slots[3] + i]
+        arena[slots[3] + i] = arena[slots[1] + i] = held + arena[slots[2]] * (arena[slots[0] + i] - held)
+    return 0
+
+
+@KERNEL
+def refuses(arena, slots, sizes):
+    """A status of its own at the tenth tick."""
+    return 77 if arena[1] == 10.0 else 0
+
+
+class Leaky(Block):
+    """Someone else's low-pass."""
+
+    leak = Param(0.25, "1", "share of the difference")
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "filtered", shape=...)
+    held = Memory(0.0, "output of the tick before")
+
+    kernel = leaky
+
+    def prepare(self, dt):
+        self.held = [0.0] * self.width
+
+
+def run(diagram, ticks):
+    rig = Rig(diagram)
+    return rig.run(ticks), rig
+
+
+def expected(values, leak=0.25):
+    held, out = 0.0, []
+    for value in values:
+        held = held + leak * (value - held)
+        out.append(held)
+    return out
+
+
+@pytest.mark.parametrize("kernel", [leaky, new_capsule(ctypes.cast(leaky, ctypes.c_void_p), SIGNATURE, None)], ids=["ctypes", "capsule"])
+def test_a_kernel_from_outside_runs_in_a_diagram(kernel):
+    class Foreign(Leaky):
+        """The same, by each way of handing it over."""
+
+    Foreign.kernel = kernel
+    with Diagram("d", rate=100) as diagram:
+        Foreign(name="f")(Sine(frequency=3.0, name="s").y)
+    outcome, rig = run(diagram, 50)
+    assert outcome.status == "ok" and rig["f.y"].tolist() == expected(rig["s.y"].tolist())
+
+
+def test_a_kernel_from_outside_runs_by_hand():
+    leak = Leaky(0.5)
+    assert [leak.step(1.0) for _ in range(3)] == [0.5, 0.75, 0.875]
+    leak.reset()
+    assert leak.step([1.0, 2.0]).tolist() == [0.5, 1.0]
+
+
+def test_a_kernel_is_told_how_many_items_of_each_kind_it_has():
+    calls.clear()
+    Leaky().step(1.0)
+    assert calls == [(1, 1, 1, 1)]
+
+
+def test_a_cfunc_is_known_by_its_address():
+    class Cfunc:
+        address = ctypes.cast(leaky, ctypes.c_void_p).value
+
+    assert address(Cfunc()) == address(leaky) == Cfunc.address
+
+
+def test_a_status_of_its_own_is_a_fault_that_names_the_block():
+    class Refuses(Leaky):
+        """Refuses to go on."""
+
+        kernel = refuses
+
+    with Diagram("d", rate=100) as diagram:
+        Refuses(name="stubborn")(1.0)
+    outcome, rig = run(diagram, 50)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("kernel status 77", "stubborn", 10) and rig.tick[-1] == 9
+    with pytest.raises(RuntimeError, match="stubborn"):
+        Executor(Program(compile(diagram)), 100.0).spin(50)
+
+
+@pytest.mark.parametrize("kernel, complaint", [
+    (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
+    (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
+    (cubemars.decode, "must be named"),
+    (leaky.__call__, "a native kernel is a PyCapsule, a ctypes function or a Numba cfunc"),
+    (lambda arena, slots, sizes: 0, "a native kernel is a PyCapsule"),
+    (140_000_000_000, "a native kernel is a PyCapsule"),
+    (b"kernel", "a native kernel is a PyCapsule"),
+    ("gain", "a native kernel is a PyCapsule"),
+    (object(), "a native kernel is a PyCapsule"),
+    (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)(lambda x: 0), "takes 3 arguments, and .* takes 1"),
+    (KERNEL(), "cannot be a null pointer"),
+])
+def test_what_is_no_kernel_is_refused_before_anything_runs(kernel, complaint):
+    class Odd(Leaky):
+        """Names something else as its kernel."""
+
+    Odd.kernel = staticmethod(kernel)
+    with Diagram("d", rate=100) as diagram:
+        Odd()(1.0)
+        CsvRecorder()
+    with pytest.raises(TypeError, match=complaint):
+        Program(compile(diagram))
+
+
+def test_a_kernel_is_no_decoder():
+    with pytest.raises(TypeError, match="a native decode must be named"):
+        address(mathematics.gain, "decode")
+    with pytest.raises(TypeError, match="a native encode takes 4 arguments"):
+        address(leaky, "encode")
+
+
+def test_one_call_by_hand_gives_the_status():
+    arena = np.array([0.0] * 8 + [3.0, 0.0, 2.0])
+    table = KernelTable((1, 1, 1, 0), (8, 9, 10), (1, 1, 1))
+    assert call_kernel(mathematics.gain, arena, table) == 0 and arena[9] == 6.0
+
+
+SOURCE = """
+#include <stdint.h>
+int twice(double *arena, const int32_t *slots, const int32_t *sizes) {
+    for (int i = 0; i < sizes[1]; i++) arena[slots[1] + i] = 2.0 * arena[slots[0] + i];
+    return 0;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_kernel_written_in_c_and_loaded_with_ctypes_runs(tmp_path):
+    (tmp_path / "twice.c").write_text(SOURCE)
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", tmp_path / "twice.so", tmp_path / "twice.c"], check=True)
+
+    class Twice(Block):
+        """y = 2 u."""
+
+        u = Input("any")
+        y = Output("any")
+        kernel = ctypes.CDLL(str(tmp_path / "twice.so")).twice
+
+    with Diagram("d", rate=100) as diagram:
+        Twice(name="t")(Sine(name="s").y)
+    outcome, rig = run(diagram, 20)
+    assert outcome.status == "ok" and rig["t.y"].tolist() == [2.0 * value for value in rig["s.y"]]

@@ -1,0 +1,188 @@
+"""The clock: a grid that keeps its phase, ticks that are late or missed, and slow blocks after a skip. What is asserted is structure, never speed."""
+
+import time
+
+import pytest
+
+from blocks.discrete import UnitDelay
+from blocks.mathematics import Gain
+from cext.executor import Executor
+from cext.program import Program
+from graph import Block, Diagram, Input, Output, compile
+from tests.cext.rigs import Rig, one_drive
+
+RATE = 200
+PERIOD = 1.0 / RATE
+
+
+class Busy(Block):
+    """Holds the loop for `seconds` at the first tick from `at` on, and tells the clock that it was given."""
+
+    t = Output("s")
+    tick = Output("1", dtype=int)
+    passed = Output("s", "since the tick before")
+
+    def __init__(self, at=None, seconds=0.0, **options):
+        self.at, self.seconds = at, seconds
+        super().__init__(**options)
+
+    def reset(self):
+        self.held = None
+
+    def step(self, t, tick, dt):
+        if self.at is not None and tick >= self.at and self.held is None:
+            self.held = tick
+            end = time.monotonic() + self.seconds
+            while time.monotonic() < end:
+                pass
+        return t, tick, dt
+
+
+class Count(Block):
+    """Counts its steps, and adds up the time that it was told has passed."""
+
+    u = Input("any")
+    steps = Output("1")
+    time = Output("s")
+
+    def reset(self):
+        self.count, self.total = 0, 0.0
+
+    def step(self, u, dt):
+        self.count, self.total = self.count + 1, self.total + dt
+        return self.count, self.total
+
+
+def real_time(diagram, ticks):
+    rig = Rig(diagram, virtual=False)
+    began = time.monotonic()
+    outcome = rig.run(ticks)
+    return rig, outcome, time.monotonic() - began
+
+
+def test_ticks_and_missed_make_up_the_grid_and_time_is_tick_by_rate():
+    with Diagram("d", rate=RATE) as diagram:
+        Busy(name="b")
+    rig, outcome, passed = real_time(diagram, 100)
+    statistics = rig.statistics()
+    assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 100
+    assert rig.time.tolist() == [tick / RATE for tick in rig.tick] == rig["b.t"].tolist() and rig["b.tick"].tolist() == rig.tick.tolist()
+    assert sorted(set(rig.tick)) == rig.tick.tolist() and statistics["lateness"]["count"] == statistics["ticks"]
+    assert 0.495 <= passed                                      # 100 grid points cannot pass faster than the grid
+
+
+def test_a_long_block_makes_the_tick_jump_and_the_phase_is_kept():
+    with Diagram("d", rate=RATE) as diagram:
+        Busy(20, 0.0325, name="b")
+    rig, outcome, _ = real_time(diagram, 60)
+    statistics = rig.statistics()
+    assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 60
+    ticks, held = rig.tick.tolist(), diagram["b"].held
+    assert ticks[ticks.index(held) + 1] >= held + 6 and statistics["missed"] >= 5           # 32.5 ms are six whole periods and a half
+    assert rig.time.tolist() == [tick / RATE for tick in ticks]
+    dt = rig["b.passed"].tolist()
+    assert dt == pytest.approx([(now - before) / RATE for before, now in zip([-1, *ticks], ticks)], rel=1e-12)
+    assert statistics["lateness"]["max"] < PERIOD + 1e-6        # a late tick is that of the newest grid point, not of the one it missed
+    assert statistics["execution"]["max"] >= 0.0325
+
+
+def test_every_grid_point_is_counted_when_the_run_ends_inside_a_skip():
+    with Diagram("d", rate=RATE) as diagram:
+        Busy(5, 0.05, name="b")
+    rig, outcome, _ = real_time(diagram, 10)
+    statistics = rig.statistics()
+    assert statistics["ticks"] + statistics["missed"] == 10 and statistics["missed"] >= 4 and outcome.tick == rig.tick[-1] == diagram["b"].held
+
+
+def test_no_burst_follows_a_stall():
+    with Diagram("d", rate=RATE) as diagram:
+        Busy(10, 0.1, name="b")
+    rig, _, _ = real_time(diagram, 50)
+    assert len(rig.tick) <= 50 - 19                             # what was missed is not made up for
+
+
+def test_a_slow_block_runs_when_its_own_period_has_come_also_after_a_skip():
+    with Diagram("d", rate=RATE) as diagram:
+        busy = Busy(20, 0.0325, name="b")
+        Count(every=4, name="slow")(busy.t)
+    rig, _, _ = real_time(diagram, 60)
+    expected = 0
+    before = -1
+    for tick, steps in zip(rig.tick.tolist(), rig["slow.steps"].tolist()):
+        expected += before < 0 or tick // 4 != before // 4
+        before = tick
+        assert steps == expected
+    assert rig["slow.time"][-1] == pytest.approx((rig.tick[-1] // 4 + 1) * 4 / RATE, rel=1e-9)
+
+
+@pytest.mark.parametrize("every", [1, 2, 3, 5, 7])
+def test_a_slow_block_holds_its_output_in_between(every):
+    with Diagram("d", rate=RATE) as diagram:
+        fast = Count(name="fast")(1.0)
+        Gain(every=every, name="held")(fast.steps)
+        Count(every=every, name="slow")(fast.steps)
+        UnitDelay(every=every, name="delay")(fast.steps)
+    rig = Rig(diagram)
+    rig.run(40)
+    ticks = range(40)
+    assert rig["held.y"].tolist() == [1 + tick - tick % every for tick in ticks]
+    assert rig["slow.steps"].tolist() == [1 + tick // every for tick in ticks]
+    assert rig["delay.y"].tolist() == [0.0 if tick < every else 1 + tick - tick % every - every for tick in ticks]
+    assert rig["slow.time"].tolist() == pytest.approx([(1 + tick // every) * every / RATE for tick in ticks])
+
+
+def test_virtual_time_has_no_lateness_and_misses_nothing():
+    with Diagram("d", rate=RATE) as diagram:
+        Busy(20, 0.03, name="b")
+    rig = Rig(diagram)
+    rig.run(60)
+    statistics = rig.statistics()
+    assert (statistics["ticks"], statistics["missed"], statistics["lateness"]["max"]) == (60, 0, 0.0)
+
+
+@pytest.mark.parametrize("rate", [3, 60, 333.3, 1000 / 7, 44100])
+def test_the_grid_of_an_odd_rate_does_not_drift(rate):
+    with Diagram("d", rate=rate) as diagram:
+        Busy(name="b")
+    rig = Rig(diagram)
+    rig.run(1000)
+    assert rig.time.tolist() == [tick / rate for tick in range(1000)] == rig["b.t"].tolist()
+    assert rig["b.passed"].tolist() == [1 / rate] * 1000
+
+
+def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
+    rig = one_drive(lambda knee: 1.0, virtual=False)
+    outcome = rig.run(40)
+    statistics = rig.statistics()
+    assert outcome.status == "ok" and outcome.unconfirmed == () and statistics["ticks"] + statistics["missed"] == 40
+    assert len(rig.commands()) == statistics["ticks"]
+    times = [frame.time for frame in rig.frames]
+    assert times == sorted(times)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
+def test_a_rate_of_nothing_is_refused(rate):
+    schedule = compile(Diagram("d", rate=1))
+    with pytest.raises(ValueError, match="the rate must be above 0 Hz"):
+        Executor(Program(schedule), rate)
+
+
+def test_a_plant_slower_than_its_robot_is_refused():
+    schedule = compile(Diagram("d", rate=1))
+    with pytest.raises(ValueError, match="whole multiple"):
+        Executor(Program(schedule), 1.0, plant=Program(schedule), substeps=0)
+
+
+def test_a_ring_that_cannot_hold_two_rows_is_refused():
+    class Wide(Block):
+        """Many numbers."""
+
+        y = Output("1", shape=(300,))
+
+        def step(self):
+            return [0.0] * 300
+
+    with Diagram("d", rate=10) as diagram:
+        Wide()
+    with pytest.raises(ValueError, match="a ring of 4096 bytes cannot hold two rows of 302 numbers"):
+        Rig(diagram, page=4096)
