@@ -4,6 +4,7 @@ import importlib
 import inspect
 import math
 import pkgutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +15,12 @@ from graph.conformance import check_block
 from tests.shared import SHARED
 
 RECORDING = SHARED / "gait" / "healthy_young.csv"
+STRIDE = Path(__file__).parents[1] / "blocks" / "stride.csv"
 EXAMPLES = {
     "TorqueLimiter": ({"limit": 12.0},),
     "CubeMars": ({"model": "AK80-9"},),
     "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "Playback": ({"file": str(STRIDE), "column": "left/knee.position"},),
     "RecordedKnee": ({"file": str(RECORDING), "column": "knee_flexion_lt_deg"},),
 }
 
