@@ -126,7 +126,7 @@ class _OverTime(UnitOfOutput):
     def take(self, times, samples):
         if len(times) < 2 or len(times) != len(samples):
             raise ValueError(f"at least two times are needed, and as many values: there are {len(times)} and {len(samples)}")
-        if not np.all(np.isfinite(times)) or not np.all(np.diff(times) > 0.0) or not math.isfinite(times[-1] - times[0]):
+        if not np.all(np.isfinite(times)) or not np.all(times[:-1] < times[1:]) or not math.isfinite(float(times[-1]) - float(times[0])):
             raise ValueError("the times must be finite, and rise from each to the next")
         self.instants, self.samples = times, samples
         self.kernel = kernels.tables[self.interpolation]
