@@ -1,8 +1,13 @@
-"""Arithmetic on signals."""
+"""Arithmetic on signals. All have direct feedthrough and no state, and work element by element; NaN passes."""
 
+import math
+
+from blocks.ports import UnitOfOutput, finite_numbers, several
+from blocks.ranges import LIBM, falling, horner, quotient, rising
 from cext.kernels import mathematics as kernels
-from graph import Block, Input, Memory, Output, Param
-from graph.units import canonical, multiply
+from graph import Block, Input, Interval, Memory, Output, Param, units
+from graph.interval import EVERYTHING
+from graph.units import canonical, divide, multiply
 
 
 class Gain(Block):
@@ -39,7 +44,7 @@ class Sum(Block):
     def configure(self):
         if not self.signs or set(self.signs) - {"+", "-"}:
             raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
-        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)}
+        self.inputs = several(len(self.signs))
         self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
 
     def output_range(self, **inputs):
@@ -64,3 +69,201 @@ class Product(Block):
     def output_range(self, a, b):
         return a * b
 
+
+class Divide(Block):
+    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator."""
+
+    a = Input("any", "dividend", shape=...)
+    b = Input("any", "divisor", shape=...)
+    y = Output("any", "a / b", shape=...)
+
+    kernel = kernels.divide
+
+    def output_units(self, a, b):
+        return {"y": divide(a, b)}
+
+    def output_range(self, a, b):
+        return quotient(a, b)
+
+
+class Abs(Block):
+    """Absolute value: y = |u|."""
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "|u|", shape=...)
+
+    kernel = kernels.magnitude
+
+    def output_range(self, u):
+        return abs(u)
+
+
+class Sign(Block):
+    """Sign: y = 1 for u > 0, -1 for u < 0, 0 for u = 0."""
+
+    u = Input("any", "input", shape=...)
+    y = Output("1", "-1, 0 or 1", shape=..., dtype=int)
+
+    kernel = kernels.sign
+
+    def output_range(self, u):
+        return rising(lambda x: math.copysign(1.0, x) if x else 0.0, u)
+
+
+class Min(Block):
+    """The smallest of several signals: y = min(u1, u2, ...). NaN at one of them passes."""
+
+    count = Param(2, "1", "how many inputs", min=2)
+
+    y = Output("any", "the smallest", shape=...)
+
+    kernel = kernels.min
+
+    def configure(self):
+        self.inputs = several(self.count)
+
+    def output_range(self, **inputs):
+        return Interval(min(u.low for u in inputs.values()), min(u.high for u in inputs.values()))
+
+
+class Max(Block):
+    """The largest of several signals: y = max(u1, u2, ...). NaN at one of them passes."""
+
+    count = Param(2, "1", "how many inputs", min=2)
+
+    y = Output("any", "the largest", shape=...)
+
+    kernel = kernels.max
+
+    def configure(self):
+        self.inputs = several(self.count)
+
+    def output_range(self, **inputs):
+        return Interval(max(u.low for u in inputs.values()), max(u.high for u in inputs.values()))
+
+
+class Round(Block):
+    """Rounds to a whole number: to the nearest, the even one of two as near (numpy.rint), or down (floor), or up (ceil)."""
+
+    method = Param("nearest", "1", "which way", choices=("nearest", "floor", "ceil"))
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "a whole number", shape=..., dtype=int)
+
+    def configure(self):
+        self.kernel = kernels.roundings[self.method]
+
+    def output_range(self, u):
+        return rising(lambda x: float({"nearest": round, "floor": math.floor, "ceil": math.ceil}[self.method](x)) if math.isfinite(x) else x, u)
+
+
+class SquareRoot(Block):
+    """Square root: y = √u, NaN for u < 0. The output has the root of the unit, "any" where that has no whole exponents."""
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "√u", shape=...)
+
+    kernel = kernels.square_root
+
+    def output_units(self, u):
+        return {"y": unit_to_the(u, 0.5)}
+
+    def output_range(self, u):
+        return rising(math.sqrt, Interval(0.0, math.inf) & u)
+
+
+class Power(Block):
+    """A constant power: y = u ^ exponent, NaN for u < 0 unless the exponent is whole, infinite for 0 to a negative one.
+
+    The output has the power of the unit, "any" where that has no whole exponents.
+    """
+
+    exponent = Param(2.0, "1", "power")
+
+    u = Input("any", "base", shape=...)
+    y = Output("any", "u ^ exponent", shape=...)
+
+    kernel = kernels.power
+
+    def configure(self):
+        if not math.isfinite(self.exponent):
+            raise ValueError(f"the exponent must be finite, got {self.exponent}")
+
+    def output_units(self, u):
+        return {"y": unit_to_the(u, self.exponent) if not self.live("exponent") else units.ANY}
+
+    def output_range(self, u):
+        p = self.exponent
+        if self.live("exponent"):
+            return EVERYTHING
+        if p == 0.0:
+            return Interval.point(1.0)
+        if p % 2.0 == 1.0:                                  # odd: rises, or falls on both sides of a pole
+            if p > 0.0:
+                return rising(lambda x: power(x, p), u, LIBM)
+            return EVERYTHING if 0.0 in u else falling(lambda x: power(x, p), u, LIBM)
+        base = abs(u) if p % 2.0 == 0.0 else Interval(0.0, math.inf) & u
+        return (rising if p > 0.0 else falling)(lambda x: power(x, p), base, LIBM) & Interval(0.0, math.inf)
+
+
+class Polynomial(UnitOfOutput, Block):
+    """A polynomial: y = c₀ uⁿ + c₁ uⁿ⁻¹ + ... + cₙ by Horner's rule, coefficients as numpy.polyval has them, the highest power first."""
+
+    coefficients = Param((1.0, 0.0), "1", "of each power, the highest first")
+    unit = Param(units.ANY, "1", "unit of the output")
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "the polynomial at u", shape=...)
+    terms = Memory(0.0, "the coefficients")
+
+    kernel = kernels.polynomial
+
+    def configure(self):
+        super().configure()
+        self.terms = finite_numbers("coefficients", self.coefficients)
+
+    def output_range(self, u):
+        return horner(self.terms, u)
+
+
+class UnitConversion(Block):
+    """Converts between two units of one dimension: y = factor · u + offset. UnitConversion("deg", "rad")."""
+
+    source = Param("", "1", "unit of the input", required=True, dtype=str)
+    target = Param("", "1", "unit of the output", required=True, dtype=str)
+
+    u = Input("any", "in the unit `source`", shape=...)
+    y = Output("any", "in the unit `target`", shape=...)
+    factor = Memory(1.0, "target units in one of the source")
+    offset = Memory(0.0, "where the source is zero, in the target's unit")
+
+    kernel = kernels.conversion
+    examples = ({"source": "deg", "target": "rad"},)
+
+    def configure(self):
+        self.factor, self.offset = units.conversion(self.source, self.target)
+        self.inputs = {"u": Input(self.source, "in the unit `source`", shape=...).named("u")}
+        self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
+
+    def output_range(self, u):
+        return rising(lambda x: self.factor * x + self.offset, u)       # rounded as the kernel rounds: exact
+
+
+def power(x, p):
+    """x ** p, as C has it where Python raises."""
+    try:
+        return math.pow(x, p)
+    except OverflowError:
+        return math.copysign(math.inf, x) if p % 2.0 == 1.0 else math.inf
+    except ValueError:                                      # zero to a negative power
+        return math.inf
+
+
+def unit_to_the(unit, exponent):
+    """A unit to a power; "any" where it has no whole exponents."""
+    if unit == units.ANY:
+        return unit
+    powers = [(symbol, count * exponent) for symbol, count in units.parse(unit)]
+    if any(count % 1.0 for _, count in powers):
+        return units.ANY
+    return units.canonical("·".join(f"{symbol}^{int(count)}" for symbol, count in powers if count) or units.ONE)

@@ -426,8 +426,8 @@ def _arguments(function):
 
 
 def snake_case(name):
-    """'TorqueLimiter' gives 'torque_limiter'; 'PID' gives 'pid'; 'CubeMars' gives 'cube_mars'."""
-    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+    """'TorqueLimiter' gives 'torque_limiter'; 'PID' gives 'pid'; 'CubeMars' gives 'cube_mars'; 'LookupTable1D' gives 'lookup_table_1d'."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z]|[0-9][A-Z](?![a-z]))|(?<=[A-Z0-9])(?=[A-Z][a-z])", "_", name).lower()
 
 
 def suggestion(word, known):

@@ -37,8 +37,8 @@ def compile(diagram):
         compilation.check_buses,
         compilation.check_rates,
         compilation.sort,
-        compilation.prove,
         compilation.prepare,
+        compilation.prove,
         compilation.check_use,
     ):
         check()

@@ -80,6 +80,7 @@ class Drive:
     def __init__(self, kind, parameters, seed):
         self.block = make(kind, parameters)
         self.shape = (3,) if any(p.shape is ... for p in self.block.inputs.values()) and seed % 2 else ()
+        self.block.width = int(np.prod(self.shape))
         self.random = random.Random(seed)
 
     def shape_of(self, port):

@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
 """Arithmetic on signals. NaN passes through every one of them."""
 
-from libc.math cimport sin
+from libc.math cimport NAN, ceil, fabs, floor, pow, rint, sqrt
 from libc.stdint cimport int32_t
 
-from cext.abi cimport INPUTS, OK, TIME, export
+from cext.abi cimport INPUTS, OK, export
+from cext.kernels.fold cimport fold
 
 
 cdef int gain_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -41,20 +42,127 @@ cdef int product_kernel(double *arena, const int32_t *slots, const int32_t *size
     return OK
 
 
-cdef int sine_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, amplitude, frequency, phase, bias
-    arena[slots[0]] = arena[slots[4]] + arena[slots[1]] * sin(6.283185307179586 * arena[slots[2]] * arena[TIME] + arena[slots[3]])
+cdef int divide_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # a, b, y
+    cdef int i
+    for i in range(sizes[2]):
+        arena[slots[2] + i] = arena[slots[0] + i] / arena[slots[1] + i]
     return OK
 
 
-cdef int step_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # y, before, after, time
-    arena[slots[0]] = arena[slots[1]] if arena[TIME] < arena[slots[3]] else arena[slots[2]]
+cdef int magnitude_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = fabs(arena[slots[0] + i])
+    return OK
+
+
+cdef int sign_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef double x
+    cdef int i
+    for i in range(sizes[1]):
+        x = arena[slots[0] + i]
+        arena[slots[1] + i] = 1.0 if x > 0.0 else -1.0 if x < 0.0 else x        # a zero, or NaN
+    return OK
+
+
+cdef inline double smaller(double a, double b) noexcept nogil:
+    return a if a < b or a != a else b                      # C's fmin would drop a NaN
+
+
+cdef inline double larger(double a, double b) noexcept nogil:
+    return a if a > b or a != a else b
+
+
+cdef int min_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    return fold(arena, slots, sizes, smaller)
+
+
+cdef int max_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    return fold(arena, slots, sizes, larger)
+
+
+cdef int round_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = rint(arena[slots[0] + i])
+    return OK
+
+
+cdef int floor_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = floor(arena[slots[0] + i])
+    return OK
+
+
+cdef int ceil_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = ceil(arena[slots[0] + i])
+    return OK
+
+
+cdef int square_root_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = sqrt(arena[slots[0] + i])
+    return OK
+
+
+cdef int power_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y, exponent
+    cdef double p = arena[slots[2]]
+    cdef bint whole = p == floor(p)
+    cdef double x
+    cdef int i
+    for i in range(sizes[1]):
+        x = arena[slots[0] + i]
+        # C has pow(NaN, 0) = 1 and pow(-inf, 0.5) = inf.
+        arena[slots[1] + i] = x if x != x else NAN if x < 0.0 and not whole else pow(x, p)
+    return OK
+
+
+cdef int polynomial_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y, terms[n], the highest power first
+    cdef double *c = arena + slots[2]
+    cdef double x, y
+    cdef int i, k
+    for i in range(sizes[1]):
+        x = arena[slots[0] + i]
+        y = c[0]
+        for k in range(1, sizes[2]):
+            y = y * x + c[k]
+        arena[slots[1] + i] = x if x != x else y            # a constant does not depend on x, but NaN passes
+    return OK
+
+
+cdef int conversion_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y, factor, offset
+    cdef double factor = arena[slots[2]]
+    cdef double offset = arena[slots[3]]
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = factor * arena[slots[0] + i] + offset
     return OK
 
 
 gain = export(gain_kernel)
 sum = export(sum_kernel)
 product = export(product_kernel)
-sine = export(sine_kernel)
-step = export(step_kernel)
+divide = export(divide_kernel)
+magnitude = export(magnitude_kernel)
+sign = export(sign_kernel)
+min = export(min_kernel)
+max = export(max_kernel)
+roundings = {"nearest": export(round_kernel), "floor": export(floor_kernel), "ceil": export(ceil_kernel)}
+square_root = export(square_root_kernel)
+power = export(power_kernel)
+polynomial = export(polynomial_kernel)
+conversion = export(conversion_kernel)

@@ -215,8 +215,8 @@ def test_a_hook_that_raises_a_value_error_is_told_at_the_users_line():
 
 
 def test_class_names_make_block_names():
-    assert [snake_case(name) for name in ("TorqueLimiter", "PID", "CubeMars", "RMSLimit", "Mpu9250")] == [
-        "torque_limiter", "pid", "cube_mars", "rms_limit", "mpu9250"]
+    assert [snake_case(name) for name in ("TorqueLimiter", "PID", "CubeMars", "RMSLimit", "Mpu9250", "Mpu9250Imu", "LookupTable1D")] == [
+        "torque_limiter", "pid", "cube_mars", "rms_limit", "mpu9250", "mpu9250_imu", "lookup_table_1d"]
     assert TorqueLimiter(limit=1.0).path == "torque_limiter" and TorqueLimiter(limit=1.0, name="Hüfte").path == "Hüfte"
 
 

@@ -4,19 +4,23 @@ import importlib
 import inspect
 import math
 import pkgutil
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import blocks
-from graph import Block, Input, Output, Param
+from graph import Block, Input, Interval, Output, Param
 from graph.conformance import check_block
 from tests.shared import SHARED
 
 RECORDING = SHARED / "gait" / "healthy_young.csv"
+STRIDE = Path(__file__).parents[1] / "blocks" / "stride.csv"
 EXAMPLES = {
     "TorqueLimiter": ({"limit": 12.0},),
     "CubeMars": ({"model": "AK80-9"},),
     "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "Playback": ({"file": str(STRIDE), "column": "left/knee.position"},),
     "RecordedKnee": ({"file": str(RECORDING), "column": "knee_flexion_lt_deg"},),
 }
 
@@ -48,6 +52,22 @@ class Sound(Block):
 
 def test_a_sound_block_passes():
     assert check_block(Sound) == 7
+
+
+def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_with():
+    class Total(Block):
+        """The sum of a vector."""
+
+        u = Input("1", "in", shape=...)
+        y = Output("1", "out")
+
+        def output_range(self, u):
+            return Interval(2.0 * self.width * u.low, 2.0 * self.width * u.high)
+
+        def step(self, u):
+            return float(np.sum(u))
+
+    assert check_block(Total) == 7
 
 
 class NoUnitSaid(Sound):

@@ -221,6 +221,28 @@ def test_a_range_within_what_the_port_declares_counts():
     assert proof(diagram).interval == Interval(-7.0, 3.0)
 
 
+def test_a_block_knows_its_width_and_its_sampling_period_when_its_range_is_asked():
+    class Total(Block):
+        """The sum of a vector, once a second."""
+
+        u = Input("any", shape=...)
+        y = Output("any")
+
+        def prepare(self, dt):
+            self.share = dt
+
+        def output_range(self, u):
+            return Interval(self.width * self.share * u.low, self.width * self.share * u.high)
+
+        def step(self, u):
+            return self.share * float(sum(u))
+
+    with Diagram("d", rate=2) as diagram:
+        knee = drive(timeout=10.0)
+        knee(torque_command=Total()([3.0, 4.0, 5.0]))
+    assert proof(diagram).interval == Interval(4.5, 7.5)
+
+
 def test_peak_torque_is_the_limit_on_request():
     with Diagram("d", rate=200) as diagram:
         knee = drive(limit="peak")

@@ -1,0 +1,178 @@
+"""Vectors: putting them together, taking them apart, and linear algebra. All have direct feedthrough and no state; NaN passes."""
+
+import math
+import operator
+
+import numpy as np
+
+from blocks.ranges import hull, total
+from cext.kernels import vectors as kernels
+from graph import Block, Input, Interval, Memory, Output, Param
+from graph.units import multiply
+
+
+class Stack(Block):
+    """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
+
+    count = Param(2, "1", "how many inputs", min=1)
+    shape = Param((), "1", "shape of each input, () for scalars")
+
+    y = Output("any", "all of them")
+
+    kernel = kernels.stack
+
+    def configure(self):
+        shape = whole_numbers("shape", self.shape)
+        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)}
+        self.outputs = {"y": Output("any", "all of them", shape=(self.count, *shape)).named("y")}
+
+    def output_range(self, **inputs):
+        return hull(inputs.values())
+
+
+class Concatenate(Block):
+    """Joins vectors end to end, as numpy.concatenate does; a size of 1 is a scalar."""
+
+    sizes = Param((3, 3), "1", "length of each input")
+
+    y = Output("any", "one vector")
+
+    kernel = kernels.stack
+
+    def configure(self):
+        sizes = whole_numbers("sizes", self.sizes)
+        if not sizes:
+            raise ValueError("sizes must name one length at least")
+        self.inputs = {
+            f"u{i}": Input("any", f"input {i}", shape=(size,) if size > 1 else ()).named(f"u{i}") for i, size in enumerate(sizes, start=1)
+        }
+        self.outputs = {"y": Output("any", "one vector", shape=(sum(sizes),)).named("y")}
+
+    def output_range(self, **inputs):
+        return hull(inputs.values())
+
+
+class Select(Block):
+    """Takes elements out of a vector: one, y = u[index], or several, y = (u[i], u[j], ...). Below 0 they count from the end.
+
+    The elements of a matrix are numbered row by row.
+    """
+
+    index = Param(0, "1", "which element, or a tuple of them", dtype=object)
+
+    u = Input("any", "vector", shape=...)
+    y = Output("any", "what was taken")
+    places = Memory(0.0, "the elements, counted from the start")
+
+    kernel = kernels.select
+
+    def configure(self):
+        self.indices = whole_numbers("index", self.index if isinstance(self.index, (tuple, list)) else (self.index,), None)
+        if not self.indices:
+            raise ValueError("index must name an element")
+        shape = (len(self.indices),) if isinstance(self.index, (tuple, list)) else ()
+        self.outputs = {"y": Output("any", "what was taken", shape=shape).named("y")}
+
+    def prepare(self, dt):
+        for index in self.indices:
+            if not -self.width <= index < self.width:
+                raise ValueError(f"there is no element {index} in a vector of {self.width}")
+        self.places = [index % self.width for index in self.indices]
+
+    def output_range(self, u):
+        return u
+
+
+class Norm(Block):
+    """Euclidean length of a vector: y = √(u₁² + u₂² + ...); infinite where a square is above 1e308."""
+
+    u = Input("any", "vector", shape=...)
+    y = Output("any", "its length")
+
+    kernel = kernels.norm
+
+    def output_range(self, u):
+        nearest, farthest = abs(u).low, abs(u).high
+        return Interval(length(nearest, self.width), length(farthest, self.width))
+
+
+class Dot(Block):
+    """Scalar product of two vectors: y = a₁ b₁ + a₂ b₂ + ...."""
+
+    a = Input("any", "vector", shape=...)
+    b = Input("any", "vector", shape=...)
+    y = Output("any", "their product")
+
+    kernel = kernels.dot
+
+    def output_units(self, a, b):
+        return {"y": multiply(a, b)}
+
+    def output_range(self, a, b):
+        return total([a * b] * self.width)
+
+
+class Cross(Block):
+    """Vector product in space: y = a × b, right-handed."""
+
+    a = Input("any", "vector", shape=(3,))
+    b = Input("any", "vector", shape=(3,))
+    y = Output("any", "their product", shape=(3,))
+
+    kernel = kernels.cross
+
+    def output_units(self, a, b):
+        return {"y": multiply(a, b)}
+
+    def output_range(self, a, b):
+        return a * b - a * b
+
+
+class MatrixGain(Block):
+    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, a scalar y for a matrix that is one row (n,)."""
+
+    matrix = Param(((1.0, 0.0), (0.0, 1.0)), "any", "A: a tuple for each row, or one row of numbers")
+    unit = Param("1", "1", "unit of the matrix; the output has the product of both units")
+
+    u = Input("any", "vector")
+    y = Output("any", "A u")
+    entries = Memory(0.0, "A, one row after the other")
+
+    kernel = kernels.matrix
+
+    def configure(self):
+        try:
+            matrix = np.array(self.matrix, dtype=float)
+        except (TypeError, ValueError):
+            matrix = np.zeros(0)
+        if matrix.ndim not in (1, 2) or not matrix.size or not np.all(np.isfinite(matrix)):
+            raise ValueError(f"matrix must be rows of finite numbers, all of one length, got {self.matrix!r}")
+        self.rows = np.atleast_2d(matrix).tolist()
+        self.entries = matrix.ravel()
+        self.inputs = {"u": Input("any", "vector", shape=matrix.shape[-1:]).named("u")}
+        self.outputs = {"y": Output("any", "A u", shape=matrix.shape[:-1]).named("y")}
+
+    def output_units(self, u):
+        return {"y": multiply(u, self.unit)}
+
+    def output_range(self, u):
+        return hull(total([Interval.point(entry) * u for entry in row]) for row in self.rows)
+
+
+def whole_numbers(name, values, smallest=1):
+    """A tuple of ints. ValueError if they are not whole, or below the smallest."""
+    try:
+        found = tuple(operator.index(value) for value in values)
+    except TypeError:
+        raise ValueError(f"{name} must be whole numbers, got {values!r}") from None
+    if smallest is not None and any(value < smallest for value in found):
+        raise ValueError(f"{name} must be whole numbers from {smallest} up, got {values!r}")
+    return found
+
+
+def length(element, count):
+    """Norm of a vector of `count` equal elements, rounded as the kernel does."""
+    squares = 0.0
+    for _ in range(count):
+        squares += element * element
+    return math.sqrt(squares)
