@@ -137,8 +137,12 @@ def test_a_loop_with_nothing_but_any_in_it_stays_any():
 
 
 def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
+    class Claims(Gain):
+        def output_units(self, u):
+            return {"y": "newton"}
+
     with Diagram("d", rate=100) as diagram:
-        Gain(2.0, unit="newton", name="claims")(Angle().angle); at = here()
+        Claims(2.0, name="claims")(Angle().angle); at = here()
     found = complaint(diagram)
     assert (found.code, found.path, found.where) == ("TW010", "claims", at)
     assert "'newton' in 'newton' is not a unit" in found.message
