@@ -73,7 +73,7 @@ def monotone_cubics(knots, values):
     before, before_width = np.roll(slope, 1), np.roll(width, 1)
     # The weighted harmonic mean of the slopes on both sides; flat at a peak.
     w1, w2 = 2.0 * width + before_width, width + 2.0 * before_width
-    rising = slope * before > 0.0
+    rising = np.sign(slope) * np.sign(before) > 0.0
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         tangent = np.where(rising, (w1 + w2) / (w1 / before + w2 / slope), 0.0)
     after = np.roll(tangent, -1)

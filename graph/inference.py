@@ -74,11 +74,11 @@ def infer_units(blocks, sources, attempt):
             unit = next((unit for unit in found if unit != units.ANY), None)
             if unit is not None:
                 shared[block] = unit
-        own = attempt(block, block.output_units, **of_inputs) or {} if has_units_of_its_own(block) else {}
+        own = attempt(block, lambda: stated_units(block, of_inputs)) or {} if has_units_of_its_own(block) else {}
         changed = False
         for name, port in block.outputs.items():
             if known[block, name] == units.ANY:
-                known[block, name] = units.canonical(own[name]) if name in own else shared.get(block, units.ANY)
+                known[block, name] = own[name] if name in own else shared.get(block, units.ANY)
                 changed = changed or known[block, name] != units.ANY
         return changed
 
@@ -87,6 +87,11 @@ def infer_units(blocks, sources, attempt):
         for name in block.inputs:
             known[block, name] = unit_of(block, name)
     return known, shared
+
+
+def stated_units(block, of_inputs):
+    """What a block says of its outputs' units, canonical. ValueError if one is no unit."""
+    return {name: units.canonical(unit) for name, unit in (block.output_units(**of_inputs) or {}).items()}
 
 
 def has_units_of_its_own(block):

@@ -71,9 +71,9 @@ def profile(points, phases, **parameters):
 
 @st.composite
 def curves(draw):
-    """Points of a profile: two to eight phases at least 0.01 apart, torques of any size."""
+    """Points of a profile: two to eight phases at least 0.01 apart, torques in µN·m up to 50 N·m."""
     places = sorted(draw(st.lists(st.integers(0, 99), min_size=2, max_size=8, unique=True)))
-    return tuple((place / 100.0, draw(st.floats(-50.0, 50.0))) for place in places)
+    return tuple((place / 100.0, draw(st.integers(-50_000_000, 50_000_000)) / 1e6) for place in places)
 
 
 def test_a_profile_is_scipys_monotone_cubic_repeated():

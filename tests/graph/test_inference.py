@@ -6,7 +6,7 @@ from blocks.discrete import UnitDelay
 from blocks.mathematics import Gain, Product, Sum
 from blocks.sources import Sine
 from graph import Block, Diagram, Input, Output, compile
-from tests.graph.complaints import complaint, complaints, here, refusal
+from tests.graph.complaints import complaint, complaints, here
 
 
 class Angle(Block):
@@ -137,9 +137,14 @@ def test_a_loop_with_nothing_but_any_in_it_stays_any():
 
 
 def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
+    class Claims(Gain):
+        def output_units(self, u):
+            return {"y": "newton"}
+
     with Diagram("d", rate=100) as diagram:
-        found = refusal(Gain, 2.0, unit="newton", name="claims")
-    assert (found.code, found.path) == ("TW010", "claims") and diagram["claims"].unit == "newton"
+        Claims(2.0, name="claims")(Angle().angle); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.path, found.where) == ("TW010", "claims", at)
     assert "'newton' in 'newton' is not a unit" in found.message
 
 
