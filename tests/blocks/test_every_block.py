@@ -42,7 +42,7 @@ def recording(tmp_path_factory):
 
 @pytest.fixture
 def examples(request, recording):
-    if request.param == "RecordedKnee":
+    if request.param in ("RecordedKnee", "Playback"):
         return ({"file": recording, "column": "knee"},)
     return EXAMPLES.get(request.param) or getattr(LIBRARY[request.param], "examples", ({},))
 

@@ -38,7 +38,7 @@ def test_a_step_at_time_zero_was_always_there():
 @pytest.mark.parametrize("make, said", [
     (lambda: Sine(frequency=-1.0), "Sine: frequency: must be at least 0.0 Hz, got -1.0"),
     (lambda: Sine(amplitude=math.nan), "Sine: amplitude: NaN"),
-    (lambda: StepSource(time=math.nan), "StepSource: time: NaN"), (lambda: Sine(1.0, 2.0, 3.0, 4.0, 5.0), "Sine: takes 4 parameters"),
+    (lambda: StepSource(time=math.nan), "StepSource: time: NaN"), (lambda: Sine(1.0, 2.0, 3.0, 4.0, "rad", 6.0), "Sine: takes 5 parameters"),
 ])
 def test_parameters_out_of_bounds_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):

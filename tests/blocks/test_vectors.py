@@ -50,10 +50,10 @@ def test_shapes_and_units_go_along_the_wires():
     found = {path: (place.shape, place.unit) for path, place in schedule.signals.items()}
     assert found["torque.y"] == ((3,), "N·m") and found["size.y"] == ((), "N") and found["work.y"] == ((), "N·m")
     assert found["last.y"] == ((), "N") and found["map.y"] == ((2,), "N/m") and found["all.y"] == ((4,), "N")
-    assert [recording["torque.y", i][0] for i in range(3)] == [-1.0, 0.5, 0.0]
+    assert [recording[f"torque.y[{i}]"][0] for i in range(3)] == [-1.0, 0.5, 0.0]
     assert (recording["size.y"][0], recording["work.y"][0], recording["last.y"][0]) == (3.0, 1.0, 2.0)
-    assert [recording["map.y", i][0] for i in range(2)] == [1.0, 4.0]
-    assert [recording["all.y", i][0] for i in range(4)] == [1.0, 2.0, 2.0, 1.0]
+    assert [recording[f"map.y[{i}]"][0] for i in range(2)] == [1.0, 4.0]
+    assert [recording[f"all.y[{i}]"][0] for i in range(4)] == [1.0, 2.0, 2.0, 1.0]
 
 
 def test_an_element_that_is_not_there_does_not_compile():

@@ -1,42 +1,13 @@
-"""The conformance test finds each kind of broken block, and every block of the library passes it."""
+"""The conformance test finds each kind of broken block. (That every block of the library passes it: tests/blocks.)"""
 
-import importlib
-import inspect
 import math
-import pkgutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import blocks
 from graph import Block, Input, Interval, Output, Param
 from graph.conformance import check_block
-from tests.shared import SHARED
-
-RECORDING = SHARED / "gait" / "healthy_young.csv"
-STRIDE = Path(__file__).parents[1] / "blocks" / "stride.csv"
-EXAMPLES = {
-    "TorqueLimiter": ({"limit": 12.0},),
-    "CubeMars": ({"model": "AK80-9"},),
-    "EmulatedCubeMars": ({"model": "AK80-9"},),
-    "Playback": ({"file": str(STRIDE), "column": "left/knee.position"},),
-    "RecordedKnee": ({"file": str(RECORDING), "column": "knee_flexion_lt_deg"},),
-}
-
-
-def library():
-    for module in pkgutil.walk_packages(blocks.__path__, "blocks."):
-        for _, kind in inspect.getmembers(importlib.import_module(module.name), inspect.isclass):
-            if issubclass(kind, Block) and kind.__module__ == module.name:
-                yield kind
-
-
-@pytest.mark.parametrize("kind", sorted(set(library()), key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__)
-def test_every_block_of_the_library_conforms(kind):
-    if kind.__name__ == "RecordedKnee" and not RECORDING.exists():
-        pytest.skip("needs the recorded gait, which is not part of the project")
-    assert check_block(kind, EXAMPLES.get(kind.__name__)) >= 7
 
 
 class Sound(Block):
