@@ -1,7 +1,6 @@
 """The conformance test finds each kind of broken block. (That every block of the library passes it: tests/blocks.)"""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
