@@ -39,7 +39,7 @@ for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
 mine = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 
 with Diagram("robot", rate=200) as robot:
-    knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
+    knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
     knee(torque_command=Slow()(knee.torque) if "slow" in sys.argv else 5.0)
 rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=Page(fd=int(sys.argv[1])), virtual=False)
 outcome = rig.run(int(sys.argv[2]), arming_timeout=20.0)
