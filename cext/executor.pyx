@@ -338,7 +338,7 @@ cdef class Executor:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
-        cdef int64_t now, began, behind
+        cdef int64_t now, began, behind, skipped
         cdef int64_t tick = 0
         cdef int64_t late = 0
         cdef int64_t epoch = self.began + self.first_tick
@@ -364,6 +364,11 @@ cdef class Executor:
                 late = began - epoch - self.grid(tick)
             self.now = now = self.first_tick + self.grid(tick)
             self.tick = tick
+            for skipped in range(self.previous + 1, tick):         # the plant does not stand still meanwhile
+                if status == OK:
+                    status = self.advance_plant(self.first_tick + self.grid(skipped))
+            if status != OK:
+                break
             self.set_clock(self.control, tick, self.previous, self.rate, late)
             self.control.arena[AUTHORITY] = 1.0 if fade <= 0.0 or tick / self.rate >= fade else tick / (self.rate * fade)
             status = self.body(tick, now if self.simulated else now + late)

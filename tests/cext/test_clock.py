@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.discrete import UnitDelay
 from blocks.mathematics import Gain
 from cext.executor import Executor
@@ -113,6 +114,28 @@ def test_a_slow_block_runs_when_its_own_period_has_come_also_after_a_skip():
         before = tick
         assert steps == expected
     assert rig["slow.time"][-1] == pytest.approx((rig.tick[-1] // 4 + 1) * 4 / RATE, rel=1e-9)
+
+
+def test_the_plant_does_not_stand_still_while_ticks_are_missed():
+    class Ramp(Block):
+        """An angle that goes with time."""
+
+        angle = Output("rad")
+
+        def step(self, t):
+            return 0.1 * t
+
+    with Diagram("robot", rate=RATE) as robot:
+        knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
+        knee(torque_command=0.0)
+        Busy(10, 0.0525, name="b")
+    with Diagram("plant", rate=2 * RATE) as plant:
+        EmulatedCubeMars.of(robot["knee"], name="knee")(position=Ramp(name="ramp").angle, velocity=0.0)
+    rig = Rig(robot, plant, virtual=False)
+    assert rig.run(60).status == "ok" and rig.statistics()["missed"] >= 9
+    arming = PERIOD
+    for asked, angle in zip(rig.tick, rig["knee.position"][1:]):                       # each answer is to the command of the tick before
+        assert angle == pytest.approx(0.1 * (asked * PERIOD + arming), abs=25.0 / 65535)
 
 
 @pytest.mark.parametrize("every", [1, 2, 3, 5, 7])
