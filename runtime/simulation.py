@@ -1,5 +1,7 @@
 """What stands behind a robot when there is no rig: a plant on in-memory buses."""
 
+from contextlib import ExitStack
+
 from cext.buses import MemoryBus
 from cext.program import Program
 from graph import Actuator, Device, Diagram, subsystem
@@ -53,7 +55,9 @@ def default_plant(robot):
 
     with Diagram(f"{robot.name}_plant", rate=5 * robot.rate) as plant:
         for device in devices:
-            with subsystem(device.path):
+            with ExitStack() as inside:
+                for name in device.path.split("/"):
+                    inside.enter_context(subsystem(name))
                 emulated = device.emulator()
                 if isinstance(device, Actuator):
                     limb = Limb(inertia=0.1, damping=0.1, stiffness=0.0, reflex=0.0)
