@@ -1,9 +1,22 @@
 """The command line, called in this process: quick, for everything that ends before a robot would be armed."""
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from runtime.cli import main
 from runtime.errors import BAD_INPUT
+
+
+@pytest.fixture(autouse=True)
+def fresh_imports(tmp_path, monkeypatch):
+    """What one test's diagram file has imported is not there for the next."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    for name, module in list(sys.modules.items()):
+        if Path(getattr(module, "__file__", None) or "/").is_relative_to(tmp_path):
+            del sys.modules[name]
 
 
 class CommandLine:

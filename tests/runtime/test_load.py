@@ -36,16 +36,6 @@ def build({parameters}):
 '''
 
 
-@pytest.fixture(autouse=True)
-def fresh_imports(monkeypatch):
-    """What one file has imported is not there for the next."""
-    monkeypatch.setattr(sys, "path", list(sys.path))
-    before = set(sys.modules)
-    yield
-    for name in set(sys.modules) - before:
-        del sys.modules[name]
-
-
 @pytest.fixture
 def refused(command_line):
     """Runs a file that cannot be used. Returns the complaint without `tickwork: `; asserts code, silence and cleanliness."""
