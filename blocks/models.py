@@ -2,6 +2,7 @@
 
 import csv
 import math
+from textwrap import shorten
 
 import numpy as np
 
@@ -111,7 +112,7 @@ def read_column(file, column):
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in ("time", column):
         if name not in header:
-            raise ValueError(f"{file} has no column {name!r}; it has {', '.join(header) or 'none'}")
+            raise ValueError(f"{file} has no column {name!r}; it has {shorten(', '.join(header), 200, placeholder=' ...') or 'none'}")
     indices = header.index("time"), header.index(column)
     samples = []
     for line, row in rows[1:]:

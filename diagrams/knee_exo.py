@@ -18,7 +18,7 @@ from blocks.sinks import PlotJuggler
 from graph import Diagram, deg, subsystem
 
 # Torque over the stride, (gait phase, N·m): hold the knee as it loads, lift it into swing, catch it before heel strike.
-PROFILE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, -5.0), (0.97, 0.0))
+PROFILE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, 4.0), (0.97, 0.0))
 
 
 def build(assistance=1.0):

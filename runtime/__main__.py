@@ -1,22 +1,37 @@
 """`python -m runtime`, and the console script `tickwork`."""
 
+import os
 import sys
 
 from runtime import house
 
+INTERRUPTED = 130
+
 
 def main():
     """Check the house, then run the command line. Returns the exit code."""
-    trouble = house.trouble()
-    if trouble is None:
-        try:
-            from runtime.cli import main as command_line
-        except ImportError as error:
-            trouble = house.explain(error)
+    occupy_standard_streams()
+    try:
+        trouble = house.trouble()
+        if trouble is None:
+            try:
+                from runtime.cli import main as command_line
+            except ImportError as error:
+                trouble = house.explain(error)
+    except KeyboardInterrupt:
+        return INTERRUPTED
     if trouble is not None:
         print(f"tickwork: {trouble}", file=sys.stderr)
         return house.BAD_INPUT
     return command_line()
+
+
+def occupy_standard_streams():
+    """Where standard input, output or error is closed, a file of ours would take its number, and be written to by whoever means the stream."""
+    spare = os.open(os.devnull, os.O_RDWR)
+    while spare <= 2:
+        spare = os.open(os.devnull, os.O_RDWR)
+    os.close(spare)
 
 
 if __name__ == "__main__":

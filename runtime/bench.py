@@ -117,7 +117,7 @@ class Plain:
 
 
 def bench(seconds, repeats):
-    """Print ns per tick and block: minimum, median and maximum of `repeats` measurements of about `seconds` each, taken in turn."""
+    """Lines of ns per tick and block: minimum, median and maximum of `repeats` measurements of about `seconds` each, taken in turn."""
     blocks = 1 + 3 * GROUPS
     rows = {"native blocks": Chain(*native_chain()), "Python blocks": Chain(*python_chain()), "plain Python function": Plain()}
     check_equal(rows)
@@ -126,12 +126,15 @@ def bench(seconds, repeats):
     for _ in range(repeats):
         for name, row in rows.items():
             found[name].append(row.seconds(ticks[name]) / ticks[name] * 1e9)
-    print(f"a chain of {blocks} blocks, one thread, no sleeping; {repeats} measurements of {seconds:g} s each, taken in turn")
-    print(f"Python {platform.python_version()} on {platform.machine()}")
-    print(f"{'':24}{'ns a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>14}")
+    lines = [
+        f"a chain of {blocks} blocks, one thread, no sleeping; {repeats} measurements of {seconds:g} s each, taken in turn",
+        f"Python {platform.python_version()} on {platform.machine()}",
+        f"{'':24}{'ns a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>14}",
+    ]
     for name, values in found.items():
         median = statistics.median(values)
-        print(f"{name:24}{min(values):16.0f}{median:12.0f}{max(values):12.0f}{median / blocks:14.2f}")
+        lines.append(f"{name:24}{min(values):16.0f}{median:12.0f}{max(values):12.0f}{median / blocks:14.2f}")
+    return lines
 
 
 def check_equal(rows):

@@ -2,17 +2,19 @@
 
 import argparse
 import math
-import os
 import sys
 from pathlib import Path
 
-from runtime.errors import BAD_INPUT, CHECK_FAILED, BadInput
+from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.terminal import complain, program, tell
 
 COMMANDS = {
     "run": "run a diagram, in simulation",
     "check": "compile a diagram and print what was proved of it",
     "bench": "measure ticks and blocks on this machine",
 }
+LONGEST = 1e9                   # s: 30 years
+INTERRUPTED = 130
 
 
 def main(arguments=None):
@@ -21,56 +23,87 @@ def main(arguments=None):
     from graph import DiagramError
 
     try:
-        if not arguments or arguments[0] in ("-h", "--help"):
-            print(usage())
-            return 0 if arguments else BAD_INPUT
-        command = arguments.pop(0) if arguments[0] in COMMANDS else "run"
-        return {"run": run_command, "check": check_command, "bench": bench_command}[command](arguments)
+        code = command(arguments)
     except BadInput as error:
-        print(f"tickwork: {error}", file=sys.stderr)
-        return error.code
+        complain([f"tickwork: {error}"])
+        code = error.code
     except DiagramError as error:
-        for diagnostic in error.diagnostics:
-            print(diagnostic, file=sys.stderr)
         count = len(error.diagnostics)
-        print(f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed", file=sys.stderr)
-        return CHECK_FAILED
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        complain([*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"])
+        code = CHECK_FAILED
     except KeyboardInterrupt:
-        return 130
+        complain(["tickwork: stopped by Ctrl-C; nothing is armed"])
+        code = INTERRUPTED
+    tell([])                                    # what the user's own code has printed
+    return code
+
+
+def command(arguments):
+    if not arguments or arguments[0] in ("-h", "--help"):
+        (tell if arguments else complain)(usage())
+        return OK if arguments else BAD_INPUT
+    first = arguments[0]
+    if first not in COMMANDS:
+        from graph.block import suggestion
+
+        if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
+            raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
+        return run_command(arguments)
+    return {"run": run_command, "check": check_command, "bench": bench_command}[first](arguments[1:])
 
 
 def usage():
-    lines = ["usage: python -m runtime FILE [options]      run a diagram; FILE is Python, such as diagrams/knee_exo.py"]
-    lines += [f"       python -m runtime {name:<10} ...      {text}" for name, text in COMMANDS.items() if name != "run"]
-    lines.append("options of a run: python -m runtime run --help")
-    return "\n".join(lines)
+    lines = [f"usage: {program()} FILE [options]      run a diagram; FILE is Python, such as diagrams/knee_exo.py"]
+    lines += [f"       {program()} {name:<10} ...      {text}" for name, text in COMMANDS.items() if name != "run"]
+    lines.append(f"       {program()} COMMAND --help      the options of run, {' and '.join(name for name in COMMANDS if name != 'run')}")
+    return lines
 
 
 class Parser(argparse.ArgumentParser):
+    """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's name tomorrow."""
+
+    def __init__(self, name, description):
+        super().__init__(prog=f"{program()} {name}", description=description, allow_abbrev=False)
+        self.name = name
+
+    def parse_args(self, arguments):
+        options, unknown = self.parse_known_args(arguments)
+        if unknown:
+            self.error(self.explain(unknown[0]))
+        return options
+
+    def explain(self, word):
+        from graph.block import suggestion
+
+        if not word.startswith("-"):
+            return f"{word!r} is one word too many"
+        hint = suggestion(word.partition("=")[0], self._option_string_actions)
+        return f"there is no option {word}" + (f"; {hint}" if hint else "")
+
     def error(self, message):
-        raise BadInput(f"{message} (python -m runtime {self.prog.split()[-1]} --help lists the options)")
+        if message.endswith("required: FILE"):
+            message = "which file? name a diagram file, such as diagrams/knee_exo.py"
+        raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 
 def run_command(arguments):
-    from runtime import report
+    from runtime import fault, report
     from runtime.recorder import RecorderError
-    from runtime.run import run
+    from runtime.run import prepare, run
 
-    request = parse_run(arguments)
+    prepared = prepare(parse_run(arguments))
+    complain(map(str, prepared.schedule.warnings))
     try:
-        result = run(request)
+        result = run(prepared)
     except RecorderError as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:
-        print("\n".join(report.fault(result)), file=sys.stderr)
+        complain(fault.explain(result))
     elif result.outcome.signal:
-        print(f"stopped by {report.signal_name(result.outcome.signal)}", file=sys.stderr)
-    print("\n".join(report.summary(result)))
+        complain([report.stopped(result.outcome)])
+    tell(report.summary(result))
     if not result.outcome.faulted:
-        print("\n".join(report.hints(result)))
+        tell(report.hints(result, program()))
     return report.exit_code(result.outcome)
 
 
@@ -78,26 +111,31 @@ def parse_run(arguments):
     """Command-line words to a Request. BadInput says which is wrong."""
     from runtime.run import Request
 
-    parser = Parser(prog="python -m runtime run", description="Run a diagram in simulation.")
-    parser.add_argument("file", type=Path, help="a diagram file, such as diagrams/knee_exo.py")
-    parser.add_argument("--rate", type=positive("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own")
-    parser.add_argument("--duration", type=positive("--duration", "s"), metavar="S", help="stop after S seconds (default: Ctrl-C)")
+    parser = Parser("run", "Run a diagram in simulation.")
+    add_diagram(parser)
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="stop after S seconds (default: Ctrl-C)")
     parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can (needs --duration)")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
-                        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'")
     where = parser.add_mutually_exclusive_group()
-    where.add_argument("--record", type=Path, metavar="DIR", help="folder of the recording (default: recordings)")
+    where.add_argument("--record", type=folder, metavar="DIR", help="folder of the recording (default: recordings)")
     where.add_argument("--no-record", action="store_true", help="write no files")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
     options = parser.parse_args(arguments)
     if options.fast and options.duration is None:
-        raise BadInput("--fast needs --duration S: virtual time has no Ctrl-C worth waiting for")
+        raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
     return Request(
         file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
         record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler)
 
 
-def positive(option, unit):
+def add_diagram(parser):
+    """The diagram, and what changes it before it is compiled."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
+    parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
+                        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'")
+
+
+def number(option, unit, most=math.inf):
     def parse(text):
         try:
             value = float(text)
@@ -105,9 +143,26 @@ def positive(option, unit):
             value = math.nan
         if not 0.0 < value < math.inf:
             raise BadInput(f"{option} {text}: expected a number of {unit} above 0")
+        if value > most:
+            raise BadInput(f"{option} {text}: at most {most:g} {unit}")
         return value
 
     return parse
+
+
+def count(option):
+    def parse(text):
+        if not text.isdecimal() or int(text) < 1:
+            raise BadInput(f"{option} {text}: expected a whole number, 1 or more")
+        return int(text)
+
+    return parse
+
+
+def folder(text):
+    if not text:
+        raise BadInput("--record: expected a folder, and got nothing")
+    return Path(text)
 
 
 def setting(text):
@@ -127,32 +182,28 @@ def host_and_port(text):
 
 
 def check_command(arguments):
-    from graph import compile
-    from runtime.load import load
-    from runtime.simulation import Simulation
+    from runtime.run import Request, prepare
 
-    parser = Parser(prog="python -m runtime check", description="Compile a diagram and print what was proved of it.")
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings")
+    parser = Parser("check", "Compile a diagram and print what was proved of it.")
+    add_diagram(parser)
     options = parser.parse_args(arguments)
-    file, diagram = load(options.file, [setting(s) for s in options.settings])
-    schedule = compile(diagram)
-    Simulation(file, diagram, schedule)
-    print(f"{schedule.name}: {len(diagram)} blocks at {schedule.rate:g} Hz; {len(schedule.output)} output steps, {schedule.gil_sections} GIL sections a tick")
+    schedule = prepare(Request(options.file, rate=options.rate, settings=[setting(s) for s in options.settings])).schedule
+    steps = schedule.output + schedule.update
+    python = sum(step.kernel is None for step in steps)
+    lines = [f"{schedule.name}: {schedule.rate:g} Hz, {len(steps)} steps a tick, {f'{python} of them in Python' if python else 'all of them native'}"]
     for proof in schedule.proofs:
         if proof.bounded_by != "a constant":
-            print(f"  {proof.path}.{proof.port} in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; the limit is {proof.limit} {proof.unit}")
-    for warning in schedule.warnings:
-        print(warning)
-    return 0
+            lines.append(f"  {proof.path}.{proof.port} stays in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; its limit is {proof.limit} {proof.unit}")
+    tell([*lines, *map(str, schedule.warnings)])
+    return OK
 
 
 def bench_command(arguments):
     from runtime.bench import bench
 
-    parser = Parser(prog="python -m runtime bench", description="Measure ticks and blocks on this machine.")
-    parser.add_argument("--seconds", type=positive("--seconds", "s"), default=0.2, metavar="S", help="of each measurement (default 0.2)")
-    parser.add_argument("--repeats", type=int, default=9, metavar="N", help="measurements of each row (default 9)")
+    parser = Parser("bench", "Measure ticks and blocks on this machine.")
+    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.2, metavar="S", help="of each measurement (default 0.2)")
+    parser.add_argument("--repeats", type=count("--repeats"), default=9, metavar="N", help="measurements of each row (default 9)")
     options = parser.parse_args(arguments)
-    bench(options.seconds, max(1, options.repeats))
-    return 0
+    tell(bench(options.seconds, options.repeats))
+    return OK

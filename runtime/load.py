@@ -2,14 +2,20 @@
 
 import importlib.util
 import inspect
+import os
+import re
 import sys
 import traceback
 from dataclasses import dataclass
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
-from graph import Diagram, DiagramError
+from graph import Diagram, DiagramError, compile
 from graph.block import suggestion
 from runtime.errors import BadInput
+from runtime.settings import set_block_parameter, share_out
+
+ROOMS = tuple(str(Path(__file__).parents[1] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
 
 
 @dataclass
@@ -23,7 +29,12 @@ class DiagramFile:
 
     @property
     def has_plant(self):
-        return callable(getattr(self.module, "plant", None))
+        return self.function("plant") is not None
+
+    def function(self, name):
+        """A function of the file, or None."""
+        found = getattr(self.module, name, None)
+        return found if callable(found) else None
 
 
 def load(path, settings=()):
@@ -35,16 +46,18 @@ def load(path, settings=()):
 
     Returns (DiagramFile, Diagram). Raises BadInput.
     """
-    file = DiagramFile(Path(path), execute(Path(path)), {}, {})
-    diagram = getattr(file.module, "diagram", None)
-    build = getattr(file.module, "build", None)
-    if not callable(build) and not isinstance(diagram, Diagram):
+    path = Path(path)
+    file = DiagramFile(path, execute(path), {}, {})
+    diagram, build = getattr(file.module, "diagram", None), file.function("build")
+    if build is None and not isinstance(diagram, Diagram):
         raise BadInput(f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one")
-    share_out(file, build if callable(build) else None, [s for s in settings if "." not in s[0]])
-    if callable(build):
-        diagram = guarded(path, build, **file.build_parameters)
+    share_out(file, settings)
+    if build is not None:
+        diagram = call(file, build, **file.build_parameters)
         if not isinstance(diagram, Diagram):
             raise BadInput(f"{path}: build() returned {diagram!r}, and must return a Diagram")
+    if not len(diagram):
+        raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     for name, text in settings:
         if "." in name:
             set_block_parameter(diagram, name, text)
@@ -53,25 +66,75 @@ def load(path, settings=()):
 
 def build_plant(file, robot):
     """The plant of a diagram file: a Diagram. Raises BadInput."""
-    plant = guarded(file.path, file.module.plant, robot, **file.plant_parameters)
+    plant = call(file, file.function("plant"), robot, **file.plant_parameters)
     if not isinstance(plant, Diagram):
         raise BadInput(f"{file.path}: plant() returned {plant!r}, and must return a Diagram")
     return plant
 
 
+def compiled(path, diagram):
+    """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their authors' hooks raise."""
+    try:
+        schedule = compile(diagram)
+        for block in schedule.python_blocks:
+            block.reset()
+        return schedule
+    except DiagramError:
+        raise
+    except Exception as error:
+        if not own_frames(path, error):
+            raise                                   # ours, and not the user's to mend
+        raise BadInput(exception(path, error)) from error
+
+
+class Source(SourceFileLoader):
+    """Reads the file itself, every time. Bytecode of an edit in the same second would be taken for this one's."""
+
+    def get_code(self, name):
+        source = self.get_data(self.path)
+        if b"\0" in source:
+            raise BadInput(f"{os.path.relpath(self.path)} is not text: a diagram file is Python")
+        return self.source_to_code(source, self.path)
+
+
 def execute(path):
-    """Run the file as a module. BadInput, with the line, for everything that can be wrong with it."""
-    if not path.exists():
-        raise BadInput(f"there is no file {path}")
+    """Run the file as a module. BadInput, with the line, for everything that can be wrong with it.
+
+    It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a library.
+    """
     if path.is_dir():
         raise BadInput(f"{path} is a folder: name a diagram file in it, such as {next(iter(sorted(path.glob('*.py'))), path / 'knee_exo.py')}")
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    if spec is None:
+    if not path.exists():
+        raise BadInput(f"there is no file {path}" + near_miss(path))
+    if path.suffix != ".py":
         raise BadInput(f"{path} is not a Python file: its name must end in .py")
+    folder = os.path.dirname(os.path.realpath(path))
+    if folder not in sys.path:
+        sys.path.append(folder)
+    location = os.path.abspath(path)
+    spec = importlib.util.spec_from_file_location(path.stem, location, loader=Source(path.stem, location))
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
     guarded(path, spec.loader.exec_module, module)
     return module
+
+
+def near_miss(path):
+    """A file of nearly that name."""
+    hint = suggestion(path.name, [file.name for file in path.parent.glob("*.py")]) if path.parent.is_dir() else ""
+    return f": {hint}" if hint else ""
+
+
+def call(file, function, *arguments, **named):
+    """Call `build` or `plant`; what goes wrong becomes BadInput."""
+    try:
+        inspect.signature(function).bind(*arguments, **named)
+    except TypeError as error:
+        code = getattr(function, "__code__", None)
+        place = f"{code.co_filename}:{code.co_firstlineno}" if code else file.path
+        hint = "give it a default, or a value with --set NAME=VALUE" if "missing" in str(error) else "a plant is made as plant(robot)"
+        raise BadInput(f"{place}: {function.__name__}() cannot be called: {error}; {hint}") from None
+    return guarded(file.path, function, *arguments, **named)
 
 
 def guarded(path, function, *arguments, **named):
@@ -83,50 +146,55 @@ def guarded(path, function, *arguments, **named):
     except DiagramError as error:
         raise BadInput("\n".join(map(str, error.diagnostics))) from None
     except SyntaxError as error:
-        raise BadInput(f"{error.filename}:{error.lineno}: syntax error: {error.msg}" + (f"\n    {error.text.strip()}" if error.text else "")) from None
-    except UnicodeDecodeError:
-        raise BadInput(f"{path} is not text: a diagram file is Python") from None
+        raise BadInput(syntax_error(error)) from None
+    except PermissionError as error:
+        if error.filename == os.path.abspath(path):
+            raise BadInput(f"cannot read {path}: {error.strerror}") from None
+        raise BadInput(exception(path, error)) from error
+    except SystemExit as error:
+        raise BadInput(exception(path, error)) from None
     except Exception as error:
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == Path(path)]
-        frames = frames or traceback.extract_tb(error.__traceback__)[-1:]
-        raise BadInput(f"{frames[-1].filename}:{frames[-1].lineno}: {type(error).__name__}: {error}\n    {frames[-1].line}") from error
+        raise BadInput(exception(path, error)) from error
 
 
-def share_out(file, build, settings):
-    """Give each --set without a dot to `build`, or to `plant`, whichever has a parameter of that name."""
-    offered = {}
-    for function, target, skip in ((build, file.build_parameters, 0), (getattr(file.module, "plant", None), file.plant_parameters, 1)):
-        if callable(function):
-            for parameter in list(inspect.signature(function).parameters.values())[skip:]:
-                offered.setdefault(parameter.name, (parameter, target))
-    for name, text in settings:
-        if name not in offered:
-            hint = suggestion(name, offered) or (f"{file.path} offers {', '.join(offered)}" if offered else f"{file.path} offers none")
-            raise BadInput(f"--set {name}={text}: there is no such parameter; {hint}; a block's parameter is set as BLOCK.PARAMETER=VALUE")
-        parameter, target = offered[name]
-        target[name] = parse_like(parameter.default, name, text)
+def syntax_error(error):
+    """Python's own words with the line and the place in it."""
+    said = f"{error.filename}:{error.lineno}: syntax error: {error.msg}"
+    if not error.text or not error.text.strip():
+        return said
+    line = error.text.rstrip()
+    text = line.lstrip()
+    caret = (error.offset or 0) - 1 - (len(line) - len(text))
+    return f"{said}\n    {text}" + (f"\n    {' ' * caret}^" if 0 <= caret <= len(text) else "")
 
 
-def parse_like(default, name, text):
-    """The value of a text in the type of a default: bool, int, float or str."""
-    try:
-        if isinstance(default, bool):
-            return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}[text.lower()]
-        if isinstance(default, (int, float)):
-            return int(text) if isinstance(default, int) and text.lstrip("+-").isdigit() else float(text)
-    except (KeyError, ValueError):
-        raise BadInput(f"--set {name}={text}: expected a {type(default).__name__}, such as {default}") from None
-    return text
+def exception(path, error):
+    """Where in the user's own code an exception came from, and what it says."""
+    frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
+    hint = import_hint(path, error) if isinstance(error, ImportError) else ""
+    line = f"\n    {frames[-1].line}" if frames[-1].line else ""
+    return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
 
 
-def set_block_parameter(diagram, name, text):
-    path, _, parameter = name.rpartition(".")
-    if path not in diagram.blocks:
-        known = [f"{block.path}.{p}" for block in diagram for p in block.parameters]
-        hint = suggestion(name, known) or f"blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"--set {name}={text}: {diagram.name} has no block {path!r}; {hint}")
-    try:
-        diagram[path].set(parameter, text)
-    except DiagramError as error:
-        problem = error.diagnostics[0]
-        raise BadInput(f"--set {name}={text}: {problem.message}" + (f"; {problem.hint}" if problem.hint else "")) from None
+def own_frames(path, error):
+    """The part of a traceback that lies in the user's code: in the folder of the diagram file if any does, but not in Tickwork or a library."""
+    folder = os.path.dirname(os.path.abspath(path)) + os.sep
+    own = [frame for frame in traceback.extract_tb(error.__traceback__)
+           if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename]
+    return [frame for frame in own if frame.filename.startswith(folder)] or own
+
+
+def words(error):
+    """An exception's name, and what it says; the text of a KeyError without quotation marks around it."""
+    text = error.args[0] if isinstance(error, KeyError) and error.args and " " in str(error.args[0]) else str(error)
+    return type(error).__name__ + (f": {text}" if str(text) else "")
+
+
+def import_hint(path, error):
+    """The cure for an import that failed: the name meant, or the neighbour that a library hides."""
+    module = sys.modules.get(error.name or "")
+    neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
+    if module is not None and neighbour.exists() and os.path.realpath(getattr(module, "__file__", None) or "") != os.path.realpath(neighbour):
+        return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
+    wanted = re.match(r"cannot import name '(\w+)'", str(error))
+    return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""

@@ -1,9 +1,10 @@
 """The end of a run, in words and numbers."""
 
 import signal
-import traceback
 
 from runtime.errors import FAULT, OK
+
+STREAMED = "runtime.recorder.plotjuggler:PlotJugglerSender"
 
 
 def exit_code(outcome):
@@ -13,127 +14,130 @@ def exit_code(outcome):
     return 128 + outcome.signal if outcome.signal else OK
 
 
+def stopped(outcome):
+    """What a signal did, or None."""
+    if not outcome.signal:
+        return None
+    name = signal.Signals(outcome.signal).name
+    return f"stopped by {name}" + (" (Ctrl-C)" if name == "SIGINT" else "")
+
+
 def summary(result):
     """Lines for standard output."""
-    statistics, outcome, schedule = result.statistics, result.outcome, result.schedule
-    ticks, missed = statistics["ticks"], statistics["missed"]
-    passed = ticks + missed
-    seconds = passed / schedule.rate
-    how = "simulated"
-    if result.simulation.program is None:
-        how = "no devices"
-    elif not result.simulation.given:
-        how = "simulated, with every device emulated and each actuator on a free inertia (the file has no plant)"
-    if result.request.fast:
-        how += ", in virtual time"
-    rows = [f"{schedule.name}: {seconds:g} s at {schedule.rate:g} Hz, {how}"]
+    schedule, statistics = result.schedule, result.statistics
+    passed = statistics["ticks"] + statistics["missed"]
+    how = "simulated" if schedule.devices else "no devices"
+    rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}{', in virtual time' if result.request.fast else ''}"]
 
     def row(label, text):
         rows.append(f"  {label:<12}{text}")
 
-    of = f" of {result.asked}" if result.asked >= 0 else ""
-    row("ticks", f"{ticks}{of} done, {missed} missed; {statistics['dropped']} records dropped")
-    late = statistics["lateness"]
-    if result.request.fast:
-        spent = statistics["busy"]
-        row("speed", f"{seconds / spent:.0f} times real time ({spent:.3f} s in ticks, {statistics['waited_for_recorder']:.3f} s waiting for the recorder)"
-            if spent else "no tick was done")
-    elif late["count"]:
-        row("rate", f"{schedule.rate * ticks / passed:.2f} Hz held")
-        row("late by", f"{micro(late['p50'])} median, {micro(late['p99'])} p99, {micro(late['p99.9'])} p99.9, {micro(late['max'])} at most (tick {late['max_at_tick']})")
-        row("load", f"{100 * statistics['busy'] / seconds:.2f} % of the time inside ticks, {micro(statistics['execution']['p99'])} a tick at p99")
-    frames = statistics["frames"]
+    if schedule.devices and not result.simulation.given:
+        row("plant", "the file has none: every device is emulated, each actuator turns a free inertia")
+    row("ticks", ticks_text(statistics, result.ticks))
+    for label, text in timing(result, passed):
+        row(label, text)
     if schedule.buses:
-        spoilt = frames["foreign"] + frames["malformed"]
-        row("buses", f"{', '.join(schedule.buses)}: {frames['sent']} frames sent, {frames['received']} received, {spoilt} of them foreign or malformed")
+        row("buses", buses_text(schedule.buses, statistics["frames"]))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
     if schedule.devices:
-        row("safe stop", stop_text(outcome, schedule))
+        row("safe stop", stop_text(result.outcome, schedule))
     for index, file in enumerate(result.recording.get("files", [])):
-        note = f"  ({file['note']})" if file.get("note") else ""
-        row("files" if index == 0 else "", f"{file['path']}{note}")
+        row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{note(file)}")
     for problem in result.recording.get("problems", []):
         row("recorder", problem)
     return rows
 
 
+def ticks_text(statistics, asked):
+    of = f" of {asked}" if asked >= 0 else ""
+    return f"{statistics['ticks']}{of} done, {statistics['missed']} missed; {statistics['dropped']} records dropped"
+
+
+def timing(result, passed):
+    """(label, text) of how the clock was kept, or in virtual time how fast it went."""
+    statistics, rate = result.statistics, result.schedule.rate
+    late = statistics["lateness"]
+    if not late["count"]:
+        return
+    if result.request.fast:
+        yield "speed", (
+            f"{passed / rate / result.seconds:.0f} times real time: {micro(statistics['busy'] / statistics['ticks'])} a tick"
+            + (f", {statistics['waited_for_recorder']:.1f} s of waiting for the recorder" if statistics["waited_for_recorder"] > 0.05 else ""))
+        return
+    yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
+    yield "late by", (
+        f"{micro(late['p50'])} median, {micro(late['p99'])} p99, {micro(late['p99.9'])} p99.9, {micro(late['max'])} at most (tick {late['max_at_tick']})")
+    yield "load", f"{100 * statistics['busy'] * rate / passed:.2f} % of the time inside ticks, {micro(statistics['execution']['p99'])} a tick at p99"
+
+
+def buses_text(buses, frames):
+    spoilt = ", ".join(f"{frames[kind]} {kind}" for kind in ("foreign", "malformed") if frames[kind])
+    return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (f" ({spoilt})" if spoilt else "")
+
+
 def stride_text(stride):
+    peak = f"peak torque {stride['peak_torque']:.1f} N·m"
+    left_out = f" ({stride['left_out']} left out)" if stride.get("left_out") else ""
     if not stride["strides"]:
-        return f"no whole stride; peak torque {stride['peak_torque']:.1f} N·m"
+        return f"no whole stride{left_out}; {peak}"
     return (
-        f"{stride['strides']} strides of {stride['stride_time']:.2f} s; peak torque {stride['peak_torque']:.1f} N·m; work a stride "
-        f"{stride['positive_work']:+.2f} J and {stride['negative_work']:+.2f} J")
+        f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; {peak}; "
+        f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J")
 
 
 def stop_text(outcome, schedule):
     if outcome.unconfirmed:
-        return f"sent, but NOT confirmed by {', '.join(outcome.unconfirmed)}"
+        return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
     return f"zero torque, then disable: confirmed by {', '.join(device.name for device in schedule.devices)}"
 
 
+def note(file):
+    return f"({file['note']})" if file.get("note") else ""
+
+
 def micro(seconds):
+    if seconds < 1e-5:
+        return f"{seconds * 1e6:.1f} µs"
     if seconds < 1e-3:
         return f"{seconds * 1e6:.0f} µs"
     return f"{seconds * 1e3:.1f} ms"
 
 
-def fault(result):
-    """Lines for standard error after a fault."""
-    outcome, schedule = result.outcome, result.schedule
-    when = f"tick {outcome.tick} ({outcome.tick / schedule.rate:.3f} s)" if outcome.tick >= 0 else "while arming"
-    what = {
-        "not finite": "a command is NaN or infinite",
-        "out of limits": "a command has left the interval that was proved",
-        "exception": "its step raised an exception",
-        "no answer": f"{', '.join(outcome.unanswered)} did not answer while arming",
-        "silent": "no reply for longer than its timeout",
-        "device fault": "the device reports a fault",
-        "bus error": "the bus can neither send nor receive",
-    }.get(outcome.status, outcome.status)
-    rows = [f"FAULT at {outcome.culprit or schedule.name}, {when}: {what}"]
-    if result.inputs:
-        rows.append("  its inputs: " + ", ".join(f"{name} = {value:g}" for name, value in result.inputs.items()))
-    if outcome.error is not None:
-        rows += block_traceback(outcome.error)
-    rows.append("  every actuator was sent zero torque, then disable; nothing re-enables it by itself")
-    return rows
-
-
-def block_traceback(error):
-    """The exception of a user's block: its own lines, none of ours."""
-    frames = traceback.extract_tb(error.__traceback__)
-    lines = [f"  {frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in frames if not frame.filename.endswith((".pyx", ".pxd"))]
-    return [*lines, f"  {type(error).__name__}: {error}"]
-
-
-def hints(result):
-    """Three things to try next."""
-    file = result.request.file
+def hints(result, program):
+    """Three things to try next. program : how the person starts us"""
+    start = f"{program} {result.request.file}"
+    paths = [file["path"] for file in result.recording.get("files", [])]
+    strides = result.recording.get("strides", [])
+    picture = next((path for path in paths if path.endswith(".png")), None)
+    table = next((path for path in paths if path.endswith(".csv")), None)
     tries = []
-    pictures = [f["path"] for f in result.recording.get("files", []) if f["path"].endswith(".png")]
-    tables = [f["path"] for f in result.recording.get("files", []) if f["path"].endswith(".csv")]
-    if pictures:
-        tries.append(f"look at the average stride: {pictures[0]}")
-    elif tables:
-        tries.append(f"open the recording in a spreadsheet or with pandas: {tables[0]}")
-    for block in result.diagram:
-        live = [(name, param) for name, param in block.parameters.items() if param.live]
-        if live:
-            name, param = live[0]
-            value = getattr(block, name)
-            other = param.min + (param.max - param.min) / 2 if value in (param.min, param.max) else value / 2
-            tries.append(f"change a parameter: python -m runtime {file} --duration 10 --set {block.path}.{name}={other:g}")
-            break
+    if strides and not any(stride["strides"] for stride in strides):
+        tries.append(f"walk longer, to see whole strides: {start} --duration 20")
+    if picture:
+        tries.append(f"look at the average stride: {picture}")
+    elif table:
+        tries.append(f"open the recording in a spreadsheet, or in Python: pandas.read_csv({table!r})")
+    change = other_value(result.diagram)
+    if change:
+        tries.append(f"change a parameter: {start} --duration 10 --set {change}")
     if not result.request.fast:
-        tries.append(f"run a minute as fast as the machine can: python -m runtime {file} --fast --duration 60")
-    if any(sink.block.service.endswith("PlotJugglerSender") for sink in result.schedule.sinks):
-        tries.append("watch it live: PlotJuggler, Streaming, UDP Server, port 9870, JSON, timestamp field `timestamp`")
-    tries.append("measure this machine: python -m runtime bench")
+        tries.append(f"a minute in virtual time: {start} --duration 60 --fast")
+    if any(sink.block.service == STREAMED for sink in result.schedule.sinks):
+        tries.append("watch it live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
+    tries.append(f"see what was proved: {program} check {result.request.file}")
+    tries.append(f"measure this machine: {program} bench")
     return ["try next", *(f"  {line}" for line in tries[:3])]
 
 
-def signal_name(number):
-    return signal.Signals(number).name
-
-
+def other_value(diagram):
+    """'left/profile.scale=0.5': a live parameter, and a value it may take that it has not. None without one."""
+    for block in diagram:
+        for name in block.parameters:
+            bounds = block.live(name)
+            if bounds:
+                value = getattr(block, name)
+                half = value / 2 if bounds[0] <= value / 2 <= bounds[1] and value else sum(bounds) / 2
+                return f"{block.path}.{name}={half:g}"
+    return None

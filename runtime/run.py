@@ -9,13 +9,15 @@ from pathlib import Path
 from cext.executor import Executor
 from cext.page import RECORD_EVENT, Page
 from cext.program import Program
-from graph import Sink, compile
-from runtime.load import load
+from graph import Sink
+from runtime.errors import BadInput
+from runtime.load import compiled, load
 from runtime.recorder import RecorderProcess
 from runtime.simulation import Simulation
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
+FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
 
 
 @dataclass
@@ -33,28 +35,55 @@ class Request:
 
 
 @dataclass
-class Result:
-    """What became of a run. outcome : cext.executor.Outcome; recording : the recorder's report; statistics : of the page."""
+class Prepared:
+    """A run that only has to be armed. ticks : grid points, -1 until stopped."""
 
     request: Request
     diagram: object
     schedule: object
     simulation: Simulation
+    ticks: int
+
+
+@dataclass
+class Result(Prepared):
+    """What became of a run.
+
+    outcome : cext.executor.Outcome
+    statistics : of the page
+    recording : the recorder's report
+    seconds : of the wall clock, from arming to the end of the safe stop
+    control : the robot's Program, as the run has left it
+    """
+
     outcome: object
     statistics: dict
     recording: dict
-    asked: int                          # grid points, -1 until stopped
-    inputs: dict                        # of the device or block that failed: value by name of input
+    seconds: float
+    control: Program
+
+    @property
+    def failed_in_plant(self):
+        return self.outcome.faulted and self.control.culprit is None and self.outcome.culprit is not None
 
 
-def run(request):
-    """Carry out a Request. Returns a Result; raises BadInput, DiagramError or RecorderError before anything is armed."""
+def prepare(request):
+    """Everything that can be found wrong before a run. Returns a Prepared; raises BadInput or DiagramError."""
     file, diagram = load(request.file, request.settings)
     adapt(diagram, request)
-    schedule = compile(diagram)
-    simulation = Simulation(file, diagram, schedule)
+    if diagram.rate > FASTEST:
+        raise BadInput(f"{diagram.rate:g} Hz is too fast: {FASTEST:g} Hz at most")
+    ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
+    if ticks == 0:
+        raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
+    schedule = compiled(request.file, diagram)
+    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), ticks)
+
+
+def run(prepared):
+    """Carry out what `prepare` returned. Returns a Result; raises RecorderError before anything is armed."""
+    request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
     page = Page(ring_bytes(schedule))
-    ticks = -1 if request.duration is None else round(request.duration * schedule.rate)
     recorder = RecorderProcess(page)
     try:
         recorder.configure(plan(request, schedule, simulation))
@@ -66,14 +95,16 @@ def run(request):
         recorder.abandon()
         raise
     outcome = None
+    began = time.monotonic()
     try:
-        outcome = executor.run(ticks)
+        outcome = executor.run(prepared.ticks)
     finally:
+        seconds = time.monotonic() - began
         if outcome is not None:
             tell(page, ending(outcome), recorder)
         page.close()
         recording = recorder.finish()
-    return Result(request, diagram, schedule, simulation, outcome, page.statistics(), recording, ticks, inputs_of(control, diagram, outcome))
+    return Result(**vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control)
 
 
 def adapt(diagram, request):
@@ -145,12 +176,4 @@ def tell(page, event, recorder):
 def ending(outcome):
     event = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
     return json.dumps(event).encode()
-
-
-def inputs_of(control, diagram, outcome):
-    """Values at the inputs of the block or device that failed, for the report."""
-    if outcome is None or outcome.culprit not in diagram.blocks or not outcome.faulted:
-        return {}
-    return control.inputs(outcome.culprit)
-
 

@@ -1,10 +1,12 @@
 """What stands behind a robot when there is no rig: a plant on in-memory buses."""
 
+from contextlib import ExitStack
+
 from cext.buses import MemoryBus
 from cext.program import Program
-from graph import Actuator, Device, Diagram, compile, subsystem
+from graph import Actuator, Device, Diagram, subsystem
 from runtime.errors import BadInput
-from runtime.load import build_plant
+from runtime.load import build_plant, compiled
 
 
 class Simulation:
@@ -13,6 +15,9 @@ class Simulation:
     file : DiagramFile or None; without a `plant` in it, every device is emulated, each actuator on a free inertia
     robot : Diagram
     schedule : the robot's Schedule
+
+    plant : the plant's Schedule, None for a robot without devices
+    program : the plant's Program, likewise
     """
 
     def __init__(self, file, robot, schedule):
@@ -20,9 +25,9 @@ class Simulation:
         diagram = build_plant(file, robot) if self.given else default_plant(robot)
         self.substeps = substeps(robot, diagram) if diagram is not None else 1
         self.buses = {name: MemoryBus() for name in schedule.buses}
-        self.program = None
+        self.diagram, self.plant, self.program = diagram, None, None
         if diagram is not None:
-            plant = compile(diagram)
+            self.plant = plant = compiled(file.path if self.given else robot.name, diagram)
             strangers = [name for name in plant.buses if name not in self.buses]
             if strangers:
                 raise BadInput(f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {', '.join(self.buses) or 'none'}")
@@ -50,7 +55,9 @@ def default_plant(robot):
 
     with Diagram(f"{robot.name}_plant", rate=5 * robot.rate) as plant:
         for device in devices:
-            with subsystem(device.path):
+            with ExitStack() as inside:
+                for name in device.path.split("/"):
+                    inside.enter_context(subsystem(name))
                 emulated = device.emulator()
                 if isinstance(device, Actuator):
                     limb = Limb(inertia=0.1, damping=0.1, stiffness=0.0, reflex=0.0)

@@ -1,0 +1,105 @@
+"""What went wrong in a run, for whoever has to mend it: where, with which numbers, in which line of theirs."""
+
+import math
+import traceback
+
+from graph import Device
+from graph.diagram import Signal
+from runtime.load import own_frames
+
+
+def explain(result):
+    """Lines about a fault."""
+    outcome = result.outcome
+    diagram, schedule, program = result.diagram, result.schedule, result.control
+    if result.failed_in_plant:
+        diagram, schedule, program = result.simulation.diagram, result.simulation.plant, result.simulation.program
+    block = diagram.blocks.get(outcome.culprit)
+    where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
+    lines = [f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: {what(result, block, program)}"]
+    if block is not None:
+        lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]
+    if outcome.error is not None:
+        lines += [f"  {line}" for line in own_traceback(result.request.file, outcome.error)]
+    if schedule.devices:
+        lines.append("  nothing re-enables an actuator by itself: mend it, and arm again")
+    return lines
+
+
+def when(result):
+    tick = result.outcome.tick
+    return f"tick {tick} ({tick / result.schedule.rate:g} s)" if tick >= 0 else "while arming"
+
+
+def what(result, block, program):
+    """The fault in words."""
+    outcome = result.outcome
+    timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
+    return {
+        "not finite": "a command is NaN or infinite" if not result.failed_in_plant else "what it would answer is NaN or infinite",
+        "out of limits": "a command has left the interval that was proved",
+        "exception": "its step raised an exception",
+        "no answer": unanswered(result),
+        "silent": f"no reply for longer than its timeout{timeout}",
+        "device fault": "the device reports a fault",
+        "bus error": "the bus can neither send nor receive",
+    }.get(outcome.status, f"it ended with {outcome.status}")
+
+
+def unanswered(result):
+    """Who did not answer, and what was heard instead."""
+    silent = [result.diagram[path] for path in result.outcome.unanswered]
+    names = ", ".join(f"{block.path} ({', '.join(f'id {i} on bus {block.bus}' for i, _ in block.addresses())})" for block in silent)
+    heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
+    frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
+    return f"no answer from {names}; {frames}"
+
+
+def circumstances(outcome, diagram, schedule, program, block):
+    """The numbers at the block that failed, and what is odd about them."""
+    inputs = program.inputs(block.path)
+    lines = []
+    if outcome.status in ("exception", "not finite", "out of limits") and inputs:
+        lines.append("its inputs: " + ", ".join(f"{name} = {value:g}" for name, value in inputs.items()))
+    if outcome.status == "out of limits":
+        for name, limit in block.command_limits().items():
+            if inputs.get(name) not in limit:
+                lines.append(f"{name} = {inputs[name]:g} is outside {limit} {block.inputs[name].unit}: some block upstream promises a range it does not keep")
+    if outcome.status == "not finite":
+        source = origin(diagram, schedule, program.values, block)
+        if source is not None:
+            given = ", ".join(f"{name} = {value:g}" for name, value in program.inputs(source.block.path).items())
+            lines.append(f"it came out of {source.path}, made at {source.block.location}" + (f", from {given}" if given else ""))
+    if outcome.status == "device fault":
+        outputs = {name: program.values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
+        lines.append("it says: " + ", ".join(f"{name} = {value:g}" for name, value in outputs.items()))
+    return lines
+
+
+def origin(diagram, schedule, values, block):
+    """The signal upstream of a block that is not finite although all inputs of its own block are; None if there is none."""
+    wires = {}
+    for wire in diagram.wires:
+        if isinstance(wire.source, Signal):
+            wires.setdefault(wire.block, []).append(wire.source)
+
+    def spoilt(signal):
+        place = schedule.signals[signal.path]
+        return not all(map(math.isfinite, values[place.slot : place.slot + place.size]))
+
+    found, seen = None, set()
+    while block not in seen:
+        seen.add(block)
+        source = next((signal for signal in wires.get(block, ()) if spoilt(signal)), None)
+        if source is None:
+            break
+        found, block = source, source.block
+        if isinstance(block, Device):
+            break                                       # its inputs are of the end of the tick
+    return found
+
+
+def own_traceback(file, error):
+    """The exception of a user's block: its own lines, none of ours."""
+    said = "".join(traceback.format_exception_only(type(error), error)).rstrip().split("\n")
+    return [*(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)), *said]

@@ -1,0 +1,56 @@
+"""What the command line says: results on standard output, complaints on standard error.
+
+However that goes, the run keeps its exit code: a reader that has gone away (`| head -1`), a full disk, a terminal that was closed.
+"""
+
+import os
+import re
+import sys
+from pathlib import Path
+
+
+def program():
+    """How the person started us."""
+    return "tickwork" if Path(sys.argv[0]).name == "tickwork" else "python -m runtime"
+
+
+def tell(lines):
+    """Lines for standard output."""
+    write(lines, sys.stdout)
+
+
+def complain(lines):
+    """Lines for standard error, with paths below the working folder as a person there would write them."""
+    write([relative(line) for line in lines], sys.stderr)
+
+
+def write(lines, stream):
+    if stream is None:
+        return
+    text = "".join(f"{line}\n" for line in lines)
+    encoding = stream.encoding or "utf-8"
+    try:
+        stream.write(text.encode(encoding, "replace").decode(encoding))
+        stream.flush()
+    except BrokenPipeError:
+        silence(stream)
+    except OSError as error:
+        silence(stream)
+        if stream is not sys.stderr:
+            complain([f"tickwork: cannot write to standard output: {error.strerror}"])
+
+
+def silence(stream):
+    """What is still in the stream's buffer goes nowhere, rather than into an error at the interpreter's end."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+def relative(text):
+    """A text with paths relative to the working folder, where they lie in it."""
+    try:
+        here = os.getcwd().rstrip("/") + "/"
+    except OSError:                             # it was removed
+        return text
+    return re.sub(rf"(?<![\w./~-]){re.escape(here)}(?=[^/\s])", "", text) if here != "/" else text

@@ -1,0 +1,163 @@
+"""The knee exoskeleton, in virtual time: what its wearer's knees do, what it gives them, and that it stays where it should."""
+
+import numpy as np
+import pytest
+
+from graph import compile
+from runtime.load import build_plant, load
+from tests.blocks.running import run
+from tests.runtime.runs import KNEE_EXO, TORQUE_STEP
+from tests.shared import shared
+
+SIDES = ("left", "right")
+LIMIT, SLEW = 12.0, 200.0       # N·m, N·m/s
+FADE = 0.5                      # s
+
+
+def walk(seconds=12.0, rate=200.0, **settings):
+    """(Recording, Diagram) of so many seconds, with settings as on the command line."""
+    file, diagram = load(KNEE_EXO, [(name.replace("__", "."), str(value)) for name, value in settings.items()])
+    diagram.rate = rate
+    plant = build_plant(file, diagram)
+    return run(diagram, round(seconds * rate), plant=plant, substeps=5, fade=FADE), diagram
+
+
+@pytest.fixture(scope="module")
+def walked():
+    return walk()[0]
+
+
+def steady(recording, path, since=5.0):
+    return recording[path][recording.time >= since]
+
+
+def lag(a, b, longest):
+    """By how many samples b comes after a, from 0 to `longest`: the largest correlation."""
+    a, b = a - a.mean(), b - b.mean()
+    return max(range(longest), key=lambda shift: np.mean(a[: len(a) - longest] * b[shift : len(b) - longest + shift]))
+
+
+def test_the_file_can_be_read_at_a_glance():
+    lines = KNEE_EXO.read_text().splitlines()
+    assert len(lines) <= 80 and max(map(len, lines)) <= 140
+
+
+def test_it_compiles_without_a_warning_and_all_native():
+    _, diagram = load(KNEE_EXO)
+    schedule = compile(diagram)
+    assert schedule.warnings == [] and schedule.gil_sections == 0 and schedule.rate == 200.0
+    assert [(proof.path, proof.holds, proof.bounded_by) for proof in schedule.proofs if proof.port == "torque_command"] == [
+        (f"{side}/knee", True, f"{side}/torque_limiter") for side in SIDES]
+
+
+def test_it_ends_well(walked):
+    assert (walked.outcome.status, walked.outcome.unconfirmed, walked.outcome.unanswered) == ("ok", (), ())
+    assert list(walked.tick) == list(range(2400))
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_knee_moves_like_a_knee(walked, side):
+    """Flexion of 60 to 70° in swing, nearly straight at heel strike, never beyond; angular velocity below 10 rad/s. (Winter 1991)"""
+    angle = np.degrees(steady(walked, f"{side}/knee.position"))
+    assert -3.0 < angle.min() < 8.0 and 58.0 < angle.max() < 72.0
+    velocity = steady(walked, f"{side}/knee.velocity")
+    assert 4.0 < velocity.max() < 8.0 and -9.0 < velocity.min() < -4.0
+    period = max(range(160, 280), key=lambda samples: np.corrcoef(angle[:-samples], angle[samples:])[0, 1])
+    assert period == 220                                                    # samples of 5 ms: a stride is 1.1 s
+
+
+def test_the_legs_are_half_a_stride_apart(walked):
+    left, right = (steady(walked, f"{side}/knee.position") for side in SIDES)
+    assert lag(left, right, 220) == pytest.approx(110, abs=2)               # samples of 5 ms
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_torque_stays_inside_the_limiter(walked, side):
+    """What is let through exactly, what is sent and what the drive gives to one code of torque."""
+    assert np.max(np.abs(walked[f"{side}/torque_limiter.limited"])) <= LIMIT
+    for port in ("torque_sent", "torque"):
+        assert np.max(np.abs(walked[f"{side}/knee.{port}"])) <= LIMIT + TORQUE_STEP
+    assert np.max(np.abs(walked[f"{side}/knee.torque"])) > 8.0              # it does help
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_the_torque_never_changes_faster_than_the_limiter_allows(walked, side):
+    step = SLEW / 200.0
+    assert np.max(np.abs(np.diff(walked[f"{side}/torque_limiter.limited"]))) <= step * (1.0 + 1e-12)
+    assert np.max(np.abs(np.diff(walked[f"{side}/knee.torque_sent"]))) <= step + TORQUE_STEP
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_what_is_sent_is_what_was_let_through_after_the_fade(walked, side):
+    share = np.minimum(walked.time / FADE, 1.0)
+    sent = walked[f"{side}/knee.torque_sent"]
+    assert np.max(np.abs(sent - share * walked[f"{side}/torque_limiter.limited"])) <= TORQUE_STEP
+    np.testing.assert_array_equal(walked[f"{side}/knee.torque"][1:], sent[:-1])      # the emulated drive gives what it was told a tick before
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_it_helps_at_the_right_moments(walked, side):
+    """Extends the knee as it loads, bends it into swing, holds the shank back before heel strike."""
+    phase, torque = (steady(walked, f"{side}/{path}") for path in ("gait_phase.phase", "knee.torque"))
+    velocity = steady(walked, f"{side}/knee.velocity")
+
+    def between(low, high, what):
+        return what[(phase > low) & (phase < high)].mean()
+
+    assert between(0.10, 0.18, torque) < -7.0
+    assert between(0.57, 0.63, torque) > 4.0
+    assert between(0.84, 0.92, torque) > 3.0
+    assert abs(between(0.36, 0.44, torque)) < 0.5
+    assert between(0.57, 0.63, torque * velocity) > 10.0 and between(0.84, 0.92, torque * velocity) < -10.0      # W
+
+
+def test_no_assistance_before_the_stride_is_known(walked):
+    """The first two strides tell how long a stride takes; until then there is only the damper."""
+    for side in SIDES:
+        unknown = walked[f"{side}/gait_phase.walking"] == 0.0
+        assert 2.0 < np.count_nonzero(unknown) / 200.0 < 4.0
+        assert np.all(walked[f"{side}/profile.torque"][unknown] == 0.0)
+        np.testing.assert_array_equal(walked[f"{side}/sum.y"][unknown], walked[f"{side}/damper.torque"][unknown])
+
+
+def test_assistance_scales_the_profile_and_no_more(walked):
+    half, none = walk(assistance=0.5)[0], walk(assistance=0)[0]
+    for side in SIDES:
+        full_peak, half_peak = (np.abs(steady(r, f"{side}/profile.torque")).max() for r in (walked, half))
+        assert full_peak == pytest.approx(9.0, abs=0.05) and half_peak == pytest.approx(4.5, abs=0.05)
+        assert np.all(none[f"{side}/profile.torque"] == 0.0)
+        apart = np.degrees(steady(walked, f"{side}/knee.position") - steady(none, f"{side}/knee.position"))
+        assert 0.5 < np.sqrt(np.mean(apart**2)) < 5.0                       # it is felt, and nobody is thrown
+
+
+def test_another_stride_time_is_found(walked):
+    for recording, stride_time in ((walked, 1.1), (walk(stride_time=1.4)[0], 1.4)):
+        for side in SIDES:
+            assert steady(recording, f"{side}/gait_phase.stride_time", 8.0) == pytest.approx(stride_time, abs=0.02)
+
+
+@pytest.mark.parametrize("rate", [100.0, 400.0])
+def test_another_rate_walks_the_same_walk(walked, rate):
+    recording, _ = walk(rate=rate)
+    assert recording.outcome.status == "ok"
+    for side in SIDES:
+        angle = np.interp(walked.time, recording.time, recording[f"{side}/knee.position"])
+        assert np.degrees(np.max(np.abs(angle - walked[f"{side}/knee.position"]))) < 3.0
+        assert np.max(np.abs(np.diff(recording[f"{side}/torque_limiter.limited"]))) <= SLEW / rate * (1.0 + 1e-12)
+
+
+def test_a_recorded_walk_is_followed_in_phase():
+    """50 s of a person, from the shared room: phase 0 lies where the foot meets the ground, within a tenth of a stride."""
+    path = shared("gait/healthy_young.csv")
+    recording, _ = walk(45.0, gait=path)
+    measured = np.genfromtxt(path, delimiter=",", names=True)
+    for side, short in (("left", "lt"), ("right", "rt")):
+        angle, column = np.degrees(recording[f"{side}/knee.position"]), measured[f"knee_flexion_{short}_deg"][:9000]
+        assert np.sqrt(np.mean((angle - column) ** 2)) < 4.0
+        contact = measured[f"contact_{short}"][:9000] > 500.0
+        strikes = np.flatnonzero(~contact[:-1] & contact[1:]) + 1
+        strikes = strikes[strikes > 1000]
+        error = (recording[f"{side}/gait_phase.phase"][strikes] + 0.5) % 1.0 - 0.5
+        assert len(strikes) > 30 and np.abs(np.mean(error)) < 0.05 and np.percentile(np.abs(error), 95) < 0.1
+        assert np.all(steady(recording, f"{side}/gait_phase.walking") == 1.0)
+        assert np.max(np.abs(recording[f"{side}/knee.torque"])) <= LIMIT + TORQUE_STEP

@@ -1,0 +1,51 @@
+"""The command line, called in this process: quick, for everything that ends before a robot would be armed."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from runtime.cli import main
+from runtime.errors import BAD_INPUT
+
+
+@pytest.fixture(autouse=True)
+def fresh_imports(tmp_path, monkeypatch):
+    """What one test's diagram file has imported is not there for the next."""
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    yield
+    for name, module in list(sys.modules.items()):
+        if Path(getattr(module, "__file__", None) or "/").is_relative_to(tmp_path):
+            del sys.modules[name]
+
+
+class CommandLine:
+    """Calls from an empty folder that is the working folder."""
+
+    def __init__(self, folder, capsys):
+        self.folder, self.capsys = folder, capsys
+
+    def __call__(self, *words):
+        """(exit code, standard output, standard error)"""
+        self.capsys.readouterr()
+        code = main([str(word) for word in words])
+        return code, *self.capsys.readouterr()
+
+    def refused(self, *words, code=BAD_INPUT):
+        """The complaint about a command line that is refused, without `tickwork: ` and the newline at its end.
+
+        Nothing else is said, and no file is made.
+        """
+        before = sorted(self.folder.rglob("*"))
+        found, out, err = self(*words)
+        after = [path for path in sorted(self.folder.rglob("*")) if "__pycache__" not in path.parts]
+        assert (found, out) == (code, "")
+        assert after == before
+        assert err.endswith("\n") and "Traceback" not in err
+        return err.removeprefix("tickwork: ")[:-1]
+
+
+@pytest.fixture
+def command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    return CommandLine(tmp_path, capsys)

@@ -1,0 +1,175 @@
+"""Runs of the command line in a process of their own, what they leave behind, and what they send."""
+
+import json
+import os
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from tests.blocks.actuators import reference
+
+ROOT = Path(__file__).resolve().parents[2]
+KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
+AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
+TORQUE_STEP = 130.0 / 4095                          # N·m, a code of torque
+ENABLE, DISABLE = "FFFFFFFFFFFFFFFC", "FFFFFFFFFFFFFFFD"
+NOTHING = "7FFF7FF0000007FF"                        # position, velocity and torque in the middle, no stiffness, no damping
+
+# A robot in few lines. `law` says what its knee is told to do: the body of a step that has `position`, `velocity`, `t` and `tick`.
+KNEE = '''
+import math
+
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.recorders import CsvRecorder
+from graph import Block, Diagram, Input, Output
+
+
+class Law(Block):
+    """What the knee is told to do."""
+
+    position = Input("rad")
+    velocity = Input("rad/s")
+    torque = Output("N·m")
+
+    def step(self, position, velocity, t, tick):
+        {law}
+
+
+with Diagram("knee", rate=200) as diagram:
+    knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, name="knee")
+    torque = Law(name="law")(knee.position, knee.velocity)
+    knee(torque_command=TorqueLimiter(limit=5.0)(torque))
+    CsvRecorder()
+'''
+
+
+def write(folder, text, name="robot.py"):
+    """A diagram file. Returns its path."""
+    path = Path(folder) / name
+    path.write_text(text)
+    return path
+
+
+def knee(folder, law="return 2.0 * math.sin(5.0 * t)"):
+    return write(folder, KNEE.format(law=law))
+
+
+def line_of(path, text):
+    """Number of the line of a file that holds a text."""
+    return next(number for number, line in enumerate(Path(path).read_text().splitlines(), 1) if text in line)
+
+
+def environment(**more):
+    return {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")} | {"PYTHONPATH": str(ROOT)} | more
+
+
+def finished(*arguments, cwd, timeout=60, **more):
+    """A run from beginning to end. Returns the CompletedProcess, with text."""
+    return subprocess.run(
+        [sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, env=environment(**more), stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=timeout)
+
+
+def started(*arguments, cwd, **how):
+    """A run that has been started. Returns the Popen, with text."""
+    how = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(), **how}
+    return subprocess.Popen([sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, text=True, **how)
+
+
+class Listener:
+    """Listens where PlotJuggler would: `address` for --plotjuggler, then datagrams as parsed JSON."""
+
+    def __init__(self):
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
+        self.socket.bind(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self.socket.getsockname()[1]}"
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.socket.close()
+
+    def wait(self, count, timeout=30.0):
+        """The next `count` datagrams."""
+        self.socket.settimeout(timeout)
+        return [self._parse(self.socket.recv(65536)) for _ in range(count)]
+
+    def rest(self):
+        """All that have arrived and were not yet taken."""
+        self.socket.setblocking(False)
+        found = []
+        while True:
+            try:
+                found.append(self._parse(self.socket.recv(65536)))
+            except BlockingIOError:
+                return found
+
+    @staticmethod
+    def _parse(datagram):
+        def refuse(constant):
+            raise ValueError(f"{constant} is not JSON")
+
+        return json.loads(datagram, parse_constant=refuse)
+
+
+class Files:
+    """What one run has left in a folder of recordings."""
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+
+    @property
+    def names(self):
+        return sorted(path.name for path in self.folder.iterdir())
+
+    def one(self, ending):
+        [path] = self.folder.glob(f"*{ending}")
+        return path
+
+    @property
+    def sidecar(self):
+        return json.loads(self.one(".json").read_text())
+
+    @property
+    def header(self):
+        return self.one(".csv").read_text().split("\n", 1)[0].split(",")
+
+    @property
+    def table(self):
+        """Columns of the CSV file by their header."""
+        lines = self.one(".csv").read_text().splitlines()[1:]
+        rows = np.array([line.split(",") for line in lines], dtype=float).reshape(len(lines), len(self.header))
+        return dict(zip(self.header, rows.T))
+
+    @property
+    def frames(self):
+        """(time in s, bus, id, data as hex digits, whether we sent it) of every line of the CAN log."""
+        pattern = re.compile(r"\((\d+\.\d{6})\) (\w+) ([0-9A-F]{3})#([0-9A-F]*) ([RT])")
+        matches = [pattern.fullmatch(line) for line in self.one(".can.log").read_text().splitlines()]
+        assert all(matches)
+        return [(float(time), bus, int(identifier, 16), data, way == "T") for time, bus, identifier, data, way in map(re.Match.groups, matches)]
+
+    def sent(self, can_id):
+        """Data of the frames that we sent to one id, in their order."""
+        return [data for _, _, identifier, data, ours in self.frames if ours and identifier == can_id]
+
+
+def torque_of(data):
+    """N·m of a command frame, as an AK10-9 understands it."""
+    return reference.read_command(AK10_9, bytes.fromhex(data))["torque"]
+
+
+def assert_safely_stopped(files, can_ids):
+    """Enable and zero torque came first, zero torque and then disable last, on every actuator."""
+    for can_id in can_ids:
+        sent = files.sent(can_id)
+        assert sent[:2] == [ENABLE, NOTHING]
+        assert sent[-2:] == [NOTHING, DISABLE]
+        assert DISABLE not in sent[: sent.index(DISABLE)] and set(sent[sent.index(DISABLE) :]) <= {NOTHING, DISABLE}

@@ -1,0 +1,200 @@
+"""The end of a run in words and numbers: summary, faults, exit codes, and three things to try next."""
+
+import signal
+from pathlib import Path
+
+import pytest
+
+from cext.executor import Outcome
+from runtime import fault, report
+from runtime.recorder import RecorderProcess
+from runtime.run import Request, prepare, run
+from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
+
+
+def outcome(status="ok", number=0):
+    return Outcome(status, None, 99, number, None, (), ())
+
+
+def carry_out(file, duration=1.0, **more):
+    return run(prepare(Request(Path(file), duration=duration, fast=True, no_record=True, **more)))
+
+
+@pytest.fixture(scope="module")
+def walked():
+    """10 s of the knee exoskeleton in virtual time."""
+    return carry_out(KNEE_EXO, 10.0)
+
+
+@pytest.mark.parametrize("ended, code", [
+    (outcome(), 0), (outcome("not finite"), 3), (outcome("exception", signal.SIGINT), 3), (outcome(number=signal.SIGINT), 130),
+    (outcome(number=signal.SIGTERM), 143), (outcome(number=signal.SIGHUP), 129),
+])
+def test_exit_codes(ended, code):
+    assert report.exit_code(ended) == code
+
+
+def test_signals_are_named_and_ctrl_c_is_explained():
+    assert report.stopped(outcome()) is None
+    assert report.stopped(outcome(number=signal.SIGINT)) == "stopped by SIGINT (Ctrl-C)"
+    assert report.stopped(outcome(number=signal.SIGTERM)) == "stopped by SIGTERM"
+
+
+def test_the_summary_counts_ticks_strides_torque_and_work(walked):
+    lines = report.summary(walked)
+    assert lines[0] == "knee_exo: 10 s at 200 Hz, simulated, in virtual time"
+    assert lines[1] == "  ticks       2000 of 2000 done, 0 missed; 0 records dropped"
+    assert any(line.startswith("  speed       ") and " times real time: " in line for line in lines)
+    assert "  buses       legs: 4008 frames sent, 4008 received" in lines
+    for side in ("left", "right"):
+        [line] = [line for line in lines if line.startswith(f"  {side}")]
+        for part in ("strides of 1.10 s", "peak torque 9.", "positive work ", " J a stride, negative -"):
+            assert part in line
+    assert lines[-1] == "  safe stop   zero torque, then disable: confirmed by left/knee, right/knee"
+
+
+def test_the_clock_is_told_in_real_time_only(walked, tmp_path):
+    assert not any(line.startswith(("  rate", "  late by", "  load")) for line in report.summary(walked))
+    lines = report.summary(run(prepare(Request(knee(tmp_path), duration=0.3, no_record=True))))
+    assert [line.split()[0] for line in lines[1:6]] == ["plant", "ticks", "rate", "late", "load"]
+    assert "µs median" in lines[4] or "ms median" in lines[4]
+
+
+def test_a_plant_that_the_file_does_not_have_is_told(tmp_path):
+    assert "  plant       the file has none: every device is emulated, each actuator turns a free inertia" in report.summary(carry_out(knee(tmp_path)))
+
+
+def test_speed_is_by_the_wall_clock(walked):
+    """However short the ticks are: waiting for the recorder is part of it."""
+    [line] = [line for line in report.summary(walked) if line.startswith("  speed")]
+    assert int(line.split()[1]) == round(10.0 / walked.seconds)
+
+
+@pytest.mark.parametrize("seconds, text", [(4e-7, "0.4 µs"), (9.94e-6, "9.9 µs"), (2e-5, "20 µs"), (9.994e-4, "999 µs"), (1.5e-3, "1.5 ms"), (0.25, "250.0 ms")])
+def test_durations_have_a_fitting_unit(seconds, text):
+    assert report.micro(seconds) == text
+
+
+def test_strides_in_words():
+    stride = {"title": "left", "strides": 1, "left_out": 2, "stride_time": 1.104, "peak_torque": 9.21, "positive_work": 3.456, "negative_work": -4.0}
+    assert report.stride_text(stride) == (
+        "1 stride of 1.10 s (2 left out); peak torque 9.2 N·m; positive work 3.46 J a stride, negative -4.00 J")
+    assert report.stride_text(stride | {"strides": 0, "left_out": 0}) == "no whole stride; peak torque 9.2 N·m"
+
+
+def test_three_things_to_try_next(walked, tmp_path):
+    lines = report.hints(walked, "tickwork")
+    assert lines[0] == "try next" and len(lines) == 4
+    assert f"  change a parameter: tickwork {KNEE_EXO} --duration 10 --set left/profile.scale=0.5" in lines
+    lines = report.hints(carry_out(knee(tmp_path)), "python -m runtime")
+    assert lines[1:] == [f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}", "  measure this machine: python -m runtime bench"]
+
+
+def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():
+    lines = report.hints(carry_out(KNEE_EXO, 1.0), "tickwork")
+    assert lines[1] == f"  walk longer, to see whole strides: tickwork {KNEE_EXO} --duration 20"
+
+
+def test_what_is_suggested_works(walked):
+    """A parameter's other value is one that it may take."""
+    [line] = [line for line in report.hints(walked, "tickwork") if "--set" in line]
+    setting = line.rpartition("--set ")[2].partition("=")
+    prepare(Request(KNEE_EXO, duration=1.0, fast=True, settings=[(setting[0], setting[2])]))
+
+
+def explained(tmp_path, law="return 1.0", text="", **more):
+    """(lines about the fault, path of the file) of a knee whose law or plant goes wrong."""
+    path = write(tmp_path, KNEE.format(law=law) + text)
+    return fault.explain(carry_out(path, **more)), path
+
+
+def test_an_exception_shows_the_users_lines_only(tmp_path):
+    write(tmp_path, "def gain(table):\n    return table['gain']\n", "gains_of_mine.py")
+    lines, path = explained(tmp_path, law="import gains_of_mine\n        return gains_of_mine.gain({}) if tick == 7 else 0.0")
+    assert lines[0] == "FAULT at law, tick 7 (0.035 s): its step raised an exception"
+    assert lines[1].startswith("  its inputs: position = ")
+    assert lines[2:5] == [
+        f"  {path}:{line_of(path, 'return gains_of_mine')} in step: return gains_of_mine.gain({{}}) if tick == 7 else 0.0",
+        f"  {tmp_path / 'gains_of_mine.py'}:2 in gain: return table['gain']",
+        "  KeyError: 'gain'",
+    ]
+    assert lines[5] == "  nothing re-enables an actuator by itself: mend it, and arm again"
+
+
+def test_an_exception_inside_a_library_shows_who_called_it(tmp_path):
+    lines, path = explained(tmp_path, law="import numpy\n        return numpy.linalg.inv(numpy.zeros((2, 2)))[0, 0]")
+    assert lines[2] == f"  {path}:{line_of(path, 'linalg')} in step: return numpy.linalg.inv(numpy.zeros((2, 2)))[0, 0]"
+    assert "Singular matrix" in lines[3]
+
+
+def test_a_step_that_returns_something_else(tmp_path):
+    lines, _ = explained(tmp_path, law="return None")
+    assert "TypeError" in lines[2] and "law" in lines[2] and "None" in lines[2]
+
+
+def test_nan_is_traced_to_the_block_that_made_it(tmp_path):
+    """Through every block in between, also a filter."""
+    text = KNEE.replace("(limit=5.0)(torque)", "(limit=5.0)(Gain(2.0)(Butterworth(2, 20.0)(torque)))").replace(
+        "from blocks.limiters", "from blocks.filters import Butterworth\nfrom blocks.mathematics import Gain\nfrom blocks.limiters")
+    path = write(tmp_path, text.format(law="return math.nan if tick == 42 else 0.0"))
+    lines = fault.explain(carry_out(path))
+    assert lines[0] == "FAULT at knee, tick 42 (0.21 s): a command is NaN or infinite"
+    assert lines[2].startswith(f"  it came out of law.torque, made at {path}:{line_of(path, 'Law(name')}, from position = ")
+
+
+FAULTY_PLANT = '''
+
+class Trouble(Block):
+    """Goes wrong at t = 0.5 s."""
+
+    {port}
+
+    def step(self, t):
+        {step}
+
+
+def plant(robot):
+    from blocks.models import Limb
+
+    with Diagram("wearer", rate=1000) as wearer:
+        drive = robot["knee"].emulator()
+        limb = Limb()
+        {wiring}
+    return wearer
+'''
+
+
+def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
+    lines, _ = explained(tmp_path, text=FAULTY_PLANT.format(
+        port='code = Output("1", dtype=int)', step="return 3 if t > 0.5 else 0",
+        wiring="limb(torque=drive.torque)\n        drive(position=limb.position, velocity=limb.velocity, fault=Trouble()())"))
+    assert lines[0].startswith("FAULT at knee, tick 10") and lines[0].endswith(": the device reports a fault")
+    assert lines[1].startswith("  it says: position = ") and ", fault = 3," in lines[1]
+
+
+def test_a_fault_in_the_plant_says_so(tmp_path):
+    lines, path = explained(tmp_path, text=FAULTY_PLANT.format(
+        port='torque = Output("N·m")', step="return 1.0 / 0.0 if t > 0.5 else 0.0",
+        wiring="limb(torque=Trouble()())\n        drive(position=limb.position, velocity=limb.velocity)"))
+    assert lines[0].startswith("FAULT at trouble of wearer, the plant, tick 9") and lines[0].endswith(": its step raised an exception")
+    assert f"  {path}:{line_of(path, '1.0 / 0.0')} in step: return 1.0 / 0.0 if t > 0.5 else 0.0" in lines
+    lines, _ = explained(tmp_path, text=FAULTY_PLANT.format(
+        port='torque = Output("N·m")', step="return math.nan if t > 0.5 else 0.0",
+        wiring="limb(torque=Trouble()())\n        drive(position=limb.position, velocity=limb.velocity)"))
+    assert ": what it would answer is NaN or infinite" in lines[0] and "the plant" in lines[0]
+
+
+def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch):
+    class Short(RecorderProcess):
+        """Is killed as soon as it is ready."""
+
+        def configure(self, plan):
+            super().configure(plan)
+            self._child.kill()
+            self._child.wait()
+
+    monkeypatch.setattr("runtime.run.RecorderProcess", Short)
+    result = run(prepare(Request(knee(tmp_path), duration=0.3, no_record=True)))
+    assert result.outcome.status == "ok"
+    [line] = [line for line in report.summary(result) if line.startswith("  recorder")]
+    assert "the recorder process died before the end (SIGKILL)" in line
