@@ -3,16 +3,14 @@
 
 cdef inline int segment(const double *knots, int count, double x) noexcept nogil:
     """Index i of the piece knots[i] to knots[i + 1] that holds x; the first or the last piece beyond the ends. count >= 2."""
-    cdef int low = 0
-    cdef int high = count - 1
-    cdef int middle
-    while high - low > 1:
-        middle = (low + high) >> 1
-        if knots[middle] <= x:
-            low = middle
-        else:
-            high = middle
-    return low
+    cdef int first = 0
+    cdef int pieces = count - 1
+    cdef int half
+    while pieces > 1:
+        half = pieces >> 1
+        first += half if knots[first + half] <= x else 0
+        pieces -= half
+    return first
 
 
 cdef inline double between(double a, double b, double share) noexcept nogil:

@@ -8,6 +8,9 @@ from cext.abi cimport INPUTS, OK, TIME, export
 from cext.kernels.clock cimport just_after
 from cext.kernels.fold cimport fold
 
+cdef extern from "<math.h>" nogil:
+    bint isunordered(double a, double b)                    # whether one of them is NaN
+
 ctypedef bint (*relation_t)(double a, double b) noexcept nogil
 
 
@@ -23,7 +26,7 @@ cdef inline int compare(double *arena, const int32_t *slots, const int32_t *size
     for i in range(sizes[2]):
         a = arena[slots[0] + i]
         b = arena[slots[1] + i]
-        arena[slots[2] + i] = NAN if a != a or b != b else <double>holds(a, b)
+        arena[slots[2] + i] = NAN if isunordered(a, b) else 1.0 if holds(a, b) else 0.0
     return OK
 
 
@@ -43,15 +46,15 @@ cdef int unlike_kernel(double *a, const int32_t *s, const int32_t *n) noexcept n
 
 
 cdef inline double both(double a, double b) noexcept nogil:
-    return NAN if a != a or b != b else <double>(a != 0.0 and b != 0.0)
+    return NAN if isunordered(a, b) else 1.0 if a != 0.0 and b != 0.0 else 0.0
 
 
 cdef inline double either(double a, double b) noexcept nogil:
-    return NAN if a != a or b != b else <double>(a != 0.0 or b != 0.0)
+    return NAN if isunordered(a, b) else 1.0 if a != 0.0 or b != 0.0 else 0.0
 
 
 cdef inline double odd(double a, double b) noexcept nogil:
-    return NAN if a != a or b != b else <double>((a != 0.0) != (b != 0.0))
+    return NAN if isunordered(a, b) else 1.0 if (a != 0.0) != (b != 0.0) else 0.0
 
 
 cdef int and_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -108,7 +111,7 @@ cdef int latch_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
     # on, off, y, initial, held
     cdef double on = arena[slots[0]]
     cdef double off = arena[slots[1]]
-    if on != on or off != off:
+    if isunordered(on, off):
         arena[slots[2]] = NAN
         return OK
     if off != 0.0:
@@ -151,7 +154,7 @@ cdef int counter_kernel(double *arena, const int32_t *slots, const int32_t *size
         total[0] += 1.0
     if clear == 1.0:
         total[0] = 0.0
-    arena[slots[2]] = NAN if step != step or clear != clear else total[0]
+    arena[slots[2]] = NAN if isunordered(step, clear) else total[0]
     return OK
 
 

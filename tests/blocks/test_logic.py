@@ -95,6 +95,12 @@ def test_an_edge_at_the_first_sample_is_none():
     assert Edge().step(True) is False and Edge("falling").step(False) is False
 
 
+def test_anything_but_zero_is_true():
+    assert same(steps(Edge("both"), [0.0, 1.0, 2.0, -0.5, math.inf, -0.0]), [0, 1, 0, 0, 0, 1])
+    assert And().step(2.0, -1.0) is True and Xor().step(2.0, 1.0) is False and Not().step(0.5) is False
+    assert Debounce(0.0).step(3.0) is True and Latch().step(7.0, 0.0) is True
+
+
 def test_a_latch_remembers_and_off_wins():
     on = [0, 1, 0, 0, 1, 1, 0, NAN, 0, 0]
     off = [0, 0, 0, 1, 0, 1, 0, 0, NAN, 0]
@@ -227,6 +233,8 @@ FALSE, TRUE, EITHER = Interval(0.0, 0.0), Interval(1.0, 1.0), Interval(0.0, 1.0)
     (Debounce(), {"u": TRUE}, TRUE), (Counter(), {"u": EITHER, "clear": TRUE}, FALSE), (Timer(), {"restart": TRUE}, FALSE),
     (Switch(), {"condition": TRUE, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 2)),
     (Switch(), {"condition": EITHER, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 6)),
+    (Selector(2), {"index": Interval(1.5, 1.5), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(1, 2)),
+    (Selector(2), {"index": Interval(0.5, 0.75), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(0, 9)),
     (Selector(3), {"index": Interval(1, 2), "u0": Interval(-9, 9), "u1": Interval(1, 2), "u2": Interval(3, 4)}, Interval(1, 4)),
 ])
 def test_ranges_are_tight(block, inputs, wanted):

@@ -58,6 +58,12 @@ def test_the_distribution_is_right_and_neighbours_do_not_hang_together(make, dis
     assert abs(np.corrcoef(y[:-1], y[1:])[0, 1]) < 4.0 / math.sqrt(len(y))
 
 
+def test_the_range_holds_the_largest_value_that_53_random_bits_can_make():
+    largest = math.sqrt(-2.0 * math.log(2.0**-53))
+    assert largest <= GaussianNoise().output_range().high <= largest + 0.001
+    assert -largest - 0.001 <= GaussianNoise().output_range().low <= -largest
+
+
 @pytest.mark.parametrize("make, said", [
     (lambda: UniformNoise(2.0, 1.0), "in order"), (lambda: UniformNoise(-math.inf, 1.0), "finite"), (lambda: GaussianNoise(deviation=-1.0), "at least"),
     (lambda: GaussianNoise(seed=-1), "at least 0"), (lambda: GaussianNoise(seed=1.5), "whole number"),

@@ -165,3 +165,9 @@ def test_a_turned_vector_is_bounded_by_its_length():
     """Within 1e-13."""
     found = RotateVector().output_range(Interval(-1.0, 1.0), Interval(-2.0, 1.0))
     assert (found.low, found.high) == pytest.approx((-2.0 * math.sqrt(3.0), 2.0 * math.sqrt(3.0)), rel=1e-13)
+
+
+def test_a_turn_that_overflows_on_its_way_proves_nothing():
+    huge, q = 1e308, np.array([1.0, 1.0, 1.0, 1.0])
+    assert not np.all(np.isfinite(RotateVector().step(q, np.array([huge, -huge, huge]))))
+    assert RotateVector().output_range(Interval(-1.0, 1.0), Interval(-huge, huge)) == Interval()
