@@ -82,7 +82,7 @@ class Scratch:
             run = self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])]
             shape = self.shapes[name]
             kind = {"float": float, "int": int, "bool": bool}[port.dtype]
-            results.append(run.reshape(shape).copy() if shape else kind(run[0]) if run[0] == run[0] else float(run[0]))
+            results.append(run.reshape(shape).copy() if shape else kind(run[0]) if np.isfinite(run[0]) else float(run[0]))
         return results[0] if len(results) == 1 else tuple(results)
 
     def update(self, values, named):

@@ -99,6 +99,7 @@ def test_a_constant_polynomial_and_a_power_of_zero_let_nan_pass():
 def test_rounding_to_whole_numbers(method, wanted):
     block = Round(method)
     assert [block.step(u) for u in (-2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 2.75)] == wanted
+    assert block.step(math.inf) == math.inf and math.isnan(block.step(math.nan))
     assert Round(method).step(np.array([1e300, math.inf])).tolist() == [1e300, math.inf]
 
 
