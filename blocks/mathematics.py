@@ -3,87 +3,11 @@
 import math
 
 from blocks.ports import UnitOfOutput, finite_numbers, several
-from blocks.ranges import LIBM, falling, horner, quotient, rising
+from blocks.ranges import LIBM, falling, horner, rising
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
+from graph.arithmetic import Divide, Gain, Product, Sum, UnitConversion  # noqa: F401  (the operators of signals are blocks of this room)
 from graph.interval import EVERYTHING
-from graph.units import canonical, divide, multiply
-
-
-class Gain(Block):
-    """Multiplies by a constant: y = gain · u. Direct feedthrough; NaN passes."""
-
-    gain = Param(1.0, "any", "factor")
-    unit = Param("1", "1", "unit of the factor; the output has the product of both units")
-
-    u = Input("any", "input", shape=...)
-    y = Output("any", "gain · u", shape=...)
-
-    kernel = kernels.gain
-
-    def configure(self):
-        self.unit = canonical(self.unit)
-
-    def output_units(self, u):
-        return {"y": multiply(u, self.unit)}
-
-    def output_range(self, u):
-        return self.span("gain") * u
-
-
-class Sum(Block):
-    """Adds and subtracts any number of signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
-
-    signs = Param("++", "1", "one + or - for each input")
-
-    y = Output("any", "the sum", shape=...)
-    weights = Memory(1.0, "+1 or -1 for each input")
-
-    kernel = kernels.sum
-
-    def configure(self):
-        if not self.signs or set(self.signs) - {"+", "-"}:
-            raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
-        self.inputs = several(len(self.signs))
-        self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
-
-    def output_range(self, **inputs):
-        first, *rest = (u if sign == "+" else -u for u, sign in zip(inputs.values(), self.signs))
-        for interval in rest:
-            first = first + interval
-        return first
-
-
-class Product(Block):
-    """Multiplies two signals: y = a · b. Direct feedthrough; NaN passes."""
-
-    a = Input("any", "first factor", shape=...)
-    b = Input("any", "second factor", shape=...)
-    y = Output("any", "a · b", shape=...)
-
-    kernel = kernels.product
-
-    def output_units(self, a, b):
-        return {"y": multiply(a, b)}
-
-    def output_range(self, a, b):
-        return a * b
-
-
-class Divide(Block):
-    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator."""
-
-    a = Input("any", "dividend", shape=...)
-    b = Input("any", "divisor", shape=...)
-    y = Output("any", "a / b", shape=...)
-
-    kernel = kernels.divide
-
-    def output_units(self, a, b):
-        return {"y": divide(a, b)}
-
-    def output_range(self, a, b):
-        return quotient(a, b)
 
 
 class Abs(Block):
@@ -224,29 +148,6 @@ class Polynomial(UnitOfOutput, Block):
 
     def output_range(self, u):
         return horner(self.terms, u)
-
-
-class UnitConversion(Block):
-    """Converts between two units of one dimension: y = factor · u + offset. UnitConversion("deg", "rad")."""
-
-    source = Param("", "1", "unit of the input", required=True, dtype=str)
-    target = Param("", "1", "unit of the output", required=True, dtype=str)
-
-    u = Input("any", "in the unit `source`", shape=...)
-    y = Output("any", "in the unit `target`", shape=...)
-    factor = Memory(1.0, "target units in one of the source")
-    offset = Memory(0.0, "where the source is zero, in the target's unit")
-
-    kernel = kernels.conversion
-    examples = ({"source": "deg", "target": "rad"},)
-
-    def configure(self):
-        self.factor, self.offset = units.conversion(self.source, self.target)
-        self.inputs = {"u": Input(self.source, "in the unit `source`", shape=...).named("u")}
-        self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
-
-    def output_range(self, u):
-        return rising(lambda x: self.factor * x + self.offset, u)       # rounded as the kernel rounds: exact
 
 
 def power(x, p):

@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from graph import Interval
-from graph.interval import EVERYTHING
 
 TURN = 2.0 * math.pi
 FAR = 1e6                       # rad, beyond which nothing is said of where in its turn an angle is
@@ -42,14 +41,6 @@ def total(intervals):
     for interval in rest:
         first = first + interval
     return first
-
-
-def quotient(a, b):
-    """Interval of a / b. Everything where b may be zero: 1 / 0 and 1 / -0 are both ends of the line."""
-    if 0.0 in b:
-        return EVERYTHING
-    corners = [x / y for x in (a.low, a.high) for y in (b.low, b.high) if not (math.isinf(x) and math.isinf(y))]
-    return Interval(min(corners), max(corners)) if corners else EVERYTHING
 
 
 def can_be_true(u):

@@ -1,33 +1,14 @@
 """Vectors: putting them together, taking them apart, and linear algebra. All have direct feedthrough and no state; NaN passes."""
 
 import math
-import operator
 
 import numpy as np
 
 from blocks.ranges import hull, total
 from cext.kernels import vectors as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
+from graph.arithmetic import Select, Stack, whole_numbers  # noqa: F401  (Select and Stack stand behind gyro[1] and stack(...))
 from graph.units import multiply
-
-
-class Stack(Block):
-    """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
-
-    count = Param(2, "1", "how many inputs", min=1)
-    shape = Param((), "1", "shape of each input, () for scalars")
-
-    y = Output("any", "all of them")
-
-    kernel = kernels.stack
-
-    def configure(self):
-        shape = whole_numbers("shape", self.shape)
-        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)}
-        self.outputs = {"y": Output("any", "all of them", shape=(self.count, *shape)).named("y")}
-
-    def output_range(self, **inputs):
-        return hull(inputs.values())
 
 
 class Concatenate(Block):
@@ -50,37 +31,6 @@ class Concatenate(Block):
 
     def output_range(self, **inputs):
         return hull(inputs.values())
-
-
-class Select(Block):
-    """Takes elements out of a vector: one, y = u[index], or several, y = (u[i], u[j], ...). Below 0 they count from the end.
-
-    The elements of a matrix are numbered row by row.
-    """
-
-    index = Param(0, "1", "which element, or a tuple of them", dtype=object)
-
-    u = Input("any", "vector", shape=...)
-    y = Output("any", "what was taken")
-    places = Memory(0.0, "the elements, counted from the start")
-
-    kernel = kernels.select
-
-    def configure(self):
-        self.indices = whole_numbers("index", self.index if isinstance(self.index, (tuple, list)) else (self.index,), None)
-        if not self.indices:
-            raise ValueError("index must name an element")
-        shape = (len(self.indices),) if isinstance(self.index, (tuple, list)) else ()
-        self.outputs = {"y": Output("any", "what was taken", shape=shape).named("y")}
-
-    def prepare(self, dt):
-        for index in self.indices:
-            if not -self.width <= index < self.width:
-                raise ValueError(f"there is no element {index} in a vector of {self.width}")
-        self.places = [index % self.width for index in self.indices]
-
-    def output_range(self, u):
-        return u
 
 
 class Norm(Block):
@@ -157,17 +107,6 @@ class MatrixGain(Block):
 
     def output_range(self, u):
         return hull(total([Interval.point(entry) * u for entry in row]) for row in self.rows)
-
-
-def whole_numbers(name, values, smallest=1):
-    """A tuple of ints. ValueError if they are not whole, or below the smallest."""
-    try:
-        found = tuple(operator.index(value) for value in values)
-    except TypeError:
-        raise ValueError(f"{name} must be whole numbers, got {values!r}") from None
-    if smallest is not None and any(value < smallest for value in found):
-        raise ValueError(f"{name} must be whole numbers from {smallest} up, got {values!r}")
-    return found
 
 
 def length(element, count):

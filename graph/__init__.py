@@ -3,6 +3,7 @@
     from graph import Block, Diagram, Input, Output, Param, compile, subsystem
 """
 
+from graph.arithmetic import stack
 from graph.block import Block, Input, Live, Memory, Output, Param, Sink
 from graph.compiler import compile
 from graph.device import Actuator, Device
@@ -15,5 +16,5 @@ from graph.units import deg
 
 __all__ = [
     "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Output", "Param",
-    "Schedule", "Signal", "Sink", "block", "compile", "deg", "subsystem",
+    "Schedule", "Signal", "Sink", "block", "compile", "deg", "stack", "subsystem",
 ]

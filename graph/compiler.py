@@ -178,7 +178,7 @@ class Compilation:
             units.conversion(got, wanted)
         except ValueError:
             return ""
-        return f"units never convert by themselves: convert the signal to {wanted} first"
+        return f"units never convert by themselves: wire signal.to({wanted!r})"
 
     def where(self, block, name):
         wire = self.wires.get((block, name))

@@ -31,8 +31,57 @@ class Signal:
     def __repr__(self):
         return f"<Signal {self.path} [{self.declaration.unit}]>"
 
+    # Arithmetic makes the blocks, where it stands.
+
+    def __add__(self, other):
+        return _arithmetic().plus(self, other)
+
+    def __radd__(self, other):
+        return _arithmetic().plus(other, self)
+
+    def __sub__(self, other):
+        return _arithmetic().plus(self, other, "+-")
+
+    def __rsub__(self, other):
+        return _arithmetic().plus(other, self, "+-")
+
+    def __mul__(self, other):
+        return _arithmetic().times(self, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other):
+        return _arithmetic().over(self, other)
+
+    def __rtruediv__(self, other):
+        return _arithmetic().over(other, self)
+
+    def __neg__(self):
+        return _arithmetic().times(self, -1.0)
+
+    def __getitem__(self, index):
+        """One element of a vector, `gyro[1]`, or several, `gyro[0, 2]` or `gyro[:2]`."""
+        if isinstance(index, slice):
+            shape = self.declaration.shape
+            if shape is ... or len(shape) != 1:
+                raise TypeError(f"{self.path} can be sliced only where its length is declared: name the elements, as in [0, 1]")
+            index = tuple(range(*index.indices(shape[0])))
+        return _arithmetic().Select(index)(self)
+
+    __iter__ = None             # its length is not known until the compile
+
+    def to(self, unit):
+        """The signal in another unit of its dimension: `angle.to("deg")`."""
+        return _arithmetic().Convert(unit)(self)
+
     def __bool__(self):
         raise TypeError(f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead")
+
+
+def _arithmetic():
+    from graph import arithmetic            # its blocks rest on this file
+
+    return arithmetic
 
 
 @dataclass(frozen=True)

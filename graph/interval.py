@@ -57,6 +57,13 @@ class Interval:
         exact = 1.0 in (abs(self.low), abs(other.low)) and (self.low == self.high or other.low == other.high)
         return Interval(low, high) if exact else Interval(_down(low) if low else 0.0, _up(high) if high else 0.0)
 
+    def __truediv__(self, other):
+        """Everything where the divisor may be zero: 1 / 0 and 1 / -0 are both ends of the line. Division never falls between its ends."""
+        if 0.0 in other:
+            return Interval()
+        corners = [a / b for a in (self.low, self.high) for b in (other.low, other.high) if not (math.isinf(a) and math.isinf(b))]
+        return Interval(min(corners), max(corners)) if corners else Interval()
+
     def __or__(self, other):
         """The smallest interval that holds both."""
         return Interval(min(self.low, other.low), max(self.high, other.high))

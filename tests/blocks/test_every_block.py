@@ -23,7 +23,7 @@ def library():
     found = {}
     for module in pkgutil.walk_packages(blocks.__path__, "blocks."):
         for name, kind in vars(importlib.import_module(module.name)).items():
-            if inspect.isclass(kind) and issubclass(kind, Block) and kind.__module__ == module.name and not name.startswith("_"):
+            if inspect.isclass(kind) and issubclass(kind, Block) and kind.__module__ in (module.name, "graph.arithmetic") and not name.startswith("_"):
                 found[name] = kind
     return found
 

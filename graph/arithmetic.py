@@ -1,0 +1,225 @@
+"""Blocks behind the operators on signals: `2.0 * a - b`, `gyro[1]`, `angle.to("deg")`, `stack(a, b, c)`.
+
+All have direct feedthrough and no state, and work element by element; NaN passes.
+"""
+
+import functools
+import operator
+
+from cext.kernels import mathematics as kernels
+from cext.kernels import vectors
+from graph import units
+from graph.block import Block, Input, Memory, Output, Param
+from graph.diagram import Signal
+from graph.interval import Interval
+from graph.units import canonical, divide, multiply
+
+
+class Gain(Block):
+    """Multiplies by a constant: y = gain · u. Direct feedthrough; NaN passes."""
+
+    gain = Param(1.0, "any", "factor")
+    unit = Param("1", "1", "unit of the factor; the output has the product of both units")
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "gain · u", shape=...)
+
+    kernel = kernels.gain
+
+    def configure(self):
+        self.unit = canonical(self.unit)
+
+    def output_units(self, u):
+        return {"y": multiply(u, self.unit)}
+
+    def output_range(self, u):
+        return self.span("gain") * u
+
+
+class Sum(Block):
+    """Adds and subtracts any number of signals: y = ± u1 ± u2 .... Direct feedthrough; NaN passes."""
+
+    signs = Param("++", "1", "one + or - for each input")
+
+    y = Output("any", "the sum", shape=...)
+    weights = Memory(1.0, "+1 or -1 for each input")
+
+    kernel = kernels.sum
+
+    def configure(self):
+        if not self.signs or set(self.signs) - {"+", "-"}:
+            raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
+        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)}
+        self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
+
+    def output_range(self, **inputs):
+        first, *rest = (u if sign == "+" else -u for u, sign in zip(inputs.values(), self.signs))
+        for interval in rest:
+            first = first + interval
+        return first
+
+
+class Product(Block):
+    """Multiplies two signals: y = a · b. Direct feedthrough; NaN passes."""
+
+    a = Input("any", "first factor", shape=...)
+    b = Input("any", "second factor", shape=...)
+    y = Output("any", "a · b", shape=...)
+
+    kernel = kernels.product
+
+    def output_units(self, a, b):
+        return {"y": multiply(a, b)}
+
+    def output_range(self, a, b):
+        return a * b
+
+
+class Divide(Block):
+    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator."""
+
+    a = Input("any", "dividend", shape=...)
+    b = Input("any", "divisor", shape=...)
+    y = Output("any", "a / b", shape=...)
+
+    kernel = kernels.divide
+
+    def output_units(self, a, b):
+        return {"y": divide(a, b)}
+
+    def output_range(self, a, b):
+        return a / b
+
+
+class UnitConversion(Block):
+    """Converts between two units of one dimension: y = factor · u + offset. UnitConversion("deg", "rad")."""
+
+    source = Param("", "1", "unit of the input", required=True, dtype=str)
+    target = Param("", "1", "unit of the output", required=True, dtype=str)
+
+    u = Input("any", "in the unit `source`", shape=...)
+    y = Output("any", "in the unit `target`", shape=...)
+    factor = Memory(1.0, "target units in one of the source")
+    offset = Memory(0.0, "where the source is zero, in the target's unit")
+
+    kernel = kernels.conversion
+    examples = ({"source": "deg", "target": "rad"},)
+
+    def configure(self):
+        self.factor, self.offset = units.conversion(self.source, self.target)
+        self.inputs = {"u": Input(self.source, "in the unit `source`", shape=...).named("u")}
+        self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
+
+    def output_range(self, u):
+        return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)     # rounded as the kernel rounds: exact
+
+
+class Stack(Block):
+    """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
+
+    count = Param(2, "1", "how many inputs", min=1)
+    shape = Param((), "1", "shape of each input, () for scalars")
+
+    y = Output("any", "all of them")
+
+    kernel = vectors.stack
+
+    def configure(self):
+        shape = whole_numbers("shape", self.shape)
+        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)}
+        self.outputs = {"y": Output("any", "all of them", shape=(self.count, *shape)).named("y")}
+
+    def output_range(self, **inputs):
+        return functools.reduce(operator.or_, inputs.values())
+
+
+class Select(Block):
+    """Takes elements out of a vector: one, y = u[index], or several, y = (u[i], u[j], ...). Below 0 they count from the end.
+
+    The elements of a matrix are numbered row by row.
+    """
+
+    index = Param(0, "1", "which element, or a tuple of them", dtype=object)
+
+    u = Input("any", "vector", shape=...)
+    y = Output("any", "what was taken")
+    places = Memory(0.0, "the elements, counted from the start")
+
+    kernel = vectors.select
+
+    def configure(self):
+        self.indices = whole_numbers("index", self.index if isinstance(self.index, (tuple, list)) else (self.index,), None)
+        if not self.indices:
+            raise ValueError("index must name an element")
+        shape = (len(self.indices),) if isinstance(self.index, (tuple, list)) else ()
+        self.outputs = {"y": Output("any", "what was taken", shape=shape).named("y")}
+
+    def prepare(self, dt):
+        for index in self.indices:
+            if not -self.width <= index < self.width:
+                raise ValueError(f"there is no element {index} in a vector of {self.width}")
+        self.places = [index % self.width for index in self.indices]
+
+    def output_range(self, u):
+        return u
+
+
+def whole_numbers(name, values, smallest=1):
+    """A tuple of ints. ValueError if they are not whole, or below the smallest."""
+    try:
+        found = tuple(operator.index(value) for value in values)
+    except TypeError:
+        raise ValueError(f"{name} must be whole numbers, got {values!r}") from None
+    if smallest is not None and any(value < smallest for value in found):
+        raise ValueError(f"{name} must be whole numbers from {smallest} up, got {values!r}")
+    return found
+
+
+class Convert(Block):
+    """Converts to another unit of the input's dimension: y = factor · u + offset. Behind `signal.to("deg")`; the input's unit is found along the wire."""
+
+    target = Param("", "1", "unit of the output", required=True, dtype=str)
+
+    u = Input("any", "in any unit that converts", shape=...)
+    y = Output("any", "in the unit `target`", shape=...)
+    factor = Memory(1.0, "target units in one of the input's")
+    offset = Memory(0.0, "where the input is zero, in the target's unit")
+
+    kernel = kernels.conversion
+    examples = ({"target": "deg"},)
+
+    def configure(self):
+        self.target = canonical(self.target)
+        self.factor, self.offset = 1.0, 0.0
+
+    def output_units(self, u):
+        if u != units.ANY:
+            self.factor, self.offset = units.conversion(u, self.target)
+        return {"y": self.target}
+
+    def output_range(self, u):
+        return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
+
+
+def stack(*signals):
+    """Scalars, or vectors of one shape, along a new first axis: `stack(a, b, c)` of scalars is a vector (3,)."""
+    shape = next((signal.declaration.shape for signal in signals if isinstance(signal, Signal)), ())
+    return Stack(len(signals), shape=() if shape is ... else shape)(*signals)
+
+
+def plus(a, b, signs="++"):
+    return Sum(signs)(a, b)
+
+
+def times(signal, factor):
+    """A signal times another, or times a number without a unit."""
+    return Product()(signal, factor) if isinstance(factor, Signal) else Gain(factor)(signal)
+
+
+def over(dividend, divisor):
+    """A signal over a number is a gain of its reciprocal, so that the unit stays."""
+    if isinstance(divisor, Signal):
+        return Divide()(dividend, divisor)
+    if divisor == 0:
+        raise ZeroDivisionError(f"{dividend.path} / 0")
+    return Gain(1.0 / divisor)(dividend)
