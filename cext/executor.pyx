@@ -128,7 +128,7 @@ cdef class Executor:
         self.layout = NULL if page is None else page.layout
         self.rate, self.substeps, self.virtual, self.reader = rate, substeps, virtual, reader
         self.simulated = plant is not None or control.device_count == 0
-        self.period = <int64_t>(1e9 / rate + 0.5)
+        self.period = max(1, <int64_t>(1e9 / rate + 0.5))
 
     def run(self, int64_t ticks=-1, *, double fade=0.5, double arming_timeout=1.0, double stopping_timeout=0.2):
         """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
@@ -142,6 +142,9 @@ cdef class Executor:
         cdef int index, status
         cdef tuple unanswered = ()
         global caught
+        if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
+            raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
+                fade, arming_timeout, stopping_timeout))
         self.control.reset()
         if self.plant is not None:
             self.plant.reset()
@@ -305,7 +308,7 @@ cdef class Executor:
 
     cdef int arm(self, double timeout) noexcept nogil:
         """Zero-torque frames, one round a period, until every device has answered."""
-        cdef int64_t rounds = <int64_t>(timeout * self.rate) + 1
+        cdef int64_t rounds = <int64_t>min(timeout * self.rate, 1e15) + 1
         cdef int64_t round, now
         cdef int status = OK
         self.set_state(ARMING)
@@ -461,7 +464,7 @@ cdef class Executor:
 
     cdef void stop(self, double timeout) noexcept nogil:
         """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up."""
-        cdef int64_t step = min(self.period, 5000000)
+        cdef int64_t step = max(100000, min(self.period, 5000000))
         cdef int64_t now = self.now + self.period
         cdef int64_t waited = 0
         cdef Blame blame = self.control.failed                     # what fails from here on is not why

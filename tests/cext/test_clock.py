@@ -173,6 +173,20 @@ def test_the_grid_of_an_odd_rate_does_not_drift(rate):
     assert rig["b.passed"].tolist() == [1 / rate] * 1000
 
 
+@pytest.mark.parametrize("rate", [1e10, 1e300])
+def test_a_rate_beyond_every_clock_still_ends(rate):
+    rig = one_drive(lambda knee: 1.0, plant=False)
+    assert Executor(rig.control, rate, virtual=True).run(3, arming_timeout=1e-9).status == "no answer"
+
+
+def test_a_run_needs_no_page():
+    with Diagram("d", rate=RATE) as diagram:
+        Count(name="c")(1.0)
+    program = Program(compile(diagram))
+    assert Executor(program, RATE, virtual=True).run(30).tick == 29 and diagram["c"].count == 30
+    assert Executor(program, RATE).run(5).status == "ok"
+
+
 def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
     rig = one_drive(lambda knee: 1.0, virtual=False)
     outcome = rig.run(40)
