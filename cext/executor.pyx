@@ -118,8 +118,8 @@ cdef class Executor:
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
                  int reader=-1):
-        if not rate > 0.0:
-            raise ValueError("the rate must be above 0 Hz, not %r" % rate)
+        if not 0.0 < rate <= 1e9:
+            raise ValueError("the rate must be above 0 Hz and at most 1e9 Hz, as the grid is in ns, not %r" % rate)
         if substeps < 1:
             raise ValueError("the plant's rate must be a whole multiple of the diagram's")
         if page is not None and 16 * (3 + control.column_count) > <int64_t>page.layout.capacity:
@@ -128,7 +128,7 @@ cdef class Executor:
         self.layout = NULL if page is None else page.layout
         self.rate, self.substeps, self.virtual, self.reader = rate, substeps, virtual, reader
         self.simulated = plant is not None or control.device_count == 0
-        self.period = max(1, <int64_t>(1e9 / rate + 0.5))
+        self.period = <int64_t>(1e9 / rate + 0.5)
 
     def run(self, int64_t ticks=-1, *, double fade=0.5, double arming_timeout=1.0, double stopping_timeout=0.2):
         """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
