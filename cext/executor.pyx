@@ -118,8 +118,8 @@ cdef class Executor:
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
                  int reader=-1):
-        if not rate > 0.0:
-            raise ValueError("the rate must be above 0 Hz, not %r" % rate)
+        if not 0.0 < rate <= 1e9:
+            raise ValueError("the rate must be above 0 Hz and at most 1e9 Hz, as the grid is in ns, not %r" % rate)
         if substeps < 1:
             raise ValueError("the plant's rate must be a whole multiple of the diagram's")
         if page is not None and 16 * (3 + control.column_count) > <int64_t>page.layout.capacity:
@@ -142,6 +142,9 @@ cdef class Executor:
         cdef int index, status
         cdef tuple unanswered = ()
         global caught
+        if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
+            raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
+                fade, arming_timeout, stopping_timeout))
         self.control.reset()
         if self.plant is not None:
             self.plant.reset()
@@ -305,7 +308,7 @@ cdef class Executor:
 
     cdef int arm(self, double timeout) noexcept nogil:
         """Zero-torque frames, one round a period, until every device has answered."""
-        cdef int64_t rounds = <int64_t>(timeout * self.rate) + 1
+        cdef int64_t rounds = <int64_t>min(timeout * self.rate, 1e15) + 1
         cdef int64_t round, now
         cdef int status = OK
         self.set_state(ARMING)
@@ -461,7 +464,7 @@ cdef class Executor:
 
     cdef void stop(self, double timeout) noexcept nogil:
         """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up."""
-        cdef int64_t step = min(self.period, 5000000)
+        cdef int64_t step = max(100000, min(self.period, 5000000))
         cdef int64_t now = self.now + self.period
         cdef int64_t waited = 0
         cdef Blame blame = self.control.failed                     # what fails from here on is not why

@@ -33,9 +33,13 @@ class _Declaration:
 
 class _Port(_Declaration):
     def __init__(self, unit, description="", *, shape=(), dtype=float):
+        if shape is not ... and not (isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)):
+            raise TypeError(f"a shape is a tuple of lengths, as in (3,), or ..., not {shape!r}")
+        if dtype not in DTYPES:
+            raise TypeError(f"a dtype is float, int or bool, not {dtype!r}")
         self.unit = units.canonical(unit)
         self.description = description
-        self.shape = shape if shape is ... else tuple(shape)
+        self.shape = shape
         self.dtype = DTYPES[dtype]
 
     def __repr__(self):
@@ -398,6 +402,10 @@ class Block:
         except ValueError as error:
             message = str(error)
         raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
+
+    def __getattr__(self, name):                            # only for what is nowhere else
+        hint = "" if name.startswith("_") else suggestion(name, [*self.outputs, *self.inputs, *self.parameters])
+        raise AttributeError(f"{type(self).__name__} has no port or parameter {name!r}" + (f": {hint}" if hint else ""), name=name, obj=self)
 
     def __repr__(self):
         return f"<{type(self).__name__} {self.path}>"

@@ -245,6 +245,7 @@ def is_count(every):
 def is_number(value):
     """Whether a value can be wired as a constant: a number, or an array of numbers."""
     try:
-        return np.asarray(value).dtype.kind in "fiub"
+        array = np.asarray(value)
+        return array.dtype.kind in "fiub" and array.size > 0
     except ValueError:                                      # rows of unequal length
         return False

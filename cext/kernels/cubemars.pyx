@@ -100,6 +100,8 @@ cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *siz
             or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
         return -OUT_OF_LIMITS
     memset(&frames[0], 0, sizeof(Frame))
+    if not 0.0 <= share <= 1.0:
+        return -OUT_OF_LIMITS   # a share of NaN would be full torque
     frames[0].id = <uint32_t>arena[slots[CAN_ID]]
     frames[0].length = 8
     code = to_code(sign * share * torque, -wire[4], wire[4], 12)

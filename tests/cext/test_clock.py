@@ -173,6 +173,14 @@ def test_the_grid_of_an_odd_rate_does_not_drift(rate):
     assert rig["b.passed"].tolist() == [1 / rate] * 1000
 
 
+def test_a_run_needs_no_page():
+    with Diagram("d", rate=RATE) as diagram:
+        Count(name="c")(1.0)
+    program = Program(compile(diagram))
+    assert Executor(program, RATE, virtual=True).run(30).tick == 29 and diagram["c"].count == 30
+    assert Executor(program, RATE).run(5).status == "ok"
+
+
 def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
     rig = one_drive(lambda knee: 1.0, virtual=False)
     outcome = rig.run(40)
@@ -183,8 +191,8 @@ def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
     assert times == sorted(times)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan")])
-def test_a_rate_of_nothing_is_refused(rate):
+@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 2e9])
+def test_a_rate_that_no_clock_has_is_refused(rate):
     schedule = compile(Diagram("d", rate=1))
     with pytest.raises(ValueError, match="the rate must be above 0 Hz"):
         Executor(Program(schedule), rate)

@@ -1,5 +1,6 @@
 """Arming, running, the safe stop: what goes over the wire and what the outcome says, for every way in which a run can end."""
 
+import ctypes
 import math
 import sys
 
@@ -178,7 +179,36 @@ def test_blocks_start_at_the_present_measurement_and_those_without_a_steady_stat
     assert robot["before"].count == robot["behind"].count == 20
 
 
+@pytest.mark.parametrize("times", [{"fade": math.nan}, {"fade": -1.0}, {"arming_timeout": math.nan}, {"stopping_timeout": -0.1}])
+def test_times_of_a_run_are_zero_or_more(times):
+    rig = one_drive(lambda knee: 1.0)
+    with pytest.raises(ValueError, match="times of a run are 0 s or more"):
+        rig.run(10, **times)
+
+
+def test_a_run_that_waits_for_ever_for_its_devices_is_a_run():
+    rig = one_drive(lambda knee: 1.0)
+    assert rig.run(10, arming_timeout=math.inf, fade=math.inf).status == "ok"
+    assert abs(rig["knee.torque_sent"]).max() < 0.04
+
+
 # Faults
+
+
+def test_a_share_of_nan_is_a_fault_and_not_full_torque():
+    @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.c_void_p, ctypes.c_void_p)
+    def rogue(arena, slots, sizes):
+        arena[6] = math.nan if arena[1] == 5.0 else arena[6]
+        return 0
+
+    class Rogue(Block):
+        """A kernel that writes where it has no business."""
+
+        kernel = rogue
+
+    rig = one_drive(lambda knee: (Rogue(), 1.0)[1])
+    outcome = rig.run(20)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("out of limits", "knee", 5) and len(rig.commands()) == 5
 
 
 @pytest.mark.parametrize("tick", [0, 1, 30])

@@ -127,6 +127,28 @@ def test_an_update_is_held_to_the_same():
                 pass
 
 
+@pytest.mark.parametrize("shape", [3, [3], (0,), (-1,), (2.0,), "3", None])
+def test_a_shape_is_a_tuple_of_lengths(shape):
+    with pytest.raises(TypeError, match="a shape is a tuple of lengths, as in"):
+        Output("1", shape=shape)
+
+
+@pytest.mark.parametrize("dtype", [str, np.float64, "double", None])
+def test_a_dtype_is_one_of_three(dtype):
+    with pytest.raises(TypeError, match="a dtype is float, int or bool"):
+        Input("1", dtype=dtype)
+
+
+def test_a_misspelt_port_is_missed_with_a_suggestion():
+    with Diagram("d", rate=100):
+        impedance = Impedance()
+    with pytest.raises(AttributeError, match=r"Impedance has no port or parameter 'torqe': did you mean 'torque'\?"):
+        impedance.torqe
+    with pytest.raises(AttributeError, match=r"Impedance has no port or parameter 'xyz'$"):
+        impedance.xyz
+    assert not hasattr(impedance, "settle") and not hasattr(impedance, "__array__")
+
+
 @pytest.mark.parametrize("word", ["path", "width", "dt", "kernel", "inputs", "name", "every", "reset", "diagram"])
 def test_a_word_of_the_language_cannot_name_a_port_or_parameter(word):
     for declaration in (Param(1.0), Input("1"), Output("1"), Memory(0.0)):

@@ -135,7 +135,7 @@ def test_an_exception_in_a_with_leaves_no_scope_behind():
     assert Gain().diagram is None
 
 
-@pytest.mark.parametrize("source", [None, "1.0", "abc", object(), [1.0, [2.0]], 1j, {"a": 1}, math])
+@pytest.mark.parametrize("source", [None, "1.0", "abc", object(), [1.0, [2.0]], 1j, {"a": 1}, math, [], 10**400])
 def test_what_is_neither_signal_nor_number_is_not_wired(source):
     with Diagram("d", rate=100):
         gain = Gain(name="g")

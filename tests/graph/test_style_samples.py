@@ -2,9 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
-from graph import Block, Input, Output, Param, compile
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.models import Limb, WalkingKnee
+from graph import Block, Diagram, Input, Output, Param, compile
+from tests.cext.rigs import Rig, plant_of
 
 
 class Impedance(Block):
@@ -51,7 +56,7 @@ def test_the_impedance_of_the_style_page_agrees_with_the_native_one():
     assert page.step(0.1, 0.2, 0.3) == native.step(0.1, 0.2, 0.3) == pytest.approx(7.6, rel=1e-15)
 
 
-def test_the_sample_of_the_design_page_compiles_and_is_proved():
+def sample():
     from blocks.actuators import CubeMars
     from blocks.controllers import Impedance
     from blocks.filters import Butterworth
@@ -67,8 +72,42 @@ def test_the_sample_of_the_design_page_compiles_and_is_proved():
             knee(torque_command=TorqueLimiter(limit=12.0, slew=200.0)(torque))
         CsvRecorder()                                     # unwired: records every port
 
-    schedule = compile(diagram)
+    return diagram
+
+
+def test_the_sample_of_the_design_page_compiles_and_is_proved():
+    schedule = compile(sample())
     assert [step.name for step in schedule.output] == ["left/butterworth", "left/impedance", "left/torque_limiter"]
     assert all(proof.holds for proof in schedule.proofs) and schedule.warnings == [] and schedule.buses == ["legs"]
     assert [column.path for column in schedule.sinks[0].columns] == sorted(schedule.signals)
     assert "left/knee.torque_sent" in schedule.signals and schedule.gil_sections == 0
+
+
+def test_the_sample_of_the_design_page_runs_and_stays_inside_its_limiter():
+    robot = sample()
+    with Diagram("wearer", rate=1000) as plant:
+        drive, limb, walk = EmulatedCubeMars.of(robot["left/knee"]), Limb(), WalkingKnee()
+        limb(drive.torque, walk.angle, walk.velocity, walk.acceleration)
+        drive(limb.position, limb.velocity)
+    rig = Rig(robot, plant)
+    outcome = rig.run(1000)
+    assert outcome.status == "ok" and rig.statistics()["ticks"] == 1000
+    step = 2 * 65.0 / 4095                                # of the torque on the wire
+    assert np.abs(rig["left/torque_limiter.limited"]).max() <= 12.0
+    assert np.abs(rig["left/knee.torque_sent"]).max() <= 12.0 + step
+    assert np.abs(np.diff(rig["left/torque_limiter.limited"])).max() <= 200.0 / 200 * (1 + 1e-12)
+    position, velocity = rig["left/knee.position"], rig["left/butterworth.y"]
+    assert rig["left/impedance.torque"] == pytest.approx(-30.0 * position - velocity, abs=1e-9)
+    assert 0.5 < np.ptp(position) < 2.0                   # a knee that walks bends by about a radian
+
+
+def test_the_blocks_of_the_style_page_run_in_a_diagram():
+    with Diagram("d", rate=200) as diagram:
+        knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
+        torque = Impedance(stiffness=40.0)(knee.position, knee.velocity, 0.2)
+        knee(torque_command=TorqueLimiter(limit=5.0)(torque))
+        PeakHold(name="peak")(knee.torque_sent)
+    rig = Rig(diagram, plant_of(diagram))
+    assert rig.run(200).status == "ok"
+    before = np.concatenate(([0.0], rig["knee.torque_sent"][:-1]))             # what was sent is known at the end of the tick
+    assert rig["peak.y"].tolist() == np.maximum.accumulate(before).tolist() and rig["peak.y"][-1] > 1.0
