@@ -77,7 +77,8 @@ def test_commands_of_the_pages_run(tmp_path):
             words = [ROOT / file if "/" in file else file, *options, "--duration", "1", "--fast"]
         process = finished(*words, cwd=tmp_path)
         assert process.returncode == OK, f"{words}: {process.stderr}"
-    reader = subprocess.run([sys.executable, write(tmp_path, python_of(RUNNING)[1], "read.py")], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    script = write(tmp_path, python_of(RUNNING)[1], "read.py")
+    reader = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
 
 
@@ -92,8 +93,8 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
     [kernel] = re.findall(r"^```cython\n(.*?)^```", BLOCKS, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernel, "my_kernels.pyx")
     compiled = subprocess.run(
-        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT, env=environment(), capture_output=True,
-        text=True, timeout=120)
+        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT, env=environment(),
+        capture_output=True, text=True, timeout=120)
     assert compiled.returncode == 0, compiled.stderr
     write(tmp_path, python_of(BLOCKS)[2] + "\nprint(Square().step(3.0))\n", "square.py")
     process = subprocess.run([sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
