@@ -12,14 +12,18 @@ def main():
     """Check the house, then run the command line. Returns the exit code."""
     occupy_standard_streams()
     try:
-        trouble = house.trouble()
-        if trouble is None:
-            try:
-                from runtime.cli import main as command_line
-            except ImportError as error:
-                trouble = house.explain(error)
-    except KeyboardInterrupt:
+        return start()
+    except KeyboardInterrupt:                   # while still importing
         return INTERRUPTED
+
+
+def start():
+    trouble = house.trouble()
+    if trouble is None:
+        try:
+            from runtime.cli import main as command_line
+        except ImportError as error:
+            trouble = house.explain(error)
     if trouble is not None:
         print(f"tickwork: {trouble}", file=sys.stderr)
         return house.BAD_INPUT
@@ -27,7 +31,7 @@ def main():
 
 
 def occupy_standard_streams():
-    """Where standard input, output or error is closed, a file of ours would take its number, and be written to by whoever means the stream."""
+    """Where a standard stream is closed, a file of ours would take its number, and be written to by whoever means the stream."""
     spare = os.open(os.devnull, os.O_RDWR)
     while spare <= 2:
         spare = os.open(os.devnull, os.O_RDWR)

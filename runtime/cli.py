@@ -113,7 +113,8 @@ def parse_run(arguments):
 
     parser = Parser("run", "Run a diagram in simulation.")
     add_diagram(parser)
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="stop after S seconds (default: Ctrl-C)")
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
+                        help="stop after S seconds (default: Ctrl-C)")
     parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can (needs --duration)")
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--record", type=folder, metavar="DIR", help="folder of the recording (default: recordings)")
@@ -190,10 +191,13 @@ def check_command(arguments):
     schedule = prepare(Request(options.file, rate=options.rate, settings=[setting(s) for s in options.settings])).schedule
     steps = schedule.output + schedule.update
     python = sum(step.kernel is None for step in steps)
-    lines = [f"{schedule.name}: {schedule.rate:g} Hz, {len(steps)} steps a tick, {f'{python} of them in Python' if python else 'all of them native'}"]
+    kinds = f"{python} of them in Python" if python else "all of them native"
+    lines = [f"{schedule.name}: {schedule.rate:g} Hz, {len(steps)} steps a tick, {kinds}"]
     for proof in schedule.proofs:
         if proof.bounded_by != "a constant":
-            lines.append(f"  {proof.path}.{proof.port} stays in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; its limit is {proof.limit} {proof.unit}")
+            lines.append(
+                f"  {proof.path}.{proof.port} stays in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; "
+                f"its limit is {proof.limit} {proof.unit}")
     tell([*lines, *map(str, schedule.warnings)])
     return OK
 
@@ -202,7 +206,8 @@ def bench_command(arguments):
     from runtime.bench import bench
 
     parser = Parser("bench", "Measure ticks and blocks on this machine.")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.2, metavar="S", help="of each measurement (default 0.2)")
+    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.2, metavar="S",
+                        help="of each measurement (default 0.2)")
     parser.add_argument("--repeats", type=count("--repeats"), default=9, metavar="N", help="measurements of each row (default 9)")
     options = parser.parse_args(arguments)
     tell(bench(options.seconds, options.repeats))

@@ -64,7 +64,8 @@ def circumstances(outcome, diagram, schedule, program, block):
     if outcome.status == "out of limits":
         for name, limit in block.command_limits().items():
             if inputs.get(name) not in limit:
-                lines.append(f"{name} = {inputs[name]:g} is outside {limit} {block.inputs[name].unit}: some block upstream promises a range it does not keep")
+                unit = block.inputs[name].unit
+                lines.append(f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream promises a range it does not keep")
     if outcome.status == "not finite":
         source = origin(diagram, schedule, program.values, block)
         if source is not None:

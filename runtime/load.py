@@ -103,7 +103,8 @@ def execute(path):
     It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a library.
     """
     if path.is_dir():
-        raise BadInput(f"{path} is a folder: name a diagram file in it, such as {next(iter(sorted(path.glob('*.py'))), path / 'knee_exo.py')}")
+        example = min(path.glob("*.py"), default=path / "knee_exo.py")
+        raise BadInput(f"{path} is a folder: name a diagram file in it, such as {example}")
     if not path.exists():
         raise BadInput(f"there is no file {path}" + near_miss(path))
     if path.suffix != ".py":
@@ -177,7 +178,7 @@ def exception(path, error):
 
 
 def own_frames(path, error):
-    """The part of a traceback that lies in the user's code: in the folder of the diagram file if any does, but not in Tickwork or a library."""
+    """The part of a traceback that lies in the user's code, not in Tickwork or a library: in the diagram file's folder, if any does."""
     folder = os.path.dirname(os.path.abspath(path)) + os.sep
     own = [frame for frame in traceback.extract_tb(error.__traceback__)
            if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename]
@@ -194,7 +195,8 @@ def import_hint(path, error):
     """The cure for an import that failed: the name meant, or the neighbour that a library hides."""
     module = sys.modules.get(error.name or "")
     neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
-    if module is not None and neighbour.exists() and os.path.realpath(getattr(module, "__file__", None) or "") != os.path.realpath(neighbour):
+    file = getattr(module, "__file__", None) or ""
+    if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
         return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
     wanted = re.match(r"cannot import name '(\w+)'", str(error))
     return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""

@@ -27,7 +27,8 @@ def summary(result):
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
     how = "simulated" if schedule.devices else "no devices"
-    rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}{', in virtual time' if result.request.fast else ''}"]
+    how += ", in virtual time" if result.request.fast else ""
+    rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
     def row(label, text):
         rows.append(f"  {label:<12}{text}")
@@ -62,14 +63,17 @@ def timing(result, passed):
     if not late["count"]:
         return
     if result.request.fast:
+        waited = statistics["waited_for_recorder"]
         yield "speed", (
             f"{passed / rate / result.seconds:.0f} times real time: {micro(statistics['busy'] / statistics['ticks'])} a tick"
-            + (f", {statistics['waited_for_recorder']:.1f} s of waiting for the recorder" if statistics["waited_for_recorder"] > 0.05 else ""))
+            + (f", {waited:.1f} s of waiting for the recorder" if waited > 0.05 else ""))
         return
     yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
     yield "late by", (
-        f"{micro(late['p50'])} median, {micro(late['p99'])} p99, {micro(late['p99.9'])} p99.9, {micro(late['max'])} at most (tick {late['max_at_tick']})")
-    yield "load", f"{100 * statistics['busy'] * rate / passed:.2f} % of the time inside ticks, {micro(statistics['execution']['p99'])} a tick at p99"
+        f"{micro(late['p50'])} median, {micro(late['p99'])} p99, {micro(late['p99.9'])} p99.9, "
+        f"{micro(late['max'])} at most (tick {late['max_at_tick']})")
+    share, long = statistics["busy"] * rate / passed, statistics["execution"]["p99"]
+    yield "load", f"{100 * share:.2f} % of the time inside ticks, {micro(long)} a tick at p99"
 
 
 def buses_text(buses, frames):

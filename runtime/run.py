@@ -2,7 +2,9 @@
 
 import json
 import os
+import signal
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -99,12 +101,23 @@ def run(prepared):
     try:
         outcome = executor.run(prepared.ticks)
     finally:
-        seconds = time.monotonic() - began
-        if outcome is not None:
-            tell(page, ending(outcome), recorder)
-        page.close()
-        recording = recorder.finish()
+        with undisturbed():
+            seconds = time.monotonic() - began
+            if outcome is not None:
+                tell(page, ending(outcome), recorder)
+            page.close()
+            recording = recorder.finish()
     return Result(**vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control)
+
+
+@contextmanager
+def undisturbed():
+    """A second Ctrl-C does not tear the end of a recording."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def adapt(diagram, request):

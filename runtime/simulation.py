@@ -30,7 +30,8 @@ class Simulation:
             self.plant = plant = compiled(file.path if self.given else robot.name, diagram)
             strangers = [name for name in plant.buses if name not in self.buses]
             if strangers:
-                raise BadInput(f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {', '.join(self.buses) or 'none'}")
+                known = ", ".join(self.buses) or "none"
+                raise BadInput(f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {known}")
             self.program = Program(plant, [self.buses[name].device for name in plant.buses])
 
     def ends(self):
@@ -42,7 +43,8 @@ def substeps(robot, plant):
     ratio = plant.rate / robot.rate
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise BadInput(
-            f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: make it `rate=5 * robot.rate`")
+            f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: "
+            f"make it `rate=5 * robot.rate`")
     return round(ratio)
 
 

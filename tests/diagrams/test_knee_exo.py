@@ -92,7 +92,7 @@ def test_what_is_sent_is_what_was_let_through_after_the_fade(walked, side):
     share = np.minimum(walked.time / FADE, 1.0)
     sent = walked[f"{side}/knee.torque_sent"]
     assert np.max(np.abs(sent - share * walked[f"{side}/torque_limiter.limited"])) <= TORQUE_STEP
-    np.testing.assert_array_equal(walked[f"{side}/knee.torque"][1:], sent[:-1])      # the emulated drive gives what it was told a tick before
+    np.testing.assert_array_equal(walked[f"{side}/knee.torque"][1:], sent[:-1])      # the drive gives what it was told a tick before
 
 
 @pytest.mark.parametrize("side", SIDES)

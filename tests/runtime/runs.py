@@ -154,7 +154,8 @@ class Files:
         pattern = re.compile(r"\((\d+\.\d{6})\) (\w+) ([0-9A-F]{3})#([0-9A-F]*) ([RT])")
         matches = [pattern.fullmatch(line) for line in self.one(".can.log").read_text().splitlines()]
         assert all(matches)
-        return [(float(time), bus, int(identifier, 16), data, way == "T") for time, bus, identifier, data, way in map(re.Match.groups, matches)]
+        parts = map(re.Match.groups, matches)
+        return [(float(time), bus, int(identifier, 16), data, way == "T") for time, bus, identifier, data, way in parts]
 
     def sent(self, can_id):
         """Data of the frames that we sent to one id, in their order."""

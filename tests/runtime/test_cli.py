@@ -40,7 +40,9 @@ def test_a_mistyped_command_is_suggested(command_line, word, meant):
     assert command_line.refused(word) == f"there is neither a command nor a file {word!r}; did you mean {meant!r}?"
 
 
-@pytest.mark.parametrize("word, meant", [("--durration", "--duration"), ("--dur", "--duration"), ("--recrod", "--record"), ("--plotjugler", "--plotjuggler")])
+@pytest.mark.parametrize("word, meant", [
+    ("--durration", "--duration"), ("--dur", "--duration"), ("--recrod", "--record"), ("--plotjugler", "--plotjuggler"),
+])
 def test_a_mistyped_option_is_suggested_and_never_completed(command_line, word, meant):
     complaint = command_line.refused(KNEE_EXO, word, "1", "--duration", "1")
     assert complaint.startswith(f"there is no option {word}; did you mean {meant!r}?") and complaint.endswith(LISTS)
@@ -115,8 +117,9 @@ def test_a_setting_of_an_impossible_value(command_line, setting, words):
 
 
 def test_a_setting_that_the_file_refuses_has_the_line(command_line):
+    line = line_of(KNEE_EXO, "TorqueProfile(")
     assert command_line.refused(KNEE_EXO, "--set", "assistance=3") == (
-        f"{KNEE_EXO}:{line_of(KNEE_EXO, 'TorqueProfile(')}: error TW010 wrong parameter: TorqueProfile: scale: must be at most 1.0, got 3.0\n"
+        f"{KNEE_EXO}:{line}: error TW010 wrong parameter: TorqueProfile: scale: must be at most 1.0, got 3.0\n"
         "    share of the profile that is applied")
 
 
@@ -193,7 +196,8 @@ def test_a_plant_on_an_unknown_bus(command_line):
 def test_a_plant_that_does_not_compile(command_line):
     path = write(command_line.folder, KNEE.format(law="return 0.0") + PLANT.replace("(position=0.0, velocity=0.0)", "(position=0.0)"))
     complaint = command_line.refused("robot.py", "--duration", "1", code=CHECK_FAILED)
-    assert complaint.startswith(f"robot.py:{line_of(path, 'EmulatedCubeMars(')}: error TW001 unconnected input: emulated_cube_mars.velocity")
+    line = line_of(path, "EmulatedCubeMars(")
+    assert complaint.startswith(f"robot.py:{line}: error TW001 unconnected input: emulated_cube_mars.velocity")
 
 
 def test_check_says_what_was_proved(command_line):
@@ -216,7 +220,8 @@ def test_check_refuses_what_a_run_would_refuse(command_line):
 
 
 def test_warnings_are_told_and_do_not_keep_a_run_from_starting(command_line):
-    path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", "    Law(name='idle')(knee.position, knee.velocity)"))
+    idle = "    Law(name='idle')(knee.position, knee.velocity)"
+    path = write(command_line.folder, KNEE.format(law="return 0.0").replace("    CsvRecorder()", idle))
     code, out, err = command_line("check", "robot.py")
     assert code == OK and f"robot.py:{line_of(path, 'idle')}: warning TW020" in out
     code, out, err = command_line("robot.py", "--fast", "--duration", "1")
@@ -229,8 +234,10 @@ def test_bench_refuses_impossible_numbers(command_line):
         assert command_line.refused("bench", f"--repeats={repeats}") == f"--repeats {repeats}: expected a whole number, 1 or more"
 
 
-@pytest.mark.parametrize("words, code", [([KNEE_EXO, "--rate", "0"], BAD_INPUT), (["nothing.py"], BAD_INPUT), ([KNEE_EXO, "--record", "/proc"], BAD_INPUT),
-                                         ([KNEE_EXO, "--set", "left/torque_limiter.limit=30"], CHECK_FAILED), (["--help"], OK)])
+@pytest.mark.parametrize("words, code", [
+    ([KNEE_EXO, "--rate", "0"], BAD_INPUT), (["nothing.py"], BAD_INPUT), ([KNEE_EXO, "--record", "/proc"], BAD_INPUT),
+    ([KNEE_EXO, "--set", "left/torque_limiter.limit=30"], CHECK_FAILED), (["--help"], OK),
+])
 def test_a_real_process_ends_with_the_same_codes(tmp_path, words, code):
     process = finished(*words, cwd=tmp_path)
     assert process.returncode == code
@@ -255,8 +262,8 @@ def test_the_console_script_is_the_same(tmp_path):
     knee(tmp_path)
     script = write(tmp_path, "import sys\nfrom runtime.__main__ import main\nsys.exit(main())\n", "tickwork")
     process = subprocess.run(
-        [sys.executable, script, "robot.py", "--fast", "--duration", "0.5", "--no-record"], cwd=tmp_path, env=environment(), capture_output=True,
-        text=True, timeout=60)
+        [sys.executable, script, "robot.py", "--fast", "--duration", "0.5", "--no-record"], cwd=tmp_path, env=environment(),
+        capture_output=True, text=True, timeout=60)
     assert process.returncode == OK, process.stderr
     assert "tickwork check robot.py" in process.stdout
 
@@ -293,7 +300,8 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
     """No file of ours may get the number of a stream: whoever writes to standard error would write into it."""
     knee(tmp_path)
     process = subprocess.run(
-        ["sh", "-c", f"exec {sys.executable} -m runtime robot.py --fast --duration 1 0<&- 1>&- 2>&-"], cwd=tmp_path, env=environment(), timeout=60)
+        ["sh", "-c", f"exec {sys.executable} -m runtime robot.py --fast --duration 1 0<&- 1>&- 2>&-"], cwd=tmp_path, env=environment(),
+        timeout=60)
     assert process.returncode == OK
     assert len(list((tmp_path / "recordings").iterdir())) == 3
 

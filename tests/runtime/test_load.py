@@ -210,14 +210,16 @@ def test_build_with_a_parameter_that_has_no_value(tmp_path, refused):
     path = write(tmp_path, BUILD.format(parameters="amplitude", before="pass"))
     line = line_of(path, "def build")
     assert refused("robot.py") == (
-        f"robot.py:{line}: build() cannot be called: missing a required argument: 'amplitude'; give it a default, or a value with --set NAME=VALUE")
+        f"robot.py:{line}: build() cannot be called: missing a required argument: 'amplitude'; "
+        "give it a default, or a value with --set NAME=VALUE")
     assert load(path, [("amplitude", "3")])[1]["sine"].amplitude == 3.0
 
 
 def test_plant_that_does_not_take_the_robot(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant():\n    pass\n")
     line = line_of(path, "def plant")
-    assert refused("robot.py") == f"robot.py:{line}: plant() cannot be called: too many positional arguments; a plant is made as plant(robot)"
+    assert refused("robot.py") == (
+        f"robot.py:{line}: plant() cannot be called: too many positional arguments; a plant is made as plant(robot)")
 
 
 def test_a_diagram_without_blocks(tmp_path, refused):
@@ -243,8 +245,9 @@ def test_a_diagram_that_does_not_compile_is_no_bad_input(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0").replace("TorqueLimiter(limit=5.0)(torque)", "torque").replace(
         "knee.position, knee.velocity", "knee.position"))
     complaint = refused("robot.py", code=CHECK_FAILED)
-    assert f"robot.py:{line_of(path, 'Law(name=')}: error TW001 unconnected input: law.velocity" in complaint
-    assert f"robot.py:{line_of(path, 'knee(torque_command')}: error TW007 command not provably inside its limit: knee.torque_command" in complaint
+    unwired, unbounded = line_of(path, "Law(name="), line_of(path, "knee(torque_command")
+    assert f"robot.py:{unwired}: error TW001 unconnected input: law.velocity" in complaint
+    assert f"robot.py:{unbounded}: error TW007 command not provably inside its limit: knee.torque_command" in complaint
     assert complaint.endswith("tickwork: 2 errors; nothing was armed")
 
 

@@ -61,7 +61,8 @@ def test_the_clock_is_told_in_real_time_only(walked, tmp_path):
 
 
 def test_a_plant_that_the_file_does_not_have_is_told(tmp_path):
-    assert "  plant       the file has none: every device is emulated, each actuator turns a free inertia" in report.summary(carry_out(knee(tmp_path)))
+    lines = report.summary(carry_out(knee(tmp_path)))
+    assert "  plant       the file has none: every device is emulated, each actuator turns a free inertia" in lines
 
 
 def test_speed_is_by_the_wall_clock(walked):
@@ -70,13 +71,15 @@ def test_speed_is_by_the_wall_clock(walked):
     assert int(line.split()[1]) == round(10.0 / walked.seconds)
 
 
-@pytest.mark.parametrize("seconds, text", [(4e-7, "0.4 µs"), (9.94e-6, "9.9 µs"), (2e-5, "20 µs"), (9.994e-4, "999 µs"), (1.5e-3, "1.5 ms"), (0.25, "250.0 ms")])
+@pytest.mark.parametrize("seconds, text", [
+    (4e-7, "0.4 µs"), (9.94e-6, "9.9 µs"), (2e-5, "20 µs"), (9.994e-4, "999 µs"), (1.5e-3, "1.5 ms"), (0.25, "250.0 ms"),
+])
 def test_durations_have_a_fitting_unit(seconds, text):
     assert report.micro(seconds) == text
 
 
 def test_strides_in_words():
-    stride = {"title": "left", "strides": 1, "left_out": 2, "stride_time": 1.104, "peak_torque": 9.21, "positive_work": 3.456, "negative_work": -4.0}
+    stride = {"strides": 1, "left_out": 2, "stride_time": 1.104, "peak_torque": 9.21, "positive_work": 3.456, "negative_work": -4.0}
     assert report.stride_text(stride) == (
         "1 stride of 1.10 s (2 left out); peak torque 9.2 N·m; positive work 3.46 J a stride, negative -4.00 J")
     assert report.stride_text(stride | {"strides": 0, "left_out": 0}) == "no whole stride; peak torque 9.2 N·m"
@@ -87,7 +90,8 @@ def test_three_things_to_try_next(walked, tmp_path):
     assert lines[0] == "try next" and len(lines) == 4
     assert f"  change a parameter: tickwork {KNEE_EXO} --duration 10 --set left/profile.scale=0.5" in lines
     lines = report.hints(carry_out(knee(tmp_path)), "python -m runtime")
-    assert lines[1:] == [f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}", "  measure this machine: python -m runtime bench"]
+    assert lines[1:] == [
+        f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}", "  measure this machine: python -m runtime bench"]
 
 
 def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():

@@ -12,7 +12,8 @@ import psutil
 import pytest
 
 from tests.runtime.runs import (
-    DISABLE, ENABLE, KNEE_EXO, NOTHING, TORQUE_STEP, Files, Listener, assert_safely_stopped, environment, finished, knee, line_of, started, torque_of,
+    DISABLE, ENABLE, KNEE_EXO, NOTHING, TORQUE_STEP, Files, Listener, assert_safely_stopped, environment, finished, knee, line_of, started,
+    torque_of,
 )
 
 RATE = 200.0
@@ -48,8 +49,10 @@ def test_columns_say_what_they_are(walked):
     header = walked[1].header
     assert header[:2] == ["time [s]", "tick"]
     for side in SIDES:
-        for name in ("knee.position [rad]", "knee.velocity [rad/s]", "knee.torque [N*m]", "knee.temperature [degC]", "knee.age [s]", "knee.fault",
-                     "torque_limiter.limited [N*m]", "gait_phase.phase", "butterworth.y [rad/s]", "profile.torque [N*m]", "knee.torque_sent [N*m]"):
+        for name in (
+            "knee.position [rad]", "knee.velocity [rad/s]", "knee.torque [N*m]", "knee.temperature [degC]", "knee.age [s]", "knee.fault",
+            "torque_limiter.limited [N*m]", "gait_phase.phase", "butterworth.y [rad/s]", "profile.torque [N*m]", "knee.torque_sent [N*m]",
+        ):
             assert f"{side}/{name}" in header
     assert len(header) == len(set(header)) and ",".join(header).isascii()
 
@@ -174,7 +177,8 @@ def test_an_exception_in_a_block_at_tick_100(tmp_path):
     assert process.returncode == 3
     assert lines[0] == "FAULT at law, tick 100 (0.5 s): its step raised an exception"
     assert re.fullmatch(r"  its inputs: position = -?[\d.e-]+, velocity = -?[\d.e-]+", lines[1])
-    assert lines[2] == f"  robot.py:{line_of(path, 'self.trouble(position)')} in step: return self.trouble(position) if tick == 100 else 1.5 * math.sin(t)"
+    line = line_of(path, "self.trouble(position)")
+    assert lines[2] == f"  robot.py:{line} in step: return self.trouble(position) if tick == 100 else 1.5 * math.sin(t)"
     assert lines[3] == f"  robot.py:{line_of(path, 'return {}')} in trouble: return {{}}['gain']"
     assert lines[4] == "  KeyError: 'gain'"
     assert "Traceback" not in process.stderr and "executor" not in process.stderr
@@ -221,7 +225,9 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "8", "--no-record", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
     assert list(tmp_path.iterdir()) == []
-    assert re.search(r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J a stride, negative -\d\.\d\d J", process.stdout)
+    assert re.search(
+        r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J a stride, negative -\d\.\d\d J\n",
+        process.stdout)
     assert "files" not in process.stdout
 
 
@@ -266,7 +272,8 @@ class Terminal:
         self.pid, self.descriptor = pty.fork()
         if self.pid == 0:
             os.chdir(cwd)
-            os.execvpe(sys.executable, [sys.executable, "-m", "runtime", *map(str, arguments)], environment(TERM="xterm-256color", LC_ALL="C.UTF-8"))
+            command = [sys.executable, "-m", "runtime", *map(str, arguments)]
+            os.execvpe(sys.executable, command, environment(TERM="xterm-256color", LC_ALL="C.UTF-8"))
         self.text = ""
 
     def read_until(self, pattern, timeout=30.0):
@@ -309,7 +316,7 @@ def test_ctrl_c_at_a_terminal_stops_safely(tmp_path):
     """The key reaches the whole foreground group, and yet only the controller: the recorder finishes its files."""
     terminal = Terminal(KNEE_EXO, cwd=tmp_path)
     terminal.read_until(r"running.* 0\.[3-9] s")
-    terminal.press(b"\x03")
+    terminal.press(b"\x03\x03\x03")                                   # impatience must not tear the end of the recording
     terminal.read_until(None)
     assert terminal.code() == 130
     screen = "\n".join(screen_of(terminal.text))

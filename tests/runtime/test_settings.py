@@ -12,8 +12,8 @@ from tests.runtime.runs import KNEE_EXO
 
 @pytest.mark.parametrize("default, text, value", [
     (1.0, "2", 2.0), (1.0, "-1e-3", -1e-3), (3, "4", 4), (3, "+4", 4), (3, "4.5", 4.5), (True, "false", False), (True, "No", False),
-    (False, "1", True), (False, "YES", True), ("walk", "12", "12"), ("", "", ""), ("", "a=b", "a=b"), (None, "12", 12), (None, "walk", "walk"),
-    (None, "(1.0, 2.0)", (1.0, 2.0)), ((0.0,), "[1, 2]", [1, 2]),
+    (False, "1", True), (False, "YES", True), ("walk", "12", "12"), ("", "", ""), ("", "a=b", "a=b"), (None, "12", 12),
+    (None, "walk", "walk"), (None, "(1.0, 2.0)", (1.0, 2.0)), ((0.0,), "[1, 2]", [1, 2]),
 ])
 def test_a_text_becomes_what_the_default_is(default, text, value):
     found = parse_like(default, "name", text)

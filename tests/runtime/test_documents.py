@@ -1,0 +1,107 @@
+"""What README and docs show is what happens."""
+
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+
+import pytest
+
+from runtime.errors import CHECK_FAILED, OK
+from tests.runtime.runs import ROOT, environment, finished, write
+
+README, RUNNING, BLOCKS = ((ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md"))
+
+
+def python_of(text):
+    """Every block of Python in a page."""
+    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+
+
+def shown_after(text, words):
+    """The lines of the first indented block behind these words."""
+    lines = []
+    for line in text[text.index(words) :].splitlines():
+        if line.startswith("    ") or (not line and lines):
+            lines.append(line[4:])
+        elif lines:
+            break
+    return "\n".join(lines).rstrip().splitlines()
+
+
+def without_numbers(lines):
+    """Lines with numbers, their units of time and the width they take left open."""
+    return [re.sub(r"\s+", " ", re.sub(r"\d+(?:[.\d]|e[+-]\d)*", "#", line)).replace("µs", "s").replace("ms", "s") for line in lines]
+
+
+@pytest.fixture
+def sample(tmp_path):
+    """The diagram of the README, as knee.py."""
+    return write(tmp_path, python_of(README)[0], "knee.py")
+
+
+def test_the_readmes_diagram_prints_what_the_readme_shows(sample):
+    process = finished("knee.py", "--duration", "0.5", cwd=sample.parent)
+    assert (process.returncode, process.stderr) == (OK, "")
+    shown = shown_after(README, "Saved as `knee.py`")
+    assert len(python_of(README)[0].splitlines()) <= 17
+    assert without_numbers(process.stdout.splitlines()) == without_numbers(shown)
+
+
+def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
+    write(sample.parent, sample.read_text().replace("TorqueLimiter(limit=12.0, slew=200.0)(torque)", "torque"), "unlimited.py")
+    process = finished("unlimited.py", "--duration", "0.5", cwd=sample.parent)
+    assert (process.returncode, process.stdout) == (CHECK_FAILED, "")
+    assert process.stderr.splitlines() == shown_after(README, "Leave the limiter out")
+
+
+def test_the_readmes_bench_has_the_shape_of_the_real_one(command_line):
+    code, out, err = command_line("bench", "--seconds", "0.002")
+    assert (code, err) == (OK, "")
+    assert without_numbers(out.splitlines()) == without_numbers(shown_after(README, "measures this machine"))
+
+
+def test_commands_of_the_pages_run(tmp_path):
+    """Every line that starts a diagram, in virtual time and shorter; what is there to be read then is read by the page's own script."""
+    write(tmp_path, python_of(RUNNING)[0], "hold.py")
+    commands = [line.split("#")[0].split()[3:] for line in (README + RUNNING).splitlines() if line.startswith("    python -m runtime ")]
+    assert len(commands) >= 7
+    for file, *options in ([word for word in words if word != "--fast"] for words in commands):
+        if file == "check":
+            words = [file, *options]
+        else:
+            if "--duration" in options:
+                where = options.index("--duration")
+                del options[where : where + 2]
+            words = [ROOT / file if "/" in file else file, *options, "--duration", "1", "--fast"]
+        process = finished(*words, cwd=tmp_path)
+        assert process.returncode == OK, f"{words}: {process.stderr}"
+    script = write(tmp_path, python_of(RUNNING)[1], "read.py")
+    reader = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
+
+
+def test_the_block_of_the_page_works_as_written():
+    namespace = {}
+    exec("\n".join(python_of(BLOCKS)[:2]), namespace)
+    assert namespace["hold"].step(3.0) == 3.0
+
+
+@pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
+def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
+    [kernel] = re.findall(r"^```cython\n(.*?)^```", BLOCKS, re.DOTALL | re.MULTILINE)
+    path = write(tmp_path, kernel, "my_kernels.pyx")
+    compiled = subprocess.run(
+        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT, env=environment(),
+        capture_output=True, text=True, timeout=120)
+    assert compiled.returncode == 0, compiled.stderr
+    write(tmp_path, python_of(BLOCKS)[2] + "\nprint(Square().step(3.0))\n", "square.py")
+    process = subprocess.run([sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+    assert process.stdout == "9.0\n", process.stderr
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md"])
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text()):
+        assert ((ROOT / page).parent / target).exists(), target
