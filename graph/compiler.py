@@ -27,6 +27,14 @@ NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before
 
 def compile(diagram):
     """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
+    compilation = examine(diagram)
+    if compilation.errors:
+        raise DiagramError(compilation.errors)
+    return compilation.schedule()
+
+
+def examine(diagram):
+    """Check a diagram and sort it. Returns the Compilation, for those who tell or draw what it found; raises nothing that is wrong."""
     compilation = Compilation(diagram)
     for check in (
         compilation.check_names,
@@ -46,10 +54,7 @@ def compile(diagram):
         compilation.check_use,
     ):
         check()
-    errors = [d for d in compilation.diagnostics if d.severity == "error"]
-    if errors:
-        raise DiagramError(sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0)))
-    return compilation.schedule()
+    return compilation
 
 
 class Compilation:
@@ -71,6 +76,12 @@ class Compilation:
     def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
         place = where or (block.location if block is not None else None)
         self.diagnostics.append(Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity))
+
+    @property
+    def errors(self):
+        """What forbids a schedule, in the order of the user's lines."""
+        errors = [d for d in self.diagnostics if d.severity == "error"]
+        return sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0))
 
     def attempt(self, block, hook, *arguments, **named):
         """Call a hook of a block's author. What it raises as ValueError is reported, once, and None comes back."""
