@@ -326,6 +326,7 @@ class Compilation:
 
     def check_use(self):
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
+        used |= {condition.block for block in self.blocks for condition in block.conditions}
         if any(isinstance(block, Sink) and block not in self.taps for block in self.blocks):
             return
         for block in self.blocks:
