@@ -22,6 +22,14 @@ NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before
 
 def compile(diagram):
     """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
+    compilation = examine(diagram)
+    if compilation.errors:
+        raise DiagramError(compilation.errors)
+    return assemble(compilation)
+
+
+def examine(diagram):
+    """Check a diagram and sort it. Returns the Compilation, for those who tell or draw what it found; raises nothing that is wrong."""
     compilation = Compilation(diagram)
     for check in (
         compilation.check_names,
@@ -42,10 +50,7 @@ def compile(diagram):
         compilation.check_use,
     ):
         check()
-    errors = [d for d in compilation.diagnostics if d.severity == "error"]
-    if errors:
-        raise DiagramError(sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0)))
-    return assemble(compilation)
+    return compilation
 
 
 class Compilation:
@@ -67,6 +72,12 @@ class Compilation:
     def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
         place = where or (block.location if block is not None else None)
         self.diagnostics.append(Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity))
+
+    @property
+    def errors(self):
+        """What forbids a schedule, in the order of the user's lines."""
+        errors = [d for d in self.diagnostics if d.severity == "error"]
+        return sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0))
 
     def attempt(self, block, hook, *arguments, **named):
         """Call a hook of a block's author. What it raises as ValueError is reported, once, and None comes back."""
@@ -295,13 +306,15 @@ class Compilation:
         proof = Proof(block.path, name, unit, interval, limit, bounded_by)
         self.proofs.append(proof)
         if not proof.holds:
-            what = f"can reach {interval} {unit}" if interval.bounded else "is not bounded by anything"
-            self.report("TW007", f"{what}{self.origin(source)}, and the limit is {limit} {unit} ({block.rating()})", block, name,
+            what = source.path if isinstance(source, Signal) else f"{float(source):g} {unit}"
+            what += f" can reach {interval} {unit}" if interval.bounded else " is not bounded by anything"
+            self.report("TW007", f"{what}, and the limit is {limit} {unit} ({block.rating()})", block, name,
                         self.where(block, name), f"put a limiter last, as in {block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
                         if unit == "N·m" else "put a Saturation last, in front of the actuator")
 
     def check_use(self):
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
+        used |= {condition.block for block in self.blocks for condition in block.conditions}
         if any(isinstance(block, Sink) and block not in self.taps for block in self.blocks):
             return
         for block in self.blocks:

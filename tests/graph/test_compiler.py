@@ -253,6 +253,13 @@ def test_a_block_that_nobody_uses_is_a_warning_unless_everything_is_recorded():
     assert compile(diagram).warnings == []
 
 
+def test_a_block_that_enables_a_subsystem_is_used():
+    with Diagram("d", rate=100) as diagram:
+        with subsystem("assist", enabled=StepSource(name="switch")()):
+            Gain(name="lonely")(1.0)
+    assert [warning.path for warning in compile(diagram).warnings] == ["assist/lonely"]
+
+
 def test_a_sink_that_is_wired_takes_its_signals_with_their_labels_and_no_others():
     with Diagram("d", rate=100) as diagram:
         sine = Sine().y

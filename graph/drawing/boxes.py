@@ -1,0 +1,77 @@
+"""What is written on a box, and how large that makes it."""
+
+import math
+from dataclasses import dataclass
+
+from graph.diagram import Signal
+from graph.drawing import cards
+from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
+
+WIDEST, DETAILS = 260.0, 4          # px of a box; parameters shown on it
+
+
+@dataclass(eq=False)
+class Plan:
+    """A block's box before it has a place. left, right : y of each port from the top. labels, notes : what is written beside a port."""
+
+    block: object
+    title: str
+    subtitle: str
+    details: tuple
+    left: dict
+    right: dict
+    labels: dict
+    notes: dict
+    wrong: tuple
+    wrong_ports: frozenset
+    width: float
+    height: float
+
+
+def plan(block, found, all_ports, links, every):
+    """The Plan of a block's box.
+
+    found : graph.compiler.Compilation
+    all_ports : show ports that nothing is wired to as well
+    links : the Links of its level
+    every : how often what stands around it runs
+    """
+    diagnostics = [d for d in found.diagnostics if d.path == block.path]
+    wrong_ports = frozenset(d.port for d in diagnostics if d.port and d.severity == "error")
+    inputs = {link.target[1]: None for link in links if link.target[0] is block}
+    outputs = {link.source[1]: None for link in links if link.source[0] is block}
+    constants = {wire.port: wire.source for wire in found.diagram.wires if wire.block is block and not isinstance(wire.source, Signal)}
+    left = [name for name in block.inputs if all_ports or name in inputs or name in constants or name in wrong_ports]
+    left += [name for name in inputs if name not in block.inputs]
+    right = [name for name in block.outputs if all_ports or name in outputs]
+    labels = {name: name if isinstance(name, str) else "enabled" for name in left + right}
+    notes = {name: f"= {cards.quantity(value, '1') if not hasattr(value, '__len__') else 'array'}" for name, value in constants.items()}
+
+    kind = type(block).__name__
+    name = block.path.rpartition("/")[2]
+    named = name != cards.snake_case(kind)
+    details = [f"every {block.every} ticks"] if block.every != every else []
+    details += [f"{card['name']} {card['value']}" for card in cards.parameter_cards(block) if card["own"]]
+    if block.variadic and not inputs:
+        details.insert(0, "takes every port")
+    if len(details) > DETAILS:
+        details = details[: DETAILS - 1] + [f"and {len(details) - DETAILS + 1} more"]
+
+    title, subtitle = (name, kind) if named else (kind, "")
+    sides = [max((text_width(labels[n] + notes.get(n, ""), TEXT) + PADDING * 1.4 for n in names), default=0.0) for names in (left, right)]
+    width = max(
+        text_width(title, TITLE, bold=True) + 2 * PADDING, text_width(subtitle, SMALL) + 2 * PADDING, sum(sides) + PADDING,
+        *(text_width(text, SMALL) + 2 * PADDING for text in details), 92.0)
+    width = math.ceil(min(width, max(WIDEST, sum(sides) + PADDING)))
+    head = HEAD + (LINE - 2.0 if subtitle else 0.0)
+    rows = max(len(left), len(right))
+    height = head + ROW * rows + (LINE * len(details) + 7.0 if details else 0.0) + (4.0 if rows else 0.0)
+    room = width - 2 * PADDING
+
+    def heights(names):
+        return {n: round(head + ROW * (index + 0.5) + 2.0) for index, n in enumerate(names)}
+
+    return Plan(
+        block, fit(title, TITLE, room, bold=True), fit(subtitle, SMALL, room), tuple(fit(text, SMALL, room) for text in details),
+        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in diagnostics)), wrong_ports,
+        width, round(height))

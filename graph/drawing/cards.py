@@ -1,0 +1,142 @@
+"""What a block says of itself, taken from its declarations: plain data that pages show and lists print."""
+
+import inspect
+import re
+from math import inf
+
+from graph import units
+from graph.block import Block, Sink, snake_case
+from graph.device import Actuator, Device
+from graph.diagnostics import DiagramError
+
+ROOMS = {"filters": "filter", "controllers": "controller", "states": "logic", "logic": "logic", "limiters": "limiter", "sources": "source"}
+
+
+def family(kind):
+    """Key of style.FAMILIES for a block's class: by what it derives from, else by the module that it stands in."""
+    if issubclass(kind, Actuator):
+        return "actuator"
+    if issubclass(kind, Device):
+        return "sensor"
+    if issubclass(kind, Sink):
+        return "sink"
+    return next((ROOMS[part] for part in kind.__module__.split(".") if part in ROOMS), "other")
+
+
+def documentation(kind):
+    """The docstring of a block's class, its indentation removed; '' if it has none of its own."""
+    inherited = {base.__doc__ for base in kind.__mro__[1:]}
+    return inspect.cleandoc(kind.__doc__) if kind.__doc__ and kind.__doc__ not in inherited else ""
+
+
+def summary(kind):
+    """First sentence of the docstring, on one line."""
+    paragraph = " ".join(documentation(kind).split("\n\n")[0].split())
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", paragraph)[0]
+
+
+def example(kind):
+    """A block of this class outside any diagram, to ask for the ports that its parameters make; the class where it cannot be had."""
+    try:
+        return kind(**(getattr(kind, "examples", None) or ({},))[0])
+    except DiagramError:
+        return kind
+
+
+def shape_text(shape):
+    """'' for a number, '3' for a vector, '3 × 3' for a matrix, 'any' for a port that takes every shape."""
+    return "any" if shape is ... else " × ".join(map(str, shape))
+
+
+def quantity(value, unit):
+    """A value as a person writes it: '12 N·m', 'off', '8 pairs'."""
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (int, float)):
+        return f"{value:g}" + ("" if unit in (units.ONE, units.ANY) else f" {unit}")
+    if isinstance(value, (tuple, list)):
+        return f"{len(value)} entries" if len(str(value)) > 24 else ", ".join(map(str, value)) or "none"
+    if isinstance(value, dict):
+        return ", ".join(map(str, value)) or "none"
+    return str(value).encode("unicode_escape").decode() if str(value).isspace() else str(value) or "none"
+
+
+def bounds_text(param):
+    """'0 to 150', 'above 0', 'one of rated, peak'; '' where nothing is bounded."""
+    if param.choices is not None:
+        return "one of " + ", ".join(repr(choice) if str(choice).isspace() else str(choice) for choice in param.choices)
+    if param.min is not None and param.max is not None:
+        return f"{param.min:g} to {param.max:g}"
+    words = ((param.min, "at least"), (param.above, "above"), (param.max, "at most"), (param.below, "below"))
+    return " and ".join(f"{word} {bound:g}" for bound, word in words if bound is not None)
+
+
+def interval_text(interval, unit):
+    """'-12 to 12 N·m'; '' where nothing is known."""
+    if interval is None or interval.low == -inf and interval.high == inf:
+        return ""
+    sign = "" if unit in (units.ONE, units.ANY) else f" {unit}"
+    if interval.low == interval.high:
+        return f"{interval.low:g}{sign}"
+    if interval.low == -inf:
+        return f"at most {interval.high:g}{sign}"
+    return f"at least {interval.low:g}{sign}" if interval.high == inf else f"{interval.low:g} to {interval.high:g}{sign}"
+
+
+def parameter_cards(block):
+    """One dict for each parameter of a block or of its class; a block's own values are under `value`, where they are not the default."""
+    cards = []
+    for name, param in block.parameters.items():
+        card = {
+            "name": name, "unit": param.unit, "description": param.description, "bounds": bounds_text(param), "live": param.live,
+            "default": "required" if param.required else quantity(param.default, param.unit),
+        }
+        if isinstance(block, Block):
+            card["value"] = quantity(getattr(block, name), param.unit)
+            card["own"] = param.required or not same(getattr(block, name), param.default)
+            if block.live(name):
+                card["live"] = True
+                low, high = block.live(name)
+                card["bounds"] = f"{low:g} to {high:g}"
+        cards.append(card)
+    return cards
+
+
+def same(value, default):
+    try:
+        return bool(value == default)
+    except ValueError:                      # arrays
+        return False
+
+
+def port_card(port):
+    """What one port declares."""
+    card = {"name": port.name, "unit": port.unit, "shape": shape_text(port.shape), "dtype": port.dtype, "description": port.description}
+    if getattr(port, "default", None) is not None:
+        card["default"] = quantity(port.default, port.unit)
+    if getattr(port, "range", None) is not None:
+        card["range"] = interval_text(port.range, port.unit)
+    return card
+
+
+def runs(block):
+    """How a block is computed: 'native', 'Python', or by whom else."""
+    if isinstance(block, Device) or isinstance(block, type) and issubclass(block, Device):
+        return "native, on a bus"
+    if isinstance(block, Sink) or isinstance(block, type) and issubclass(block, Sink):
+        return "in the recorder process"
+    kind = block if isinstance(block, type) else type(block)
+    return "Python" if kind.step is not Block.step or kind.update is not Block.update else "native"
+
+
+def class_card(kind):
+    """All that a block's class declares."""
+    block = example(kind)
+    return {
+        "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind), "documentation": documentation(kind),
+        "runs": runs(kind), "inputs": [port_card(p) for p in block.inputs.values()], "outputs": [port_card(p) for p in block.outputs.values()],
+        "parameters": parameter_cards(kind), "made": block.inputs.keys() != kind.inputs.keys() or block.outputs.keys() != kind.outputs.keys(),
+        "variadic": kind.variadic,
+    }

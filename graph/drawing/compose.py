@@ -1,0 +1,229 @@
+"""From a tree of subsystems to a drawing: each is laid out by itself, then stands as one box in the one around it."""
+
+import math
+from dataclasses import dataclass, field
+
+import networkx as nx
+
+from graph.drawing import boxes, cards, channels, layers, placing
+from graph.drawing.layers import Edge, Node
+from graph.drawing.model import Box, Frame, Line, Pin, Port
+from graph.drawing.outline import Level
+from graph.drawing.style import (
+    BETWEEN_BOXES, BETWEEN_LINES, CHANNEL, FRAME_PADDING, FRAME_TITLE, SMALL, TITLE, text_width,
+)
+from graph.device import Device
+
+ASPECT = 1.6                # of what is packed: width to height
+
+
+@dataclass(eq=False)
+class Laid:
+    """A level, or a part of one, with places: nodes at their x and y, and the lines between them, from its own corner."""
+
+    width: float = 0.0
+    height: float = 0.0
+    nodes: list = field(default_factory=list)
+    lines: list = field(default_factory=list)       # (edge, points, joints, whether it goes back)
+
+    def shift(self, x, y):
+        for node in self.nodes:
+            node.x, node.y = node.x + x, node.y + y
+        self.lines = [(edge, [(a + x, b + y) for a, b in points], {(a + x, b + y) for a, b in joints}, back) for edge, points, joints, back in self.lines]
+
+
+def lay_out(level, found, all_ports):
+    """The Laid of a level, and, as `level.laid`, of all inside it."""
+    nodes, pins = {}, {}
+    for thing in level.things:
+        if isinstance(thing, Level):
+            nodes[thing] = frame_node(thing, found, all_ports)
+        else:
+            box = boxes.plan(thing, found, all_ports, level.links.values(), level.every)
+            nodes[thing] = Node(box, box.width, box.height, box.left, box.right, eager=isinstance(thing, Device))
+    for key in level.pins:
+        if key[0] != "enabled":
+            inward = key[0] == "in"
+            pins[key] = Node(key, left={} if inward else {key: 0.0}, right={key: 0.0} if inward else {}, side="first" if inward else "last")
+
+    def end(thing, key):
+        return (pins[key] if thing is None else nodes[thing]), key
+
+    edges = [Edge(*end(*link.source), *end(*link.target), link.delayed, link) for link in level.links.values()]
+    parts = components([*pins.values(), *nodes.values()], edges)
+    laid = [columns(part, [edge for edge in edges if edge.source in set(part)], bool(level.path)) for part in parts]
+    level.laid = pack(laid, bool(level.path), bool(pins))
+    return level.laid
+
+
+def frame_node(level, found, all_ports):
+    """A subsystem as one node of the level around it."""
+    inner = lay_out(level, found, all_ports)
+    inner.width = max(inner.width, math.ceil(text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL) + 4 * FRAME_PADDING))
+    for index, (edge, points, joints, back) in enumerate(inner.lines):          # pins stand on the frame's edge
+        if edge.target.side == "last":
+            inner.lines[index] = edge, [*points[:-1], (inner.width, points[-1][1])], joints, back
+    inner.shift(0.0, FRAME_TITLE + FRAME_PADDING * 0.75)
+    inner.height += FRAME_TITLE + FRAME_PADDING * 1.75
+    left = {node.what: node.y for node in inner.nodes if node.side == "first"}
+    enabled = [key for key in level.pins if key[0] == "enabled"]
+    left.update({key: FRAME_TITLE / 2.0 + 4.0 * index for index, key in enumerate(enabled)})
+    right = {node.what: node.y for node in inner.nodes if node.side == "last"}
+    return Node(level, inner.width, inner.height, dict(sorted(left.items(), key=lambda item: item[1])), dict(sorted(right.items(), key=lambda item: item[1])))
+
+
+def note(level):
+    """Rate and condition of a subsystem, for its head."""
+    words = [f"every {level.every} ticks"] if level.every != 1 else []
+    return ", ".join(words + [f"while {key[1]}" for key in level.pins if key[0] == "enabled"])
+
+
+def components(nodes, edges):
+    """What hangs together, in order; what is linked to the frame's pins first, and what is linked to nothing last."""
+    graph = nx.Graph()
+    graph.add_nodes_from(nodes)
+    graph.add_edges_from((edge.source, edge.target) for edge in edges)
+    pins = [node for node in nodes if node.side]
+    graph.add_edges_from((pins[0], pin) for pin in pins[1:])
+    position = {node: index for index, node in enumerate(nodes)}
+    parts = [sorted(part, key=position.get) for part in nx.connected_components(graph)]
+    return sorted(parts, key=lambda part: (not part[0].side, len(part) == 1, position[part[0]]))
+
+
+def columns(nodes, edges, framed):
+    """Nodes that hang together, in columns, with their lines."""
+    order, nets, hops = layers.arrange(nodes, edges)
+    placing.place(order, hops)
+    lanes = channels.find_lanes(order, nets)
+    wires = channels.wires_of(order, nets, hops, lanes)
+    x = 0.0
+    for index, channel in enumerate(wires):
+        tracks = channels.assign_tracks(list(channel.values()))
+        inner = 0 < index < len(order)
+        width = tracks * BETWEEN_LINES + (CHANNEL - BETWEEN_LINES if tracks or inner else 0.0)
+        beside = [node for column in order[max(index - 1, 0) : index + 1] for node in column]
+        if not inner and framed and any(node.side for node in nodes) and not any(node.side for node in beside):
+            width = max(width, FRAME_PADDING)
+        start = x + (width - (tracks - 1) * BETWEEN_LINES) / 2.0
+        for wire in channel.values():
+            for half in wire.halves or (wire,):
+                half.x = round(start + half.track * BETWEEN_LINES)
+        x = round(x + width)
+        if index < len(order):
+            widest = max(node.width for node in order[index])
+            for node in order[index]:
+                node.x = round(x + (widest - node.width) / 2.0)
+            x += widest
+    lines = [line for net in nets for line in routes(net, wires, lanes)]
+    height = max([node.y + node.height for column in order for node in column] + [y + BETWEEN_LINES for y in lanes.values()], default=0.0)
+    return Laid(x, height, [node for node in nodes], lines)
+
+
+def routes(net, wires, lanes):
+    """(edge, points, joints, back) for each edge of a net."""
+    begin = net.source.x + net.source.width, net.source.y + net.source.right[net.output]
+    joints = {joint for channel in wires if net in channel for half in channel[net].halves or (channel[net],) for joint in joints_of(half)}
+    for edge in net.edges:
+        goal = edge.target.x, edge.target.y + edge.target.left[edge.input]
+        column = edge.target.layer
+        points = [begin]
+        if net.back:
+            first = net.source.layer + 1
+            points += through(wires[first][net], ("left", begin[1]), ("left", lanes[net]))
+            points += through(wires[column][net], ("right", lanes[net]), ("right", goal[1]))
+        else:
+            for channel in range(net.source.layer + 1, column + 1):
+                y = net.stops[channel].y if channel < column else goal[1]
+                points += through(wires[channel][net], ("left", points[-1][1]), ("right", y))
+        points = corners([*points, goal])
+        yield edge, points, joints & set(points), net.back
+
+
+def through(wire, enter, leave):
+    """The corners of a way through a channel, from a height on one side to a height on one side."""
+    (side, y), (other_side, other_y) = enter, leave
+    if wire.halves:
+        half, other = (wire.halves[where == "right"] for where in (side, other_side))
+        if half is not other:
+            (height,) = wire.halves[0].right
+            return [(half.x, y), (half.x, height), (other.x, height), (other.x, other_y)]
+        wire = half
+    return [(wire.x, y), (wire.x, other_y)] if y != other_y else []
+
+
+def joints_of(wire):
+    """Where three pieces of a net meet on its track."""
+    if wire.straight:
+        return
+    low, high = min(wire.heights), max(wire.heights)
+    for y in wire.heights:
+        if (y in wire.left) + (y in wire.right) + (y > low) + (y < high) >= 3:
+            yield wire.x, y
+
+
+def corners(points):
+    """The points without those at which nothing turns."""
+    kept = [points[0]]
+    for before, point, after in zip(points, points[1:], points[2:]):
+        if point != kept[-1] and not (kept[-1][0] == point[0] == after[0] or kept[-1][1] == point[1] == after[1]):
+            kept.append(point)
+    return [*kept, points[-1]]
+
+
+def pack(parts, framed, pinned):
+    """Parts in rows, in about the shape of a page: what holds the pins alone, and blocks that are linked to nothing in rows of their own."""
+    whole = Laid()
+    gap, inset = BETWEEN_BOXES * 1.25, FRAME_PADDING if framed else 0.0
+    area = sum((part.width + gap) * (part.height + gap) for part in parts)
+    limit = max([part.width for part in parts] + [math.sqrt(ASPECT * area)])
+    x, y, row = inset, 0.0, 0.0
+    for index, part in enumerate(parts):
+        pins_here = pinned and index == 0
+        loners = len(part.nodes) == 1 and index and len(parts[index - 1].nodes) > 1
+        if not pins_here and x > inset and (x + part.width > limit + inset or loners):
+            x, y, row = inset, y + row + gap, 0.0
+        part.shift(0.0 if pins_here else x, y)
+        x, row = x + part.width + gap, max(row, part.height)
+        whole.width = max(whole.width, part.width if pins_here else x - gap + inset)
+        whole.nodes += part.nodes
+        whole.lines += part.lines
+        if pins_here:
+            x, y, row = inset, row + gap, 0.0
+    whole.height = y + row if row else y - gap
+    return whole
+
+
+def collect(level, x, y, found, picture):
+    """Boxes, frames and lines of a level whose corner lies at x, y, into `picture`, a dict of lists."""
+    for node in level.laid.nodes:
+        left, top = node.x + x, node.y + y
+        if isinstance(node.what, Level):
+            inner = node.what
+            pins = [Pin(key[1], key[0], left, top + offset) for key, offset in node.left.items()]
+            pins += [Pin(key[1], key[0], left + node.width, top + offset) for key, offset in node.right.items()]
+            picture["frames"].append(Frame(
+                inner.path, level.path, inner.title, note(inner), left, top, node.width, node.height, tuple(pins)))
+            collect(inner, left, top, found, picture)
+        elif not node.side:
+            picture["boxes"].append(box(node, left, top, level))
+    for edge, points, joints, back in level.laid.lines:
+        signal = edge.link.signal
+        picture["lines"].append(Line(
+            signal.path, level.path, name_of(level, *edge.link.source), name_of(level, *edge.link.target),
+            tuple((a + x, b + y) for a, b in points), tuple(sorted((a + x, b + y) for a, b in joints)), back,
+            found.shapes.get((signal.block, signal.port), ()) != (), not isinstance(edge.target.what, (Level, tuple)) and edge.input in edge.target.what.wrong_ports))
+
+
+def name_of(level, thing, key):
+    """How a Line tells where it ends."""
+    if thing is None:
+        return level.path, *key
+    return (thing.path, *key) if isinstance(thing, Level) else f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
+
+
+def box(node, x, y, level):
+    plan = node.what
+    ports = [Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports) for key, offset in plan.left.items()]
+    ports += [Port(plan.labels[key], "out", x + node.width, y + offset) for key, offset in plan.right.items()]
+    return Box(plan.block.path, level.path, cards.family(type(plan.block)), plan.title, plan.subtitle, plan.details, x, y, node.width, node.height,
+               tuple(ports), plan.wrong)

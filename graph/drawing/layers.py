@@ -1,0 +1,246 @@
+"""Columns: which column each box of a level stands in, and in which order. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993.)
+
+Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2. each box stands as far left as
+the boxes it listens to allow; 3. a link over several columns gets a place in each of them, so that it goes around boxes; 4. the order in a column is
+swept to the mean of the neighbours' until no fewer lines cross.
+"""
+
+from bisect import bisect, insort
+from collections import defaultdict
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import networkx as nx
+
+SWEEPS = 12
+
+
+@dataclass(eq=False)
+class Node:
+    """A box, a frame, a pin, or a place where a line passes through a column. left, right : y of each port, from the top.
+
+    side : "first" or "last" for pins, which stand in the outermost columns
+    """
+
+    what: object
+    width: float = 0.0
+    height: float = 0.0
+    left: dict = field(default_factory=dict)
+    right: dict = field(default_factory=dict)
+    side: str = ""
+    eager: bool = False         # a device: where a loop is to be opened, if one can choose
+    layer: int = 0
+    x: float = 0.0
+    y: float = 0.0
+
+    @property
+    def passes(self):
+        """Whether it is no box, but a line's way through a column."""
+        return isinstance(self.what, Net)
+
+
+@dataclass(eq=False)
+class Edge:
+    """From an output of one node to an input of another."""
+
+    source: Node
+    output: object
+    target: Node
+    input: object
+    delayed: bool = False
+    link: object = None
+
+
+@dataclass(eq=False)
+class Net:
+    """All edges of one output that go one way. stops : the node of each column that it passes on its way."""
+
+    source: Node
+    output: object
+    back: bool
+    edges: list = field(default_factory=list)
+    stops: dict = field(default_factory=dict)       # column: Node
+
+
+@dataclass(frozen=True)
+class Hop:
+    """A piece of a net between two neighbouring columns."""
+
+    source: Node
+    output: object
+    target: Node
+    input: object
+    net: Net
+
+    @property
+    def weight(self):
+        """Long lines bend least. (Gansner et al. 1993.)"""
+        return (1.0, 2.0, 8.0)[self.source.passes + self.target.passes]
+
+
+def arrange(nodes, edges):
+    """(columns of nodes, nets, hops), with every node's `layer` set. The order of `nodes` decides where nothing else does."""
+    back = feedback(nodes, edges)
+    find_layers(nodes, [edge for edge in edges if edge not in back])
+    back = {edge for edge in back if edge.target.layer <= edge.source.layer}
+    nets = {}
+    for edge in edges:
+        key = edge.source, edge.output, edge in back
+        nets.setdefault(key, Net(*key)).edges.append(edge)
+    columns = [[] for _ in range(1 + max((node.layer for node in nodes), default=0))]
+    for node in nodes:
+        columns[node.layer].append(node)
+    hops = [hop for net in nets.values() if not net.back for hop in pass_through(net, columns)]
+    return uncross(columns, hops), list(nets.values()), hops
+
+
+def feedback(nodes, edges):
+    """The edges that go back: without them there is no loop."""
+    position = {node: index for index, node in enumerate(nodes)}
+    back = {edge for edge in edges if edge.source is edge.target}
+    while True:
+        remaining = [edge for edge in edges if edge not in back]
+        graph = nx.DiGraph((edge.source, edge.target) for edge in remaining)
+        knots = [knot for knot in nx.strongly_connected_components(graph) if len(knot) > 1]
+        if not knots:
+            return back
+        for knot in knots:
+            inside = [edge for edge in remaining if edge.source in knot and edge.target in knot]
+            back |= opening(inside, position)
+
+
+def opening(edges, position):
+    """The edges into one node of a knot, chosen so that the flow begins there."""
+    entering, leaving = defaultdict(list), defaultdict(int)
+    for edge in edges:
+        entering[edge.target].append(edge)
+        leaving[edge.source] += 1
+
+    def reluctance(node):
+        needed = sum(not edge.delayed for edge in entering[node])
+        return needed == len(entering[node]), needed > 0, not node.eager, len(entering[node]) - leaving[node], position[node]
+
+    start = min(entering, key=reluctance)
+    delayed = {edge for edge in entering[start] if edge.delayed}
+    return delayed or set(entering[start])
+
+
+def find_layers(nodes, edges):
+    """Longest path from the left; what listens to nobody moves right, next to the first that listens to it."""
+    followers, waiting = defaultdict(list), dict.fromkeys(nodes, 0)
+    for edge in edges:
+        followers[edge.source].append(edge.target)
+        waiting[edge.target] += 1
+    heard = {node for node, count in waiting.items() if count}
+    first = any(node.side == "first" for node in nodes)
+    ready = [node for node in nodes if not waiting[node]]
+    for node in nodes:
+        node.layer = int(first and node.side != "first")
+    for node in ready:                              # grows while it is walked through
+        for follower in followers[node]:
+            follower.layer = max(follower.layer, node.layer + 1)
+            waiting[follower] -= 1
+            if not waiting[follower]:
+                ready.append(follower)
+    for node in nodes:
+        if node not in heard and node.side != "first" and followers[node]:
+            node.layer = min(follower.layer for follower in followers[node]) - 1
+    last = max((node.layer + 1 for node in nodes if node.side != "last"), default=0)
+    for node in nodes:
+        if node.side == "last":
+            node.layer = last
+
+
+def pass_through(net, columns):
+    """The hops of a net, through one stop in each column between its source and its furthest target."""
+    at, hops = (net.source, net.output), []
+    last = max(edge.target.layer for edge in net.edges)
+    for column in range(net.source.layer + 1, last + 1):
+        hops += [Hop(*at, edge.target, edge.input, net) for edge in net.edges if edge.target.layer == column]
+        if column < last:
+            stop = net.stops[column] = Node(net, left={None: 0.0}, right={None: 0.0}, layer=column)
+            columns[column].append(stop)
+            hops.append(Hop(*at, stop, None, net))
+            at = stop, None
+    return hops
+
+
+def uncross(columns, hops):
+    """The columns, each in an order that lets few lines cross."""
+    entering, leaving = defaultdict(list), defaultdict(list)
+    for hop in hops:
+        entering[hop.target].append(hop)
+        leaving[hop.source].append(hop)
+    order = [list(column) for column in columns]
+    best, fewest = order, crossings(order, leaving)
+    for sweep in range(SWEEPS):
+        if not fewest:
+            break
+        order = [list(column) for column in order]
+        forth = sweep % 2 == 0
+        for index in range(1, len(order)) if forth else range(len(order) - 2, -1, -1):
+            sort_column(order, index, entering if forth else leaving, forth)
+        swap_neighbours(order, entering, leaving)
+        count = crossings(order, leaving)
+        if count < fewest:
+            best, fewest = order, count
+    return best
+
+
+def sort_column(order, index, hops, forth):
+    """Each node to the mean place of those it is linked to in the column beside; one without links keeps its share of the way down."""
+    beside = places(order[index - 1 if forth else index + 1])
+    column = order[index]
+
+    def place(at, node):
+        found = [beside[hop.source] + share(hop.source.right, hop.output) if forth else beside[hop.target] + share(hop.target.left, hop.input)
+                 for hop in hops[node]]
+        return sum(found) / len(found) if found else at * len(beside) / len(column)
+
+    wanted = {node: place(at, node) for at, node in enumerate(column)}
+    order[index] = sorted(column, key=wanted.get)
+
+
+def swap_neighbours(order, entering, leaving):
+    """Exchange two that stand one above the other wherever their own lines then cross less."""
+    for index, column in enumerate(order):
+        before = places(order[index - 1]) if index else {}
+        behind = places(order[index + 1]) if index + 1 < len(order) else {}
+        ends = {
+            node: ([before[hop.source] + share(hop.source.right, hop.output) for hop in entering[node]],
+                   [behind[hop.target] + share(hop.target.left, hop.input) for hop in leaving[node]])
+            for node in column
+        }
+        better = True
+        while better:
+            better = False
+            for at in range(len(column) - 1):
+                upper, lower = ends[column[at]], ends[column[at + 1]]
+                now = sum(sum(a > b for a in one for b in other) for one, other in zip(upper, lower))
+                then = sum(sum(a < b for a in one for b in other) for one, other in zip(upper, lower))
+                if then < now:
+                    column[at], column[at + 1] = column[at + 1], column[at]
+                    better = True
+
+
+def crossings(order, leaving):
+    """How many pairs of hops cross."""
+    count = 0
+    for column, following in pairwise(order):
+        here, there = places(column), places(following)
+        ends = sorted((here[node] + share(node.right, hop.output), there[hop.target] + share(hop.target.left, hop.input))
+                      for node in column for hop in leaving[node])
+        seen = []
+        for _, end in ends:
+            count += len(seen) - bisect(seen, end)
+            insort(seen, end)
+    return count
+
+
+def places(column):
+    return {node: index for index, node in enumerate(column)}
+
+
+def share(ports, port):
+    """Where a port stands on its edge, from 0 to 1."""
+    return (list(ports).index(port) + 1) / (len(ports) + 1)

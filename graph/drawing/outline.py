@@ -1,0 +1,112 @@
+"""A diagram as a tree of subsystems, each with what stands in it and the links between those: what a picture is made from.
+
+A signal that leaves a subsystem or enters one is cut at its edge, where it has a pin; so every subsystem can be laid out by itself.
+"""
+
+from dataclasses import dataclass, field
+
+from graph.block import Sink
+from graph.diagram import Signal
+
+
+@dataclass(eq=False)
+class Level:
+    """A subsystem, or the diagram itself. things : blocks and Levels in the order in which they were made. pins : (side, signal path), in order."""
+
+    path: str
+    title: str
+    every: int = 1
+    conditions: tuple = ()
+    things: list = field(default_factory=list)
+    levels: dict = field(default_factory=dict)
+    links: dict = field(default_factory=dict)       # (source end, target end): Link
+    pins: dict = field(default_factory=dict)        # (side, signal path): whether nothing behind it needs it within the tick
+
+    def connect(self, source, target, signal, delayed):
+        link = self.links.get((source, target))
+        if link is None:
+            self.links[source, target] = Link(source, target, signal, delayed)
+        else:
+            link.delayed = link.delayed and delayed
+        for level, (thing, key) in ((self, source), (self, target)):
+            level = level if thing is None else thing
+            if isinstance(level, Level):
+                level.pins[key] = level.pins.get(key, True) and delayed
+
+
+@dataclass(eq=False)
+class Link:
+    """From one end to another, inside one level. An end is (block, port), (Level, pin) or, for a pin of the level itself, (None, pin).
+
+    delayed : whether the target does not need it within the tick
+    """
+
+    source: tuple
+    target: tuple
+    signal: Signal
+    delayed: bool
+
+
+def outline(diagram, taps):
+    """The diagram's own Level. taps : {sink: [(label, Signal)]} of sinks that take any number of signals."""
+    root = Level("", diagram.name)
+    lineage = {}                                    # block: the levels that hold it, from the outermost
+    for block in diagram:
+        level, chain = root, [root]
+        parts = block.path.split("/")
+        for depth, part in enumerate(parts[:-1], 1):
+            if part not in level.levels:
+                level.levels[part] = Level("/".join(parts[:depth]), part)
+                level.things.append(level.levels[part])
+            level = level.levels[part]
+            chain.append(level)
+        level.things.append(block)
+        lineage[block] = chain
+    for chain in lineage.values():
+        for level, inner in zip(chain, chain[1:]):
+            find_rate_and_condition(inner, level, [b for b, c in lineage.items() if inner in c])
+    for source, target, key, delayed in wires(diagram, taps):
+        run(source, lineage[source.block], target, key, lineage[target], delayed)
+    for level, chain in {chain[i]: chain[:i] for chain in lineage.values() for i in range(1, len(chain))}.items():
+        for signal in level.conditions[len(chain[-1].conditions):]:
+            run(signal, lineage[signal.block], level, ("enabled", signal.path), chain, False)
+    for block, chain in lineage.items():
+        for signal in block.conditions[len(chain[-1].conditions):]:
+            run(signal, lineage[signal.block], block, ("enabled", signal.path), chain, False)
+    return root
+
+
+def find_rate_and_condition(level, outer, blocks):
+    """What all blocks of a level have in common."""
+    common = blocks[0].conditions
+    for block in blocks:
+        common = common[:next((i for i, (a, b) in enumerate(zip(common, block.conditions)) if a != b), min(len(common), len(block.conditions)))]
+    rates = {block.every for block in blocks}
+    level.conditions = common
+    level.every = rates.pop() if len(rates) == 1 else outer.every
+
+
+def wires(diagram, taps):
+    """(signal, target block, key of its input, whether it is not needed within the tick) of every wire that comes from a port."""
+    for wire in diagram.wires:
+        if isinstance(wire.source, Signal) and not wire.block.variadic:
+            yield wire.source, wire.block, wire.port, not isinstance(wire.block, Sink) and wire.port not in wire.block.step_inputs()
+    for sink in taps:
+        if sink.variadic:
+            for label, signal in taps[sink]:
+                yield signal, sink, label, False
+
+
+def run(signal, source_chain, target, key, target_chain, delayed):
+    """Connect a signal to a port or pin of `target`, level by level: out of the source's subsystems, across, and in."""
+    shared = sum(a is b for a, b in zip(source_chain, target_chain))
+    end = signal.block, signal.port
+    for level in reversed(source_chain[shared:]):
+        level.connect(end, (None, ("out", signal.path)), signal, delayed)
+        end = level, ("out", signal.path)
+    at = source_chain[shared - 1]
+    for level in target_chain[shared:]:
+        at.connect(end, (level, ("in", signal.path)), signal, delayed)
+        end = None, ("in", signal.path)
+        at = level
+    at.connect(end, (target, key), signal, delayed)

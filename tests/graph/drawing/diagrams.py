@@ -1,0 +1,69 @@
+"""Diagrams to draw, of every shape: made by chance from a number, so that each test can name the one that fails."""
+
+import random
+
+from blocks.actuators import CubeMars
+from blocks.controllers import Impedance
+from blocks.discrete import UnitDelay
+from blocks.filters import Butterworth
+from blocks.limiters import Saturation, TorqueLimiter
+from blocks.mathematics import Gain, Sum
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Diagram, subsystem
+
+
+def leg(diagram_name="leg"):
+    """One actuator with a filter, a controller and a limiter, in a subsystem; a recorder that takes every port."""
+    with Diagram(diagram_name, rate=200) as diagram:
+        with subsystem("left"):
+            knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, name="knee")
+            velocity = Butterworth(order=2, cutoff=20.0)(knee.velocity)
+            torque = Impedance(stiffness=30.0, damping=1.0)(position=knee.position, velocity=velocity)
+            knee(torque_command=TorqueLimiter(limit=12.0, slew=200.0)(torque))
+        CsvRecorder()
+    return diagram
+
+
+def by_chance(seed, size=40):
+    """About `size` blocks in nested subsystems, with signals that fan out, cross frames, and go back through delays."""
+    chance = random.Random(seed)
+    with Diagram(f"chance {seed}", rate=100) as diagram:
+        signals, delays = [Sine(frequency=float(n + 1))() for n in range(chance.randint(1, 4))], []
+        if chance.random() < 0.5:
+            knee = CubeMars("AK80-9", name="knee")
+            signals += [knee.position, knee.velocity]
+        grow(chance, size, signals, delays, depth=0)
+        for delay in delays:
+            delay(chance.choice(signals))
+        if "knee" in diagram.blocks:
+            knee(torque_command=TorqueLimiter(limit=5.0)(Gain(unit="N·m")(Gain(unit="1")(Sine()()))))
+        if chance.random() < 0.7:
+            CsvRecorder()
+    return diagram
+
+
+def grow(chance, size, signals, delays, depth):
+    """Add blocks that listen to what there is; some of them in a subsystem of their own."""
+    while size > 0:
+        if depth < 3 and size > 4 and chance.random() < 0.15:
+            inside = chance.randint(2, size - 1)
+            with subsystem(chance.choice("abcdef")):
+                grow(chance, inside, signals, delays, depth + 1)
+            size -= inside
+            continue
+        signals.append(one_more(chance, signals[-chance.randint(1, 30):], delays))
+        size -= 1
+
+
+def one_more(chance, near, delays):
+    kind = chance.randrange(5)
+    if kind == 0:
+        delays.append(UnitDelay())
+        return delays[-1].y
+    if kind == 1:
+        return Gain(2.0)(chance.choice(near))
+    if kind == 2:
+        return Saturation(-1.0, 1.0)(chance.choice(near))
+    signs = chance.choice(("++", "+-", "+++"))
+    return Sum(signs)(*(chance.choice(near) for _ in signs))

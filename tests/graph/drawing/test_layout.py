@@ -1,0 +1,142 @@
+"""Where things lie: nothing covers anything, and every line ends where it should."""
+
+from itertools import combinations, pairwise
+
+import pytest
+
+from graph import Diagram, Signal, subsystem
+from graph.drawing import draw
+from graph.drawing.channels import NEAR
+from tests.graph.drawing.diagrams import by_chance, leg
+
+SEEDS = range(40)
+
+
+@pytest.fixture(scope="module", params=SEEDS, ids=lambda seed: f"seed {seed}")
+def case(request):
+    diagram = by_chance(request.param)
+    return diagram, draw(diagram)
+
+
+def overlap(a, b):
+    return a.x < b.x + b.width and b.x < a.x + a.width and a.y < b.y + b.height and b.y < a.y + a.height
+
+
+def holds(outer, inner):
+    return outer.x <= inner.x and outer.y <= inner.y and inner.x + inner.width <= outer.x + outer.width and inner.y + inner.height <= outer.y + outer.height
+
+
+def segments(line):
+    for (a, b), (c, d) in pairwise(line.points):
+        yield min(a, c), min(b, d), max(a, c), max(b, d)
+
+
+def test_every_block_is_drawn_once_and_every_subsystem_has_a_frame(case):
+    diagram, drawing = case
+    assert sorted(box.path for box in drawing.boxes) == sorted(diagram.blocks)
+    subsystems = {path.rpartition("/")[0] for path in diagram.blocks} - {""}
+    subsystems |= {parent.rpartition("/")[0] for parent in subsystems} | {parent.rpartition("/")[0].rpartition("/")[0] for parent in subsystems}
+    assert sorted(frame.path for frame in drawing.frames) == sorted(subsystems - {""})
+
+
+def test_no_two_boxes_cover_each_other(case):
+    _, drawing = case
+    for a, b in combinations(drawing.boxes, 2):
+        assert not overlap(a, b), f"{a.path} and {b.path}"
+
+
+def test_frames_hold_what_stands_in_them_and_nothing_else(case):
+    _, drawing = case
+    frames = {frame.path: frame for frame in drawing.frames}
+    for thing in drawing.boxes + drawing.frames:
+        for path, frame in frames.items():
+            inside = thing.subsystem == path or thing.subsystem.startswith(f"{path}/")
+            assert holds(frame, thing) if inside else thing is frame or not overlap(frame, thing) or holds(thing, frame), f"{thing.path} and {path}"
+
+
+def test_everything_lies_on_the_page(case):
+    _, drawing = case
+    for thing in drawing.boxes + drawing.frames:
+        assert thing.x >= 0 and thing.y >= 0 and thing.x + thing.width <= drawing.width and thing.y + thing.height <= drawing.height
+    for line in drawing.lines:
+        assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in line.points)
+
+
+def test_lines_run_level_or_upright_and_around_boxes(case):
+    _, drawing = case
+    for line in drawing.lines:
+        for left, top, right, bottom in segments(line):
+            assert left == right or top == bottom
+            for thing in drawing.boxes:
+                inside = left < thing.x + thing.width and thing.x < right and top < thing.y + thing.height and thing.y < bottom
+                assert not inside, f"{line.signal} runs through {thing.path}"
+
+
+def test_lines_stay_inside_their_frame_and_outside_others(case):
+    _, drawing = case
+    frames = {frame.path: frame for frame in drawing.frames}
+    for line in drawing.lines:
+        for left, top, right, bottom in segments(line):
+            for path, frame in frames.items():
+                if line.subsystem == path or line.subsystem.startswith(f"{path}/"):
+                    assert frame.x <= left and right <= frame.x + frame.width and frame.y <= top and bottom <= frame.y + frame.height
+                else:
+                    through = left < frame.x + frame.width and frame.x < right and top < frame.y + frame.height and frame.y < bottom
+                    assert not through, f"{line.signal} runs through {path}"
+
+
+def test_lines_of_two_signals_never_lie_on_each_other(case):
+    _, drawing = case
+    pieces = [(line, piece) for line in drawing.lines for piece in segments(line)]
+    for (one, a), (other, b) in combinations(pieces, 2):
+        if one.signal == other.signal:
+            continue
+        level = a[1] == a[3] and b[1] == b[3] and abs(a[1] - b[1]) < NEAR and min(a[2], b[2]) - max(a[0], b[0]) > 0
+        upright = a[0] == a[2] and b[0] == b[2] and abs(a[0] - b[0]) < NEAR and min(a[3], b[3]) - max(a[1], b[1]) > 0
+        assert not level and not upright, f"{one.signal} and {other.signal} at {a}, {b}"
+
+
+def test_every_wire_runs_from_its_port_to_its_port_through_the_pins_of_the_frames_between(case):
+    diagram, drawing = case
+    places = {f"{box.path}.{port.name}": (port.x, port.y) for box in drawing.boxes for port in box.ports}
+    pins = {(frame.path, pin.side, pin.signal): (pin.x, pin.y) for frame in drawing.frames for pin in frame.pins}
+    ends = places | pins
+    after = {}
+    for line in drawing.lines:
+        assert line.points[0] == ends[line.source] and line.points[-1] == ends[line.target], f"{line.source} to {line.target}"
+        after.setdefault((line.signal, line.source), set()).add(line.target)
+    for wire in diagram.wires:
+        if isinstance(wire.source, Signal):
+            reached, waiting = set(), [wire.source.path]
+            while waiting:
+                end = waiting.pop()
+                reached.add(end)
+                waiting += after.get((wire.source.path, end), set()) - reached
+            assert f"{wire.block.path}.{wire.port}" in reached
+
+
+def test_lines_go_to_the_right_but_for_feedback(case):
+    _, drawing = case
+    for line in drawing.lines:
+        assert line.points[0][0] < line.points[-1][0] or line.back
+
+
+def test_the_same_diagram_is_drawn_the_same(case):
+    diagram, drawing = case
+    assert draw(diagram) == drawing
+    assert draw(by_chance(int(diagram.name.split()[1]))) == drawing
+
+
+def test_a_command_goes_back_below_to_the_actuator_that_the_loop_begins_with():
+    drawing = draw(leg())
+    [back] = [line for line in drawing.lines if line.back]
+    assert back.target == "left/knee.torque_command"
+    order = sorted((box for box in drawing.boxes if box.subsystem == "left"), key=lambda box: box.x)
+    assert [box.path for box in order] == ["left/knee", "left/butterworth", "left/impedance", "left/torque_limiter"]
+    assert max(y for _, y in back.points) > max(box.y + box.height for box in order)
+
+
+def test_a_chain_runs_straight():
+    drawing = draw(leg())
+    [line] = [line for line in drawing.lines if line.target == "left/torque_limiter.torque"]
+    assert len(line.points) == 2
