@@ -125,7 +125,7 @@ def test_a_setting_that_the_file_refuses_has_the_line(command_line):
 
 def test_a_setting_that_breaks_the_proof_is_refused_by_the_compiler(command_line):
     complaint = command_line.refused(KNEE_EXO, "--set", "left/torque_limiter.limit=30", code=CHECK_FAILED)
-    assert "left/knee.torque_command: can reach [-30, 30] N·m" in complaint and "tickwork: 1 error; nothing was armed" in complaint
+    assert "left/knee.torque_command: left/torque_limiter.limited can reach [-30, 30] N·m" in complaint and "tickwork: 1 error; nothing was armed" in complaint
 
 
 def test_a_gait_that_cannot_be_used(command_line):
