@@ -56,7 +56,10 @@ def kernel_of(block, method, slots, outputs):
     import numba
     from numba import types
 
-    source = textwrap.dedent(inspect.getsource(method))
+    try:
+        source = textwrap.dedent(inspect.getsource(method))
+    except OSError:
+        raise CannotCompile(f"the source of {method.__qualname__} is nowhere to be read: define the class in a file") from None
     function = ast.parse(source).body[0]
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
