@@ -52,7 +52,7 @@ soak: $(VENV)/installed-test
 build: $(VENV)/built
 
 wheel: $(VENV)/installed-test
-	exec $(VENV)/bin/python -m build
+	exec $(VENV)/bin/python -m build --no-isolation
 
 clean:
 	rm -rf build dist tickwork.egg-info .venv*/built
@@ -84,23 +84,26 @@ find_python() {
 
 # Everything the build needs from the machine and does not find is told at once, with the packages that bring it.
 survey() {
-    local missing=() packages=() name=python3 scratch
-    case "$${python##*/}" in python3.*) name=$${python##*/} ;; esac
+    local missing=() packages=() scratch
     scratch=$$(mktemp -d)
     if [ "$(USABLE)" != yes ] && ! "$$python" -c 'import ensurepip, venv' 2>/dev/null; then
-        missing+=("Python's venv module"); packages+=("$$name-venv")
+        missing+=("Python's venv module"); packages+=("$$(python_package)-venv")
     fi
     if ! find_compiler "$$scratch"; then
         missing+=("a C compiler"); packages+=(gcc libc6-dev)
     fi
-    if ! has_headers && { [ $${#missing[@]} -gt 0 ] || ! fetch_headers "$$scratch"; }; then
-        missing+=("Python's C headers"); packages+=("$$name-dev")
+    if ! has_headers && { [ $${#missing[@]} -gt 0 ] || { [ -d $(VENV)/include ] && ! fetch_headers "$$scratch"; }; }; then
+        missing+=("Python's C headers"); packages+=("$$(python_package)-dev")
     fi
     rm -rf "$$scratch"
     if [ $${#missing[@]} -gt 0 ]; then
         printf -v missing '%s, ' "$${missing[@]}"
         stop "missing: $${missing%, }. Get it with: $$apt $${packages[*]}"
     fi
+}
+
+python_package() {
+    case "$${python##*/}" in python3.*) echo "$${python##*/}" ;; *) echo python3 ;; esac
 }
 
 # The compiler that CC names, or else the one Python was built with, or any: what makes a program of a small file.
@@ -115,27 +118,24 @@ find_compiler() {
 }
 
 has_headers() {
-    local include
-    include=$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')
-    [ -e "$$include/Python.h" ] && return
-    include="$(CURDIR)/build/headers/usr/include"
-    [ -e "$$include/$$("$$python" -c 'import sys; print("python%d.%d" % sys.version_info[:2])')/Python.h" ] || return
-    export C_INCLUDE_PATH="$$include:$$include/python$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')"
+    [ -e "$$("$$python" -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h" ] || [ -e $(VENV)/include/Python.h ]
 }
 
-# Debian keeps Python.h in a package of its own. It is unpacked here, which takes no administrator and leaves the system as it is.
+# Debian keeps Python.h in a package of its own. It is unpacked into the environment, where every build in it looks; that takes no administrator
+# and leaves the system as it is.
 fetch_headers() {
-    local package options=(-qq -o "Dir::State::Lists=$$1/lists" -o "Dir::Cache=$$1/cache")
-    package=$$("$$python" -c 'import sys; print("libpython%d.%d-dev" % sys.version_info[:2]) if sys.base_prefix == "/usr" else sys.exit(1)') || return
+    local version package options=(-qq -o "Dir::State::Lists=$$1/lists" -o "Dir::Cache=$$1/cache")
+    version=$$("$$python" -c 'import sys; print("%d.%d" % sys.version_info[:2]) if sys.base_prefix == "/usr" else sys.exit(1)') || return
+    package=libpython$$version-dev
     command -v apt-get dpkg-deb >/dev/null || return
     say "fetching Python's C headers ($$package)"
     (
-        mkdir -p build/headers "$$1/lists/partial" "$$1/cache/archives/partial"
+        mkdir -p "$$1/lists/partial" "$$1/cache/archives/partial"
         cd "$$1"
         apt-get -qq download "$$package" || { apt-get "$${options[@]}" update && apt-get "$${options[@]}" download "$$package"; }
-        dpkg-deb -x "$$package"_*.deb "$(CURDIR)/build/headers"
-    ) >/dev/null 2>&1 || return
-    has_headers
+        dpkg-deb -x "$$package"_*.deb .
+        cp -r usr/include/python"$$version"/. usr/include/*-linux-gnu* "$(CURDIR)/$(VENV)/include/"
+    ) >/dev/null 2>&1
 }
 
 # pip install, quiet unless it fails.
@@ -162,6 +162,7 @@ $(VENV)/made:
 	if [ "$(USABLE)" != yes ]; then
 	    say "making $(VENV) with Python $$("$$python" -c 'import platform; print(platform.python_version())')"
 	    "$$python" -m venv --clear $(VENV)
+	    survey
 	fi
 	touch $@
 
@@ -194,8 +195,6 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork and what it needs"
-	python=$(VENV)/bin/python
-	survey
 	install --no-build-isolation -e .
 	mv $@.start $@
 
@@ -203,8 +202,6 @@ $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	$(tools)
 	touch $@.start
 	say "installing Tickwork, what it needs, and what its tests need"
-	python=$(VENV)/bin/python
-	survey
 	install --no-build-isolation -e '.[test]'
 	cp -p $@.start $(VENV)/installed
 	mv $@.start $@

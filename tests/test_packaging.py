@@ -98,6 +98,10 @@ def test_every_file_beside_the_sources_is_installed():
             assert any(fnmatch(path.name, pattern) for pattern in patterns), f"{name} matches none of {patterns}"
 
 
+def test_tests_that_build_something_find_the_build_tools():
+    assert set(PYPROJECT["build-system"]["requires"]) <= set(PYPROJECT["project"]["optional-dependencies"]["test"])
+
+
 def test_every_folder_of_tests_is_a_package():
     for folder in {path.parent for path in (ROOT / "tests").rglob("*.py")}:
         assert (folder / "__init__.py").exists(), f"{folder.relative_to(ROOT)} would be imported under the name of what it tests"
