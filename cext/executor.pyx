@@ -215,7 +215,9 @@ cdef class Executor:
         page.tick = -1
         page.ticks = page.missed = page.dropped = page.busy = page.waited = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
-        page.fence = page.status = page.closed = 0
+        page.status = page.closed = 0
+        if page.began != 0:
+            page.fence = 0              # of the run before; one that was raised ahead of the first run holds
         memset(&page.lateness, 0, sizeof(Histogram))
         memset(&page.execution, 0, sizeof(Histogram))
 
@@ -291,6 +293,8 @@ cdef class Executor:
             device.replies_wanted = 0
             if zero:
                 device.replies_wanted += device.zero.count
+            if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
+                device.replies_wanted = 1                          # a sensor that is never asked, and is missed when it is silent
             if disable:
                 device.replies_wanted += device.disable.count
 

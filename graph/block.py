@@ -268,10 +268,7 @@ class Block:
                 if isinstance(value, Live):
                     self.live_bounds[key] = value.bounds(param)
                     value = value.value
-                setattr(self, key, param.check(value))
-                low, high = self.live_bounds.get(key, (-math.inf, math.inf))
-                if key in self.live_bounds and not low <= getattr(self, key) <= high:
-                    raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
+                setattr(self, key, self.check_live(key, param.check(value)))
             except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {error}", param.description)
         if not is_count(self.every):
@@ -378,10 +375,17 @@ class Block:
                 "TW010", f"has no parameter {name!r}", path=self.path,
                 hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}"))
         try:
-            setattr(self, name, self.parameters[name].parse(text))
+            setattr(self, name, self.check_live(name, self.parameters[name].parse(text)))
         except ValueError as error:
             raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
         self._attempt(self.configure)
+
+    def check_live(self, name, value):
+        """The value, if the parameter may have it at the start of a run too: a proof rests on its live bounds."""
+        low, high = self.live_bounds.get(name, (-math.inf, math.inf))
+        if name in self.live_bounds and not low <= value <= high:
+            raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
+        return value
 
     def live(self, name):
         """(smallest, largest) value that a parameter may take while running, or None if it is not live."""

@@ -14,7 +14,7 @@ from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain, Product, Sum
 from blocks.sources import StepSource
 from cext.kernels import mathematics as kernels
-from graph import Block, Diagram, Input, Output
+from graph import Block, Device, Diagram, Input, Output, Param
 from tests.cext.rigs import STOP, Rig, one_drive, plant_of
 
 
@@ -190,6 +190,47 @@ def test_a_run_that_waits_for_ever_for_its_devices_is_a_run():
     rig = one_drive(lambda knee: 1.0)
     assert rig.run(10, arming_timeout=math.inf, fade=math.inf).status == "ok"
     assert abs(rig["knee.torque_sent"]).max() < 0.04
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.c_void_p, ctypes.POINTER(ctypes.c_int64))
+def sensor_decode(arena, slots, sizes, frame):
+    """Takes every frame: the reading is its identifier."""
+    arena[slots[0]] = float(frame[1] & 0x7FF)
+    return 1
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+def sensor_encode(arena, slots, sizes, frames):
+    """Asks for nothing."""
+    return 0
+
+
+class Sensor(Device):
+    """Speaks by itself and is never asked."""
+
+    timeout = Param(0.05, "s", min=0.0)
+    reading = Output("1")
+    bus = "can"
+    decode, encode = sensor_decode, sensor_encode
+
+
+def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
+    with Diagram("robot", rate=200) as robot:
+        Sensor(name="sensor")
+    rig = Rig(robot)
+    outcome = rig.run(20, arming_timeout=0.1)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("sensor",)) and rig.frames == []
+    rig = Rig(robot)
+    rig.buses["can"].device.send(42, b"")
+    outcome = rig.run(20)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "sensor", 11) and set(rig["sensor.reading"]) == {42.0}
+    assert outcome.unconfirmed == ()
+
+
+def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
+    with Diagram("robot", rate=200) as robot:
+        Sensor(name="sensor", timeout=0.0)
+    assert Rig(robot).run(20).status == "ok"
 
 
 # Faults
@@ -439,6 +480,13 @@ def test_behind_a_fence_no_command_is_sent_and_the_run_ends_in_the_safe_stop():
     outcome = rig.run(100)
     assert (outcome.status, outcome.tick) == ("fenced", 30)
     assert len(rig.commands()) == 30 and ends_in_the_safe_stop(rig)
+
+
+def test_a_fence_raised_before_the_first_run_lets_nothing_through():
+    rig = one_drive(lambda knee: 1.0)
+    rig.page.raise_fence()
+    outcome = rig.run(10)
+    assert (outcome.status, outcome.tick) == ("fenced", -1) and set(rig.sent()) == set(STOP)
 
 
 def test_a_fence_raised_while_arming_enables_nothing_any_more():

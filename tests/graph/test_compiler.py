@@ -9,7 +9,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from graph import Actuator, Block, Diagram, Input, Memory, Output, Sink, compile, subsystem
+from graph import Actuator, Block, Diagram, Input, Interval, Memory, Output, Sink, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -357,6 +357,19 @@ def test_hooks_of_devices_that_raise_are_told_with_their_line():
         Broken(name="b")(torque_command=0.0)
     found = complaint(diagram)
     assert (found.code, found.path, found.message) == ("TW010", "b", "no limits are known of this one")
+
+
+def test_a_device_of_someone_elses_has_no_limits_frames_or_emulator_until_it_says_so():
+    class Lamp(Actuator):
+        """The least that an actuator can be."""
+
+        level_command = Input("1", default=0.0)
+
+    lamp = Lamp()
+    assert lamp.command_limits() == {} and lamp.rating() == "" and lamp.addresses() == [] and lamp.limit_interval(2.0) == Interval(-2.0, 2.0)
+    assert lamp.enable_frames() == lamp.zero_frames() == lamp.disable_frames() == []
+    with pytest.raises(TypeError, match="Lamp has no emulator"):
+        lamp.emulator()
 
 
 def test_memory_of_any_length_is_placed():

@@ -1,5 +1,6 @@
 """A native block computes by hand as it does in a diagram."""
 
+import ctypes
 import math
 
 import numpy as np
@@ -96,6 +97,21 @@ def test_a_device_and_a_block_without_a_step_have_nothing_to_compute():
     for block in (Idle(), CubeMars("AK80-9")):
         with pytest.raises(TypeError, match="has nothing to compute"):
             block.step(1.0)
+
+
+def test_a_kernel_that_refuses_is_told():
+    @ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+    def refuses(arena, slots, sizes):
+        return 70
+
+    class Refuses(Block):
+        """Refuses."""
+
+        y = Output("1")
+        kernel = refuses
+
+    with pytest.raises(ArithmeticError, match="the kernel of refuses returned status 70"):
+        Refuses().step()
 
 
 def test_by_hand_and_in_a_diagram_are_bit_for_bit_the_same():

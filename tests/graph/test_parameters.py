@@ -1,0 +1,115 @@
+"""Parameters that may change: live ones with their bounds, and those that the command line sets before the compile."""
+
+import math
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.filters import Butterworth
+from blocks.limiters import Saturation, TorqueLimiter
+from blocks.mathematics import Gain
+from blocks.models import RecordedKnee
+from graph import Diagram, DiagramError, Interval, Live, compile
+from tests.graph.complaints import complaint, here, refusal
+
+
+def test_a_live_parameter_is_narrowed_where_a_proof_rests_on_it():
+    with Diagram("d", rate=200) as diagram:
+        knee = CubeMars("AK10-9-V2.0", name="knee")
+        knee(torque_command=TorqueLimiter(limit=Live(12.0, max=15.0))(knee.torque))
+    (proof,) = [proof for proof in compile(diagram).proofs if proof.port == "torque_command"]
+    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0)
+    assert proof.interval == Interval(-15.0, 15.0)
+
+
+def test_a_live_parameter_counts_with_its_largest_value():
+    with Diagram("d", rate=200) as diagram:
+        knee = CubeMars("AK10-9-V2.0", name="knee")
+        knee(torque_command=TorqueLimiter(limit=Live(12.0, max=18.5))(knee.torque))
+    assert "can reach [-18.5, 18.5]" in complaint(diagram).message
+
+
+@pytest.mark.parametrize("value, message", [
+    (Live(12.0), "limit: a live parameter needs both bounds: write Live(value, min=..., max=...)"),
+    (Live(12.0, max=math.inf), "limit: live bounds must be finite and in order, got 0 to inf"),
+    (Live(12.0, min=15.0, max=13.0), "limit: live bounds must be finite and in order, got 15 to 13"),
+    (Live(12.0, min=-1.0, max=15.0), "limit: must be at least 0.0 N·m, got -1.0"),
+    (Live(16.0, max=15.0), "limit: must be between its live bounds 0 and 15, got 16.0"),
+    (Live(1.0, min=2.0, max=15.0), "limit: must be between its live bounds 2 and 15, got 1.0"),
+    (Live(math.nan, max=15.0), "limit: NaN is not allowed"),
+    (Live("12", max=15.0), "limit: expected a number, got '12'"),
+    (Live(None, max=15.0), "limit: a value is wanted, got None"),
+    (Live(12.0, max="15"), "limit: expected a number, got '15'"),
+])
+def test_live_bounds_are_finite_in_order_and_hold_the_value(value, message):
+    with Diagram("d", rate=200):
+        found = refusal(TorqueLimiter, limit=value)
+    assert (found.code, found.message) == ("TW010", message)
+
+
+def test_text_is_not_live():
+    with Diagram("d", rate=200):
+        assert "both bounds" in refusal(CubeMars, Live("AK80-9")).message
+
+
+def test_the_command_line_sets_parameters_by_text():
+    with Diagram("d", rate=200) as diagram:
+        limiter, drive = TorqueLimiter(limit=5.0, name="limiter"), CubeMars("AK80-9", name="drive")
+    limiter.set("limit", "7")
+    limiter.set("slew", "250 N*m/s")
+    drive.set("limit", "peak"), drive.set("can_id", "4"), drive.set("invert", "yes")
+    assert (limiter.limit, limiter.slew, drive.can_id, drive.invert) == (7.0, 250.0, 4, True)
+    assert drive.command_limits()["torque_command"] == Interval(-18.0, 18.0)            # configured anew
+    drive.set("limit", "6.5")
+    assert drive.command_limits()["torque_command"] == Interval(-6.5, 6.5)
+    assert diagram["limiter"] is limiter
+
+
+@pytest.mark.parametrize("name, text, message, hint", [
+    ("limt", "7", "has no parameter 'limt'", "did you mean 'limit'?"),
+    ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
+    ("limit", "seven", "limit: 'seven' is not a number", "largest torque, either way"),
+    ("limit", "7 rad", "limit: rad does not convert to N·m", "largest torque, either way"),
+    ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest torque, either way"),
+    ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest torque, either way"),
+])
+def test_what_the_command_line_cannot_set_is_told_with_a_hint(name, text, message, hint):
+    limiter = TorqueLimiter(limit=Live(12.0, max=15.0), name="limiter")
+    found = refusal(limiter.set, name, text)
+    assert (found.code, found.path, found.message, found.hint) == ("TW010", "limiter", message, hint) and limiter.limit == 12.0
+
+
+def test_a_value_that_a_block_cannot_be_configured_with_is_told_at_the_blocks_line():
+    saturation = Saturation(-1.0, 1.0, name="s"); at = here()
+    found = refusal(saturation.set, "lower", "2")
+    assert (found.message, found.where) == ("lower, 2, is above upper, 1", at)
+
+
+def test_a_value_that_the_rate_cannot_carry_is_told_at_the_compile():
+    with Diagram("d", rate=100) as diagram:
+        Butterworth(cutoff=10.0, name="f")(1.0)
+    diagram["f"].set("cutoff", "60 Hz")
+    assert complaint(diagram).message == "a cutoff of 60 Hz needs a rate above 120 Hz, and this is 100 Hz"
+
+
+def test_another_rate_is_taken_at_the_compile():
+    with Diagram("d", rate=100) as diagram:
+        Butterworth(cutoff=10.0, name="f")(1.0)
+    slow = compile(diagram)
+    diagram.rate = 400
+    fast = compile(diagram)
+    assert (slow.rate, fast.rate) == (100, 400) and diagram["f"].dt == 1 / 400 and (slow.arena != fast.arena).any()
+
+
+def test_a_block_says_what_it_is():
+    with Diagram("knee", rate=100) as diagram:
+        gain = Gain(2.0, name="g")
+    assert repr(gain) == "<Gain g>" and repr(gain.y) == "<Signal g.y [any]>" and repr(diagram) == "<Diagram knee: 1 blocks at 100 Hz>"
+    assert repr(Gain.inputs["u"]) == "Input('u', 'any')"
+
+
+def test_a_file_that_is_not_there_is_told_at_the_blocks_line():
+    with pytest.raises(DiagramError) as caught:
+        at = here(); RecordedKnee("no_such_file.csv", "knee")
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.where) == ("TW010", at) and found.message == "cannot read no_such_file.csv: No such file or directory"
