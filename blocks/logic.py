@@ -135,7 +135,7 @@ class Latch(Block):
 class Debounce(Block):
     """Follows a signal once it has kept its new value for `time`: what is shorter never shows.
 
-    Direct feedthrough; with time = 0 it is the input. The first sample is believed at once. A NaN passes, and the wait begins anew after it.
+    Direct feedthrough; with time = 0 it is the input. The first sample is believed at once. A NaN passes, and the wait begins anew.
     """
 
     time = Param(0.02, "s", "how long a new value must last", min=0.0)
@@ -187,7 +187,10 @@ class Timer(Block):
 
 
 class Switch(Block):
-    """Chooses between two signals: y = a if condition else b. Direct feedthrough; a NaN shows only from the one that is chosen, or from the condition."""
+    """Chooses between two signals: y = a if condition else b.
+
+    Direct feedthrough; a NaN shows only from the one that is chosen, or from the condition.
+    """
 
     condition = Input("1", "which one", dtype=bool)
     a = Input("any", "chosen while the condition is true", shape=...)
@@ -205,7 +208,7 @@ class Switch(Block):
 class Selector(Block):
     """Chooses one of several signals by number: y = u[index], counted from 0; NaN, a fault at an actuator, where there is no such input.
 
-    Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the one that is chosen, or from the index.
+    Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the chosen one, or from the index.
     """
 
     count = Param(2, "1", "how many inputs", min=2)

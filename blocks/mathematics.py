@@ -78,7 +78,8 @@ class Round(Block):
         self.kernel = kernels.roundings[self.method]
 
     def output_range(self, u):
-        return rising(lambda x: float({"nearest": round, "floor": math.floor, "ceil": math.ceil}[self.method](x)) if math.isfinite(x) else x, u)
+        rounded = {"nearest": round, "floor": math.floor, "ceil": math.ceil}[self.method]
+        return rising(lambda x: float(rounded(x)) if math.isfinite(x) else x, u)
 
 
 class SquareRoot(Block):

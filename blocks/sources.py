@@ -11,7 +11,7 @@ from graph import Block, Interval, Memory, Output, Param, units
 
 
 class Constant(UnitOfOutput, Block):
-    """A constant: y = value. A number wired to an input is one already; this one has a name and a unit, may be recorded, and changed when live."""
+    """A constant: y = value. A number wired to an input is one already; this one has a name and a unit, and may be recorded, or live."""
 
     value = Param(0.0, "any", "what it is")
     unit = Param(units.ANY, "1", "unit of the output")
@@ -157,10 +157,10 @@ class TimeTable(_OverTime, Block):
 
 
 class Playback(_OverTime, Block):
-    """Plays a column of a CSV file by its column of times in s; the unit is what the header says in brackets, as in `left/knee.position [rad]`.
+    """Plays a column of a CSV file by its column of times in s.
 
-    The first row of the file is t = 0. Columns are found by name without their unit. A NaN in the file is played as NaN, and shows on
-    the way to it and from it.
+    The first row of the file is t = 0. Columns are found by name; the unit is what the header says behind it, as in `knee.position [rad]`.
+    A NaN in the file is played as NaN, and shows on the way to it and from it.
     """
 
     file = Param("", "1", "path of the CSV file; commas, semicolons or tabs", required=True, dtype=str)

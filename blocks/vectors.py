@@ -79,7 +79,7 @@ class Cross(Block):
 
 
 class MatrixGain(Block):
-    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, a scalar y for a matrix that is one row (n,)."""
+    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, and a scalar y for one row of numbers."""
 
     matrix = Param(((1.0, 0.0), (0.0, 1.0)), "any", "A: a tuple for each row, or one row of numbers")
     unit = Param("1", "1", "unit of the matrix; the output has the product of both units")

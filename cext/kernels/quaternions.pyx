@@ -31,7 +31,7 @@ cdef int conjugate_kernel(double *arena, const int32_t *slots, const int32_t *si
 
 
 cdef inline double scaled(const double *q, double *s) noexcept nogil:
-    """q over its largest element, into s; returns the squared norm of s, 1 to 4. So nothing overflows; NaN for a zero, an infinity or a NaN."""
+    """q over its largest element, into s, so that nothing overflows; returns |s|², 1 to 4, or NaN for a q without direction."""
     cdef double largest = fabs(q[0])
     cdef int i
     for i in range(1, 4):

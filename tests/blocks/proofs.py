@@ -35,7 +35,8 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
     stated = {name: range_of(block, name, found) for name in block.outputs}
     for _ in range(ticks):
         values = {
-            name: draw_value(data, port, given[name], shape if port.shape is ... else port.shape, nan) for name, port in block.inputs.items()
+            name: draw_value(data, port, given[name], shape if port.shape is ... else port.shape, nan)
+            for name, port in block.inputs.items()
         }
         results = block.step(**values)
         for name, result in zip(block.outputs, results if len(block.outputs) > 1 else (results,)):

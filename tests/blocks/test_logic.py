@@ -85,7 +85,8 @@ SIGNAL = [1, 1, 0, 0, 1, NAN, 1, NAN, 0, 0]
 
 
 @pytest.mark.parametrize("kind, wanted", [
-    ("rising", [0, 0, 0, 0, 1, NAN, 0, NAN, 0, 0]), ("falling", [0, 0, 1, 0, 0, NAN, 0, NAN, 1, 0]), ("both", [0, 0, 1, 0, 1, NAN, 0, NAN, 1, 0]),
+    ("rising", [0, 0, 0, 0, 1, NAN, 0, NAN, 0, 0]), ("falling", [0, 0, 1, 0, 0, NAN, 0, NAN, 1, 0]),
+    ("both", [0, 0, 1, 0, 1, NAN, 0, NAN, 1, 0]),
 ])
 def test_edges_last_one_tick_and_a_nan_is_not_remembered(kind, wanted):
     assert same(steps(Edge(kind), SIGNAL), wanted)
@@ -197,7 +198,8 @@ def test_a_selector_counts_from_zero_and_has_nothing_beyond_its_inputs():
 
 
 @pytest.mark.parametrize("make, said", [
-    (lambda: Compare("=>"), "must be one of <, <=, >, >=, ==, !="), (lambda: And(1), "at least 2"), (lambda: Edge("up"), "must be one of rising"),
+    (lambda: Compare("=>"), "must be one of <, <=, >, >=, ==, !="), (lambda: And(1), "at least 2"),
+    (lambda: Edge("up"), "must be one of rising"),
     (lambda: Debounce(-1.0), "at least 0.0 s"), (lambda: Selector(1), "at least 2"), (lambda: Latch(1.0), "expected True or False"),
 ])
 def test_wrong_parameters_are_refused(make, said):
@@ -229,7 +231,8 @@ FALSE, TRUE, EITHER = Interval(0.0, 0.0), Interval(1.0, 1.0), Interval(0.0, 1.0)
     (Compare("=="), {"a": Interval(3, 3), "b": Interval(3, 3)}, TRUE), (Compare("!="), {"a": Interval(0, 1), "b": Interval(2, 3)}, TRUE),
     (And(), {"u1": EITHER, "u2": FALSE}, FALSE), (And(), {"u1": TRUE, "u2": TRUE}, TRUE), (Or(), {"u1": EITHER, "u2": TRUE}, TRUE),
     (Xor(), {"u1": TRUE, "u2": TRUE}, FALSE), (Not(), {"u": FALSE}, TRUE), (Edge(), {"u": TRUE}, FALSE),
-    (Latch(), {"on": FALSE, "off": EITHER}, FALSE), (Latch(), {"on": TRUE, "off": FALSE}, TRUE), (Latch(True), {"on": FALSE, "off": FALSE}, TRUE),
+    (Latch(), {"on": FALSE, "off": EITHER}, FALSE), (Latch(), {"on": TRUE, "off": FALSE}, TRUE),
+    (Latch(True), {"on": FALSE, "off": FALSE}, TRUE),
     (Debounce(), {"u": TRUE}, TRUE), (Counter(), {"u": EITHER, "clear": TRUE}, FALSE), (Timer(), {"restart": TRUE}, FALSE),
     (Switch(), {"condition": TRUE, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 2)),
     (Switch(), {"condition": EITHER, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 6)),

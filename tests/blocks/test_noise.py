@@ -47,7 +47,8 @@ def test_mean_and_deviation_scale_the_noise():
 
 
 @pytest.mark.parametrize("make, distribution, parameters", [
-    (lambda: GaussianNoise(2.0, 3.0, seed=11, name="noise"), "norm", (2.0, 3.0)), (lambda: UniformNoise(-1.0, 4.0, seed=11, name="noise"), "uniform", (-1.0, 5.0)),
+    (lambda: GaussianNoise(2.0, 3.0, seed=11, name="noise"), "norm", (2.0, 3.0)),
+    (lambda: UniformNoise(-1.0, 4.0, seed=11, name="noise"), "uniform", (-1.0, 5.0)),
 ])
 def test_the_distribution_is_right_and_neighbours_do_not_hang_together(make, distribution, parameters):
     """Kolmogorov and Smirnov over 20,000 ticks of one seed, p above 0.01; correlation of neighbours within four standard errors."""
@@ -65,7 +66,8 @@ def test_the_range_holds_the_largest_value_that_53_random_bits_can_make():
 
 
 @pytest.mark.parametrize("make, said", [
-    (lambda: UniformNoise(2.0, 1.0), "in order"), (lambda: UniformNoise(-math.inf, 1.0), "finite"), (lambda: GaussianNoise(deviation=-1.0), "at least"),
+    (lambda: UniformNoise(2.0, 1.0), "in order"), (lambda: UniformNoise(-math.inf, 1.0), "finite"),
+    (lambda: GaussianNoise(deviation=-1.0), "at least"),
     (lambda: GaussianNoise(seed=-1), "at least 0"), (lambda: GaussianNoise(seed=1.5), "whole number"),
 ])
 def test_wrong_parameters_are_refused(make, said):

@@ -43,7 +43,8 @@ def test_a_table_that_holds_changes_at_the_tick_of_its_times():
 @pytest.mark.parametrize("rate", [10.0, 200.0, 1000.0])
 def test_a_table_that_holds_and_repeats_keeps_to_the_tick_for_100_s(rate):
     tenth = int(rate / 10)
-    y = trace(lambda name: TimeTable((0.0, 0.1, 0.3), (1.0, 2.0, 9.0), interpolation="previous", repeat=True, name=name), int(100 * rate), rate)
+    parameters = {"interpolation": "previous", "repeat": True}
+    y = trace(lambda name: TimeTable((0.0, 0.1, 0.3), (1.0, 2.0, 9.0), **parameters, name=name), int(100 * rate), rate)
     k = np.arange(len(y)) % (3 * tenth)
     assert np.array_equal(y, np.where(k < tenth, 1.0, 2.0))
 
@@ -55,8 +56,10 @@ def test_a_table_that_repeats_goes_from_its_last_value_on_with_its_first():
 
 
 @pytest.mark.parametrize("parameters, said", [
-    ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "rise from each to the next"), ({"times": (0.0, 1.0), "values": (0.0,)}, "2 and 1"),
-    ({"times": (0.0,), "values": (0.0,)}, "at least two times"), ({"times": (0.0, math.inf)}, "finite"), ({"values": (0.0, math.nan)}, "finite"),
+    ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "rise from each to the next"),
+    ({"times": (0.0, 1.0), "values": (0.0,)}, "2 and 1"),
+    ({"times": (0.0,), "values": (0.0,)}, "at least two times"), ({"times": (0.0, math.inf)}, "finite"),
+    ({"values": (0.0, math.nan)}, "finite"),
     ({"interpolation": "cubic"}, "must be one of linear, previous"),
 ])
 def test_a_table_that_is_none_is_refused(parameters, said):
@@ -109,16 +112,20 @@ def test_a_file_that_repeats_never_ends():
 
 
 def test_semicolons_tabs_uneven_times_and_a_start_that_is_not_zero(tmp_path):
+    rows = (("t", "force [N]"), ("100.0", "1"), ("100.1", "3"), ("100.4", "0"))
     for delimiter in ";\t":
-        file = write(tmp_path, "\ufeff" + "\n".join(delimiter.join(row) for row in (("t", "force [N]"), ("100.0", "1"), ("100.1", "3"), ("100.4", "0"))))
+        file = write(tmp_path, "\ufeff" + "\n".join(delimiter.join(row) for row in rows))
         y = trace(lambda name: Playback(file, "force", time="t", name=name), 5, rate=10)
         assert y == pytest.approx([1.0, 3.0, 2.0, 1.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("text, said", [
-    ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"), ("time,u\n0,1\n1,x\n", "line 3: a number is missing in column 'time' or 'u'"),
-    ("time,u\n0,1\n1\n", "line 3"), ("time,u\n0,1\n", "at least two times"), ("time,u\n0,1\n0,2\n", "rise"), ("time,u\n0,1\n1,inf\n", "finite"),
-    ("time,u\n0,nan\n1,nan\n", "finite"), ("", "has no column 'time'; it has none"), ("time [ms],u\n0,1\n5,2\n", "must be in s, and it is in ms"),
+    ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"),
+    ("time,u\n0,1\n1,x\n", "line 3: a number is missing in column 'time' or 'u'"),
+    ("time,u\n0,1\n1\n", "line 3"), ("time,u\n0,1\n", "at least two times"), ("time,u\n0,1\n0,2\n", "rise"),
+    ("time,u\n0,1\n1,inf\n", "finite"),
+    ("time,u\n0,nan\n1,nan\n", "finite"), ("", "has no column 'time'; it has none"),
+    ("time [ms],u\n0,1\n5,2\n", "must be in s, and it is in ms"),
     ("time,u\nnan,1\n1,2\n", "finite"), ("time,u\n", "finite"),
 ])
 def test_a_file_that_cannot_be_played_is_refused_with_its_line(tmp_path, text, said):

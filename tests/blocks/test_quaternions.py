@@ -94,7 +94,8 @@ def test_euler_angles_are_those_of_scipy(q):
     """Within 1e-9 rad, away from the gimbal lock."""
     yaw, pitch, roll = scipys(q).as_euler("ZYX")
     assume(abs(abs(pitch) - math.pi / 2) > 1e-3)
-    assert [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(QuaternionToEuler().step(q), (yaw, pitch, roll))] == pytest.approx([0, 0, 0], abs=1e-9)
+    found = QuaternionToEuler().step(q)
+    assert [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(found, (yaw, pitch, roll))] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
 
 
 @given(angles, angles, st.sampled_from([-math.pi / 2, math.pi / 2]))

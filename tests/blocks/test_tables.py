@@ -81,10 +81,12 @@ def test_the_output_has_the_unit_it_is_given():
 
 @pytest.mark.parametrize("make, said", [
     (lambda: LookupTable1D((0.0, 0.0), (1.0, 2.0)), "each above the one before"), (lambda: LookupTable1D((0.0,), (1.0,)), "at least two"),
-    (lambda: LookupTable1D((0.0, 1.0), (1.0,)), "2 breakpoints and 1 values"), (lambda: LookupTable1D((0.0, math.inf), (1.0, 2.0)), "finite"),
+    (lambda: LookupTable1D((0.0, 1.0), (1.0,)), "2 breakpoints and 1 values"), (lambda: LookupTable1D((0.0, math.inf),
+    (1.0, 2.0)), "finite"),
     (lambda: LookupTable1D((-1.7e308, 1.7e308), (1.0, 2.0)), "each above"), (lambda: LookupTable1D(beyond="wrap"), "must be one of clamp"),
     (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0), (3.0,))), "2 rows of 2 numbers"),
-    (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0),)), "2 rows of 2 numbers"), (lambda: LookupTable2D(values=(1.0, 2.0)), "finite numbers"),
+    (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0),)), "2 rows of 2 numbers"),
+    (lambda: LookupTable2D(values=(1.0, 2.0)), "finite numbers"),
 ])
 def test_a_table_that_is_none_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
@@ -92,7 +94,8 @@ def test_a_table_that_is_none_is_refused(make, said):
 
 
 def knots(smallest, largest):
-    return st.lists(st.floats(-10.0, 10.0) | st.floats(-1e300, 1e300), min_size=smallest, max_size=largest, unique=True).map(lambda x: tuple(sorted(x)))
+    numbers = st.floats(-10.0, 10.0) | st.floats(-1e300, 1e300)
+    return st.lists(numbers, min_size=smallest, max_size=largest, unique=True).map(lambda x: tuple(sorted(x)))
 
 
 @pytest.mark.parametrize("beyond", ["clamp", "extrapolate"])

@@ -30,7 +30,9 @@ def test_the_angle_of_a_point_is_that_of_python(opposite, adjacent):
     assert ulps(Atan2().step(opposite, adjacent), math.atan2(opposite, adjacent)) <= 2.0
 
 
-@pytest.mark.parametrize("opposite, adjacent, wanted", [(1.0, 1.0, PI / 4), (1.0, -1.0, 3 * PI / 4), (-1.0, -1.0, -3 * PI / 4), (0.0, -2.0, PI), (0.0, 0.0, 0.0)])
+@pytest.mark.parametrize("opposite, adjacent, wanted", [
+    (1.0, 1.0, PI / 4), (1.0, -1.0, 3 * PI / 4), (-1.0, -1.0, -3 * PI / 4), (0.0, -2.0, PI), (0.0, 0.0, 0.0),
+])
 def test_angles_in_all_four_quadrants(opposite, adjacent, wanted):
     assert Atan2().step(opposite, adjacent) == pytest.approx(wanted, rel=1e-15, abs=0.0)
 

@@ -29,7 +29,10 @@ def test_a_constant_has_a_value_and_a_unit():
     assert run(diagram, 3)["g.y"].tolist() == [9.81] * 3
 
 
-@pytest.mark.parametrize("kind", [Constant, StepSource, Ramp, Sine, Chirp, Pulse, TimeTable, GaussianNoise, UniformNoise], ids=lambda kind: kind.__name__)
+SOURCES = [Constant, StepSource, Ramp, Sine, Chirp, Pulse, TimeTable, GaussianNoise, UniformNoise]
+
+
+@pytest.mark.parametrize("kind", SOURCES, ids=lambda kind: kind.__name__)
 def test_every_source_says_its_unit_and_refuses_one_that_is_none(kind):
     with Diagram("d", rate=100) as diagram:
         kind(unit="N*m", name="source")

@@ -197,7 +197,7 @@ def test_types_only_widen_along_a_wire():
         Integers(name="seventh")(StepSource().y)                # a source of anything may be a source of this
     third, fourth, fifth = complaints(diagram)
     assert (third.code, third.path, third.port, third.where) == ("TW008", "third", "count", at)
-    assert third.message == "expected int, got float from cube_mars.position" and third.hint == "a block of your own can round it"
+    assert third.message == "expected int, got float from cube_mars.position" and third.hint == "put a Round between"
     assert (fourth.path, fourth.message) == ("fourth", "expected bool, got int from first.twice") and "threshold" in fourth.hint
     assert (fifth.path, fifth.message) == ("fifth", "expected bool, got 2.0")
 
