@@ -231,6 +231,25 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
     assert "files" not in process.stdout
 
 
+@pytest.mark.parametrize("rate", [100, 400])
+def test_the_rate_may_be_another(command_line, rate):
+    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "2", "--rate", rate)
+    assert (code, err) == (0, "") and out.startswith(f"knee_exo: 2 s at {rate} Hz, simulated, in virtual time\n")
+    files = Files(command_line.folder / "recordings")
+    np.testing.assert_array_equal(files.table["time [s]"], np.arange(2 * rate) / rate)
+    assert files.sidecar["rate"] == rate
+
+
+def test_plotjuggler_adds_a_viewer_to_a_diagram_without_one(command_line):
+    with Listener() as listener:
+        path = knee(command_line.folder, law="return 1.0")
+        code, out, err = command_line(path, "--duration", "0.5", "--plotjuggler", listener.address)
+        datagrams = listener.rest()
+    assert (code, err) == (0, "")
+    assert [datagram["timestamp"] for datagram in datagrams] == list(Files(command_line.folder / "recordings").table["time [s]"])
+    assert datagrams[-1]["timestamp"] == 0.495 and datagrams[0]["law"]["torque"] == 1.0
+
+
 def test_record_names_the_folder(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "1", "--record", "a/b", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
