@@ -165,6 +165,12 @@ def test_addresses_have_a_default_port_and_may_be_of_version_6():
     assert address("[::1]:1234") == ("::1", 1234)
 
 
+def test_a_folder_may_be_named_from_home(monkeypatch, tmp_path):
+    """Also behind `--record=`, where no shell expands it."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert parse_run(["robot.py", "--record=~/runs"]).record == tmp_path / "runs"
+
+
 def test_a_host_that_does_not_resolve(command_line):
     complaint = command_line.refused(knee(command_line.folder), "--duration", "1", "--plotjuggler", "robot.invalid:9870")
     assert complaint.startswith("plot_juggler cannot start: there is no host 'robot.invalid'") and "\n" not in complaint

@@ -95,6 +95,11 @@ def test_three_things_to_try_next(walked, tmp_path):
         f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}", "  measure this machine: python -m runtime bench"]
 
 
+def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
+    path = write(tmp_path, KNEE.format(law="return 1.0"), "my robot.py")
+    assert report.hints(carry_out(path), "tickwork")[1] == f"  see what was proved: tickwork check '{path}'"
+
+
 def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():
     lines = report.hints(carry_out(KNEE_EXO, 1.0), "tickwork")
     assert lines[1] == f"  walk longer, to see whole strides: tickwork {KNEE_EXO} --duration 20"
