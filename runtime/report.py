@@ -1,5 +1,6 @@
 """The end of a run, in words and numbers."""
 
+import shlex
 import signal
 
 from runtime.errors import FAULT, OK
@@ -111,7 +112,8 @@ def micro(seconds):
 
 def hints(result, program):
     """Three things to try next. program : how the person starts us"""
-    start = f"{program} {result.request.file}"
+    name = shlex.quote(str(result.request.file))
+    start = f"{program} {name}"
     paths = [file["path"] for file in result.recording.get("files", [])]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
@@ -130,7 +132,7 @@ def hints(result, program):
         tries.append(f"a minute in virtual time: {start} --duration 60 --fast")
     if any(sink.block.service == STREAMED for sink in result.schedule.sinks):
         tries.append("watch it live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
-    tries.append(f"see what was proved: {program} check {result.request.file}")
+    tries.append(f"see what was proved: {program} check {name}")
     tries.append(f"measure this machine: {program} bench")
     return ["try next", *(f"  {line}" for line in tries[:3])]
 

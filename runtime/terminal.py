@@ -5,13 +5,23 @@ However that goes, the run keeps its exit code: a reader that has gone away (`| 
 
 import os
 import re
+import shutil
 import sys
-from pathlib import Path
 
 
 def program():
-    """How the person started us."""
-    return "tickwork" if Path(sys.argv[0]).name == "tickwork" else "python -m runtime"
+    """How the person can start us again: with words that their shell understands, whether or not an environment is activated."""
+    script = os.path.abspath(sys.argv[0])
+    if os.path.basename(script) == "tickwork":
+        return "tickwork" if on_path("tickwork", script) else relative(script)
+    name = next((name for name in ("python", "python3") if on_path(name, sys.executable)), None)
+    return f"{name or relative(sys.executable)} -m runtime"
+
+
+def on_path(name, file):
+    """Whether the shell finds `file` by this name. Folders are compared: files of environments are links to one and the same."""
+    found = shutil.which(name)
+    return found is not None and os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(file))
 
 
 def tell(lines):

@@ -50,6 +50,14 @@ def test_it_compiles_without_a_warning_and_all_native():
         (f"{side}/knee", True, f"{side}/torque_limiter") for side in SIDES]
 
 
+def test_it_is_recorded_streamed_and_summed_up():
+    """Recorder and viewer take every port; each leg has its report."""
+    _, diagram = load(KNEE_EXO)
+    taken = {sink.block.path: len(sink.columns) for sink in compile(diagram).sinks}
+    ports = sum(len(block.outputs) for block in diagram)
+    assert taken == {"csv_recorder": ports, "plot_juggler": ports, "left/stride_report": 5, "right/stride_report": 5}
+
+
 def test_it_ends_well(walked):
     assert (walked.outcome.status, walked.outcome.unconfirmed, walked.outcome.unanswered) == ("ok", (), ())
     assert list(walked.tick) == list(range(2400))

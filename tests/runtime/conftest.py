@@ -7,6 +7,7 @@ import pytest
 
 from runtime.cli import main
 from runtime.errors import BAD_INPUT
+from tests.runtime.runs import environment
 
 
 @pytest.fixture(autouse=True)
@@ -48,4 +49,6 @@ class CommandLine:
 @pytest.fixture
 def command_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", environment()["PATH"])
+    monkeypatch.setattr(sys, "argv", ["runtime"])
     return CommandLine(tmp_path, capsys)

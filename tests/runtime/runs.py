@@ -2,10 +2,12 @@
 
 import json
 import os
+import queue
 import re
 import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +67,10 @@ def line_of(path, text):
 
 
 def environment(**more):
-    return {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")} | {"PYTHONPATH": str(ROOT)} | more
+    """As in an activated environment, from wherever."""
+    path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
+    ours = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    return ours | {"PATH": path, "PYTHONPATH": str(ROOT)} | more
 
 
 def finished(*arguments, cwd, timeout=60, **more):
@@ -82,34 +87,44 @@ def started(*arguments, cwd, **how):
 
 
 class Listener:
-    """Listens where PlotJuggler would: `address` for --plotjuggler, then datagrams as parsed JSON."""
+    """Listens where PlotJuggler would: `address` for --plotjuggler, then datagrams as parsed JSON.
+
+    A thread takes them as they come: what the system keeps of unread datagrams can be little.
+    """
 
     def __init__(self):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8 << 20)
         self.socket.bind(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self.socket.getsockname()[1]}"
+        self.arrived = queue.SimpleQueue()
+        self.thread = threading.Thread(target=self._listen, daemon=True)
 
     def __enter__(self):
+        self.thread.start()
         return self
 
     def __exit__(self, *exception):
+        self.rest()
         self.socket.close()
+
+    def _listen(self):
+        while datagram := self.socket.recv(65536):
+            self.arrived.put(datagram)
 
     def wait(self, count, timeout=30.0):
         """The next `count` datagrams."""
-        self.socket.settimeout(timeout)
-        return [self._parse(self.socket.recv(65536)) for _ in range(count)]
+        return [self._parse(self.arrived.get(timeout=timeout)) for _ in range(count)]
 
     def rest(self):
-        """All that have arrived and were not yet taken."""
-        self.socket.setblocking(False)
+        """All that have arrived and were not yet taken, once nobody sends any more. Ends the listening."""
+        if self.thread.is_alive():
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:      # an empty datagram, behind all others
+                last.sendto(b"", self.socket.getsockname())
+            self.thread.join(10)
         found = []
-        while True:
-            try:
-                found.append(self._parse(self.socket.recv(65536)))
-            except BlockingIOError:
-                return found
+        while not self.arrived.empty():
+            found.append(self._parse(self.arrived.get()))
+        return found
 
     @staticmethod
     def _parse(datagram):

@@ -8,6 +8,7 @@ import pytest
 
 from runtime.cli import parse_run
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK
+from runtime.terminal import program
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write
 
 LISTS = "lists the options)"
@@ -164,6 +165,12 @@ def test_addresses_have_a_default_port_and_may_be_of_version_6():
     assert address("[::1]:1234") == ("::1", 1234)
 
 
+def test_a_folder_may_be_named_from_home(monkeypatch, tmp_path):
+    """Also behind `--record=`, where no shell expands it."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert parse_run(["robot.py", "--record=~/runs"]).record == tmp_path / "runs"
+
+
 def test_a_host_that_does_not_resolve(command_line):
     complaint = command_line.refused(knee(command_line.folder), "--duration", "1", "--plotjuggler", "robot.invalid:9870")
     assert complaint.startswith("plot_juggler cannot start: there is no host 'robot.invalid'") and "\n" not in complaint
@@ -257,15 +264,36 @@ def test_it_runs_from_another_folder_with_relative_names(tmp_path):
     assert [path.name for path in (tmp_path / "robots").iterdir() if path.name != "__pycache__"] == ["robot.py"]
 
 
+def test_what_is_suggested_can_be_typed(monkeypatch, tmp_path):
+    """Python by its short name where the shell finds it by that; by its path, from here, in an environment that is not activated."""
+    binaries = tmp_path / ".venv" / "bin"
+    binaries.mkdir(parents=True)
+    for name in ("python", "python3", "tickwork"):
+        (binaries / name).symlink_to(sys.executable)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "executable", str(binaries / "python"))
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "runtime" / "__main__.py")])
+    assert program() == ".venv/bin/python -m runtime"
+    monkeypatch.setattr(sys, "argv", [str(binaries / "tickwork")])
+    assert program() == ".venv/bin/tickwork"
+    monkeypatch.setenv("PATH", str(binaries))
+    assert program() == "tickwork"
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "runtime" / "__main__.py")])
+    assert program() == "python -m runtime"
+    (binaries / "python").unlink()
+    assert program() == "python3 -m runtime"
+
+
 def test_the_console_script_is_the_same(tmp_path):
     """`tickwork` calls runtime.__main__:main; it names itself in what it suggests."""
     knee(tmp_path)
     script = write(tmp_path, "import sys\nfrom runtime.__main__ import main\nsys.exit(main())\n", "tickwork")
+    script.chmod(0o755)
     process = subprocess.run(
-        [sys.executable, script, "robot.py", "--fast", "--duration", "0.5", "--no-record"], cwd=tmp_path, env=environment(),
-        capture_output=True, text=True, timeout=60)
+        [sys.executable, script, "robot.py", "--fast", "--duration", "0.5", "--no-record"], cwd=tmp_path,
+        env=environment(PATH=f"{tmp_path}:/usr/bin:/bin"), capture_output=True, text=True, timeout=60)
     assert process.returncode == OK, process.stderr
-    assert "tickwork check robot.py" in process.stdout
+    assert "  see what was proved: tickwork check robot.py\n" in process.stdout
 
 
 def test_a_reader_that_goes_away_does_no_harm(tmp_path):

@@ -1,5 +1,6 @@
 """The end of a run in words and numbers: summary, faults, exit codes, and three things to try next."""
 
+import os
 import signal
 from pathlib import Path
 
@@ -92,6 +93,11 @@ def test_three_things_to_try_next(walked, tmp_path):
     lines = report.hints(carry_out(knee(tmp_path)), "python -m runtime")
     assert lines[1:] == [
         f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}", "  measure this machine: python -m runtime bench"]
+
+
+def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
+    path = write(tmp_path, KNEE.format(law="return 1.0"), "my robot.py")
+    assert report.hints(carry_out(path), "tickwork")[1] == f"  see what was proved: tickwork check '{path}'"
 
 
 def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():
@@ -202,3 +208,18 @@ def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch)
     assert result.outcome.status == "ok"
     [line] = [line for line in report.summary(result) if line.startswith("  recorder")]
     assert "the recorder process died before the end (SIGKILL)" in line
+
+
+def test_ctrl_c_while_the_recording_is_finished_does_not_tear_it(tmp_path, monkeypatch):
+    class Interrupted(RecorderProcess):
+        """Hears Ctrl-C again when the run is over."""
+
+        def finish(self):
+            os.kill(os.getpid(), signal.SIGINT)
+            return super().finish()
+
+    monkeypatch.setattr("runtime.run.RecorderProcess", Interrupted)
+    before = signal.getsignal(signal.SIGINT)
+    result = run(prepare(Request(knee(tmp_path), duration=0.5, fast=True, record=tmp_path / "recordings")))
+    assert result.recording["ended"] == "ok" and result.recording["ticks"] == 100
+    assert signal.getsignal(signal.SIGINT) is before

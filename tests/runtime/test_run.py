@@ -231,6 +231,25 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
     assert "files" not in process.stdout
 
 
+@pytest.mark.parametrize("rate", [100, 400])
+def test_the_rate_may_be_another(command_line, rate):
+    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "2", "--rate", rate)
+    assert (code, err) == (0, "") and out.startswith(f"knee_exo: 2 s at {rate} Hz, simulated, in virtual time\n")
+    files = Files(command_line.folder / "recordings")
+    np.testing.assert_array_equal(files.table["time [s]"], np.arange(2 * rate) / rate)
+    assert files.sidecar["rate"] == rate
+
+
+def test_plotjuggler_adds_a_viewer_to_a_diagram_without_one(command_line):
+    with Listener() as listener:
+        path = knee(command_line.folder, law="return 1.0")
+        code, out, err = command_line(path, "--duration", "0.5", "--plotjuggler", listener.address)
+        datagrams = listener.rest()
+    assert (code, err) == (0, "")
+    assert [datagram["timestamp"] for datagram in datagrams] == list(Files(command_line.folder / "recordings").table["time [s]"])
+    assert datagrams[-1]["timestamp"] == 0.495 and datagrams[0]["law"]["torque"] == 1.0
+
+
 def test_record_names_the_folder(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "1", "--record", "a/b", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
@@ -292,15 +311,18 @@ class Terminal:
     def press(self, keys):
         os.write(self.descriptor, keys)
 
-    def code(self):
-        code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+    def close(self):
+        """As when the window is closed, or the connection to another machine breaks."""
         os.close(self.descriptor)
-        return code
+
+    def code(self):
+        return os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
 
 
 def test_the_status_line_refreshes_in_place_and_is_gone_at_the_end(tmp_path):
     terminal = Terminal(KNEE_EXO, "--duration", "1.5", "--no-record", cwd=tmp_path)
     terminal.read_until(None)
+    terminal.close()
     assert terminal.code() == 0
     drawn, _, rest = terminal.text.partition("knee_exo: 1.5 s")
     refreshes = [line for line in drawn.split("\r") if "running" in line]
@@ -318,12 +340,25 @@ def test_ctrl_c_at_a_terminal_stops_safely(tmp_path):
     terminal.read_until(r"running.* 0\.[3-9] s")
     terminal.press(b"\x03\x03\x03")                                   # impatience must not tear the end of the recording
     terminal.read_until(None)
+    terminal.close()
     assert terminal.code() == 130
     screen = "\n".join(screen_of(terminal.text))
     assert "stopped by SIGINT (Ctrl-C)" in screen and "confirmed by left/knee, right/knee" in screen
     files = Files(tmp_path / "recordings")
     assert_safely_stopped(files, SIDES.values())
     assert files.sidecar["ended"] == "stopped by SIGINT" and files.sidecar["ticks"] == len(files.table["tick"])
+
+
+def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_stop(tmp_path):
+    terminal = Terminal(KNEE_EXO, cwd=tmp_path)
+    terminal.read_until(r"running.* 0\.[3-9] s")
+    [recorder] = psutil.Process(terminal.pid).children()
+    terminal.close()
+    assert terminal.code() == 129
+    assert psutil.wait_procs([recorder], timeout=20)[1] == []
+    files = Files(tmp_path / "recordings")
+    assert_safely_stopped(files, SIDES.values())
+    assert files.sidecar["ended"] == "stopped by SIGHUP" and files.sidecar["ticks"] == len(files.table["tick"])
 
 
 def test_arming_that_nobody_answers_says_who_and_what_was_heard(tmp_path):
