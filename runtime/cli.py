@@ -10,7 +10,9 @@ from runtime.errors import BAD_INPUT, CHECK_FAILED, BadInput
 
 COMMANDS = {
     "run": "run a diagram, in simulation",
-    "check": "compile a diagram and print what was proved of it",
+    "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
+    "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
+    "blocks": "list the blocks that are installed, or tell all about one",
     "bench": "measure ticks and blocks on this machine",
 }
 
@@ -25,7 +27,7 @@ def main(arguments=None):
             print(usage())
             return 0 if arguments else BAD_INPUT
         command = arguments.pop(0) if arguments[0] in COMMANDS else "run"
-        return {"run": run_command, "check": check_command, "bench": bench_command}[command](arguments)
+        return ROUTES[command](arguments)
     except BadInput as error:
         print(f"tickwork: {error}", file=sys.stderr)
         return error.code
@@ -50,6 +52,8 @@ def usage():
 
 
 class Parser(argparse.ArgumentParser):
+    verbatim = argparse.RawDescriptionHelpFormatter
+
     def error(self, message):
         raise BadInput(f"{message} (python -m runtime {self.prog.split()[-1]} --help lists the options)")
 
@@ -127,24 +131,21 @@ def host_and_port(text):
 
 
 def check_command(arguments):
-    from graph import compile
-    from runtime.load import load
-    from runtime.simulation import Simulation
+    from runtime.check import check_command
 
-    parser = Parser(prog="python -m runtime check", description="Compile a diagram and print what was proved of it.")
-    parser.add_argument("file", type=Path)
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings")
-    options = parser.parse_args(arguments)
-    file, diagram = load(options.file, [setting(s) for s in options.settings])
-    schedule = compile(diagram)
-    Simulation(file, diagram, schedule)
-    print(f"{schedule.name}: {len(diagram)} blocks at {schedule.rate:g} Hz; {len(schedule.output)} output steps, {schedule.gil_sections} GIL sections a tick")
-    for proof in schedule.proofs:
-        if proof.bounded_by != "a constant":
-            print(f"  {proof.path}.{proof.port} in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; the limit is {proof.limit} {proof.unit}")
-    for warning in schedule.warnings:
-        print(warning)
-    return 0
+    return check_command(arguments)
+
+
+def draw_command(arguments):
+    from runtime.draw import draw_command
+
+    return draw_command(arguments)
+
+
+def blocks_command(arguments):
+    from runtime.catalog import blocks_command
+
+    return blocks_command(arguments)
 
 
 def bench_command(arguments):
@@ -156,3 +157,6 @@ def bench_command(arguments):
     options = parser.parse_args(arguments)
     bench(options.seconds, max(1, options.repeats))
     return 0
+
+
+ROUTES = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}

@@ -81,7 +81,9 @@ def guarded(path, function, *arguments, **named):
     except BadInput:
         raise
     except DiagramError as error:
-        raise BadInput("\n".join(map(str, error.diagnostics))) from None
+        refused = BadInput("\n".join(map(str, error.diagnostics)))
+        refused.diagnostics = tuple(error.diagnostics)
+        raise refused from None
     except SyntaxError as error:
         raise BadInput(f"{error.filename}:{error.lineno}: syntax error: {error.msg}" + (f"\n    {error.text.strip()}" if error.text else "")) from None
     except UnicodeDecodeError:
