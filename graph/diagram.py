@@ -79,7 +79,7 @@ class Signal:
 
 
 def _arithmetic():
-    from graph import arithmetic            # its blocks rest on this file
+    from graph import arithmetic  # its blocks rest on this file
 
     return arithmetic
 

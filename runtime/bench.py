@@ -5,11 +5,12 @@ import platform
 import statistics
 import time
 
+from cext.executor import Executor
+from cext.program import Program
+
 from blocks.limiters import Saturation
 from blocks.mathematics import Gain, Sum
 from blocks.sources import Sine
-from cext.program import Program
-from cext.executor import Executor
 from graph import Block, Diagram, Input, Output, compile
 
 GROUPS = 33                     # of gain, saturation and sum, behind one sine: 100 blocks

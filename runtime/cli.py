@@ -10,7 +10,9 @@ from runtime.terminal import complain, program, tell
 
 COMMANDS = {
     "run": "run a diagram, in simulation",
-    "check": "compile a diagram and print what was proved of it",
+    "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
+    "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
+    "blocks": "list the blocks that are installed, or tell all about one",
     "bench": "measure ticks and blocks on this machine",
 }
 LONGEST = 1e9                   # s: 30 years
@@ -49,7 +51,7 @@ def command(arguments):
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run_command(arguments)
-    return {"run": run_command, "check": check_command, "bench": bench_command}[first](arguments[1:])
+    return ROUTES[first](arguments[1:])
 
 
 def usage():
@@ -62,8 +64,10 @@ def usage():
 class Parser(argparse.ArgumentParser):
     """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's name tomorrow."""
 
-    def __init__(self, name, description):
-        super().__init__(prog=f"{program()} {name}", description=description, allow_abbrev=False)
+    verbatim = argparse.RawDescriptionHelpFormatter
+
+    def __init__(self, name, description, **options):
+        super().__init__(prog=f"{program()} {name}", description=description, allow_abbrev=False, **options)
         self.name = name
 
     def parse_args(self, arguments):
@@ -183,23 +187,21 @@ def host_and_port(text):
 
 
 def check_command(arguments):
-    from runtime.run import Request, prepare
+    from runtime.check import check_command
 
-    parser = Parser("check", "Compile a diagram and print what was proved of it.")
-    add_diagram(parser)
-    options = parser.parse_args(arguments)
-    schedule = prepare(Request(options.file, rate=options.rate, settings=[setting(s) for s in options.settings])).schedule
-    steps = schedule.output + schedule.update
-    python = sum(step.kernel is None for step in steps)
-    kinds = f"{python} of them in Python" if python else "all of them native"
-    lines = [f"{schedule.name}: {schedule.rate:g} Hz, {len(steps)} steps a tick, {kinds}"]
-    for proof in schedule.proofs:
-        if proof.bounded_by != "a constant":
-            lines.append(
-                f"  {proof.path}.{proof.port} stays in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; "
-                f"its limit is {proof.limit} {proof.unit}")
-    tell([*lines, *map(str, schedule.warnings)])
-    return OK
+    return check_command(arguments)
+
+
+def draw_command(arguments):
+    from runtime.draw import draw_command
+
+    return draw_command(arguments)
+
+
+def blocks_command(arguments):
+    from runtime.catalog import blocks_command
+
+    return blocks_command(arguments)
 
 
 def bench_command(arguments):
@@ -212,3 +214,6 @@ def bench_command(arguments):
     options = parser.parse_args(arguments)
     tell(bench(options.seconds, options.repeats))
     return OK
+
+
+ROUTES = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}

@@ -145,7 +145,9 @@ def guarded(path, function, *arguments, **named):
     except BadInput:
         raise
     except DiagramError as error:
-        raise BadInput("\n".join(map(str, error.diagnostics))) from None
+        refused = BadInput("\n".join(map(str, error.diagnostics)))
+        refused.diagnostics = tuple(error.diagnostics)
+        raise refused from None
     except SyntaxError as error:
         raise BadInput(syntax_error(error)) from None
     except PermissionError as error:

@@ -11,6 +11,7 @@ from pathlib import Path
 from cext.executor import Executor
 from cext.page import RECORD_EVENT, Page
 from cext.program import Program
+
 from graph import Sink
 from runtime.errors import BadInput
 from runtime.load import compiled, load

@@ -4,6 +4,7 @@ from contextlib import ExitStack
 
 from cext.buses import MemoryBus
 from cext.program import Program
+
 from graph import Actuator, Device, Diagram, subsystem
 from runtime.errors import BadInput
 from runtime.load import build_plant, compiled

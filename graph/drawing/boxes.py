@@ -3,9 +3,20 @@
 import math
 from dataclasses import dataclass
 
+from graph.block import snake_case
 from graph.diagram import Signal
 from graph.drawing import cards
-from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
+from graph.drawing.style import (
+    HEAD,
+    LINE,
+    PADDING,
+    ROW,
+    SMALL,
+    TEXT,
+    TITLE,
+    fit,
+    text_width,
+)
 
 WIDEST, DETAILS = 260.0, 4          # px of a box; parameters shown on it
 
@@ -36,8 +47,8 @@ def plan(block, found, all_ports, links, every):
     links : the Links of its level
     every : how often what stands around it runs
     """
-    diagnostics = [d for d in found.diagnostics if d.path == block.path]
-    wrong_ports = frozenset(d.port for d in diagnostics if d.port and d.severity == "error")
+    errors = [d for d in found.errors if d.path == block.path]
+    wrong_ports = frozenset(d.port for d in errors if d.port)
     inputs = {link.target[1]: None for link in links if link.target[0] is block}
     outputs = {link.source[1]: None for link in links if link.source[0] is block}
     constants = {wire.port: wire.source for wire in found.diagram.wires if wire.block is block and not isinstance(wire.source, Signal)}
@@ -49,7 +60,7 @@ def plan(block, found, all_ports, links, every):
 
     kind = type(block).__name__
     name = block.path.rpartition("/")[2]
-    named = name != cards.snake_case(kind)
+    named = name != snake_case(kind)
     details = [f"every {block.every} ticks"] if block.every != every else []
     details += [f"{card['name']} {card['value']}" for card in cards.parameter_cards(block) if card["own"]]
     if block.variadic and not inputs:
@@ -73,5 +84,5 @@ def plan(block, found, all_ports, links, every):
 
     return Plan(
         block, fit(title, TITLE, room, bold=True), fit(subtitle, SMALL, room), tuple(fit(text, SMALL, room) for text in details),
-        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in diagnostics)), wrong_ports,
+        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in errors)), wrong_ports,
         width, round(height))

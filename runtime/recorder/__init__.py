@@ -76,7 +76,9 @@ class RecorderProcess:
 
     def configure(self, plan):
         """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left behind."""
-        from graph.units import ascii_name        # the child shall not import the language for this
+        from graph.units import (
+            ascii_name,  # the child shall not import the language for this
+        )
 
         sinks = [
             {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}

@@ -11,6 +11,7 @@ import signal
 import time
 
 from cext.page import Page
+
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
 from runtime.recorder.terminal import Terminal

@@ -12,6 +12,7 @@ from signal import Signals
 from struct import Struct
 
 from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_ROW
+
 from runtime.recorder import files
 from runtime.recorder.canlog import CanLog
 from runtime.recorder.service import find
