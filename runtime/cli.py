@@ -10,7 +10,9 @@ from runtime.terminal import complain, program, tell
 
 COMMANDS = {
     "run": "run a diagram, in simulation",
-    "check": "compile a diagram and print what was proved of it",
+    "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
+    "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
+    "blocks": "list the blocks that are installed, or tell all about one",
     "bench": "measure ticks and blocks on this machine",
 }
 LONGEST = 1e9                   # s: 30 years
@@ -49,7 +51,8 @@ def command(arguments):
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run_command(arguments)
-    return {"run": run_command, "check": check_command, "bench": bench_command}[first](arguments[1:])
+    commands = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}
+    return commands[first](arguments[1:])
 
 
 def usage():
@@ -62,8 +65,9 @@ def usage():
 class Parser(argparse.ArgumentParser):
     """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's name tomorrow."""
 
-    def __init__(self, name, description):
-        super().__init__(prog=f"{program()} {name}", description=description, allow_abbrev=False)
+    def __init__(self, name, description, epilog=None):
+        super().__init__(prog=f"{program()} {name}", description=description, epilog=epilog, allow_abbrev=False,
+                         formatter_class=argparse.RawDescriptionHelpFormatter)
         self.name = name
 
     def parse_args(self, arguments):
@@ -183,22 +187,41 @@ def host_and_port(text):
 
 
 def check_command(arguments):
-    from runtime.run import Request, prepare
+    from runtime.check import KEYS, check, told
 
-    parser = Parser("check", "Compile a diagram and print what was proved of it.")
+    parser = Parser("check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS)
     add_diagram(parser)
+    parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
     options = parser.parse_args(arguments)
-    schedule = prepare(Request(options.file, rate=options.rate, settings=[setting(s) for s in options.settings])).schedule
-    steps = schedule.output + schedule.update
-    python = sum(step.kernel is None for step in steps)
-    kinds = f"{python} of them in Python" if python else "all of them native"
-    lines = [f"{schedule.name}: {schedule.rate:g} Hz, {len(steps)} steps a tick, {kinds}"]
-    for proof in schedule.proofs:
-        if proof.bounded_by != "a constant":
-            lines.append(
-                f"  {proof.path}.{proof.port} stays in {proof.interval} {proof.unit}, bounded by {proof.bounded_by}; "
-                f"its limit is {proof.limit} {proof.unit}")
-    tell([*lines, *map(str, schedule.warnings)])
+    found = check(options.file, [setting(s) for s in options.settings], options.rate)
+    tell(told(found, options.json))
+    return OK if found["ok"] else CHECK_FAILED
+
+
+def draw_command(arguments):
+    from runtime.draw import FORMATS, draw_file
+
+    parser = Parser("draw", "Draw a diagram, from left to right; feedback goes back below, dashed.")
+    add_diagram(parser)
+    parser.add_argument("-o", "--output", metavar="NAME", help="file to write, - for standard output (default: the diagram's name)")
+    parser.add_argument("--format", choices=list(FORMATS), help="svg, for papers; png; mermaid, for Markdown; html, a page to explore (default: by NAME, or svg)")
+    parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
+    options = parser.parse_args(arguments)
+    said, remarks = draw_file(options.file, [setting(s) for s in options.settings], options.rate, options.output, options.format, options.all_ports)
+    complain(remarks)
+    tell(said)
+    return OK
+
+
+def blocks_command(arguments):
+    from runtime.catalog import catalog
+
+    parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="a block, such as TorqueLimiter, or a family of blocks, such as limiters")
+    parser.add_argument("--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it")
+    parser.add_argument("--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques")
+    options = parser.parse_args(arguments)
+    tell(catalog(options.name, options.library, options.actuators))
     return OK
 
 

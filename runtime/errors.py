@@ -4,6 +4,7 @@ OK, CHECK_FAILED, BAD_INPUT, FAULT = 0, 1, 2, 3
 
 
 class BadInput(Exception):
-    """Something the user typed or wrote cannot be used. Its text says what, where and what to do."""
+    """Something the user typed or wrote cannot be used. Its text says what, where and what to do; `diagnostics` are the language's, where it found them."""
 
     code = BAD_INPUT
+    diagnostics = ()

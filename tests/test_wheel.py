@@ -48,7 +48,7 @@ def test_the_wheel_has_every_module_the_headers_of_the_abi_and_nothing_else(arch
     names = {name for name in archives[0] if ".dist-info/" not in name}
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
     assert compiled == sources(".pyx")
-    assert {name for name in names if not name.endswith(".so")} == sources(".py") | sources(".pxd")
+    assert {name for name in names if not name.endswith(".so")} == sources(".py") | sources(".pxd") | sources(".css") | sources(".js")
 
 
 def test_the_source_archive_has_all_a_builder_needs(archives):

@@ -5,21 +5,44 @@
 """
 
 from graph.compiler import examine
+from graph.diagram import Signal
+from graph.drawing.cards import block_card, signal_text
 from graph.drawing.compose import collect, lay_out
+from graph.drawing.mermaid import mermaid
 from graph.drawing.model import Drawing
 from graph.drawing.outline import outline
 from graph.drawing.style import MARGIN
+from graph.drawing.page import page
 from graph.drawing.svg import svg
 
-__all__ = ["Drawing", "draw", "svg"]
+__all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 
 
-def draw(diagram, *, all_ports=False):
-    """The Drawing of a diagram, of one with mistakes too. all_ports : with the ports that nothing is wired to."""
+def draw(diagram, *, all_ports=False, place=str):
+    """The Drawing of a diagram, of one with mistakes too.
+
+    all_ports : with the ports that nothing is wired to
+    place : how to write the Location of a block
+    """
     found = examine(diagram)
     root = outline(diagram, found.taps)
     laid = lay_out(root, found, all_ports)
     picture = {"boxes": [], "frames": [], "lines": []}
     collect(root, MARGIN, MARGIN, found, picture)
+    targets = wired_to(diagram, found)
     return Drawing(
-        diagram.name, diagram.rate, laid.width + 2 * MARGIN, laid.height + 2 * MARGIN, **{key: tuple(things) for key, things in picture.items()})
+        diagram.name, diagram.rate, laid.width + 2 * MARGIN, laid.height + 2 * MARGIN, **{key: tuple(things) for key, things in picture.items()},
+        cards={block.path: block_card(block, found, targets, place) for block in diagram},
+        signals={f"{block.path}.{name}": signal_text(Signal(block, name), found) for block in diagram for name in block.outputs})
+
+
+def wired_to(diagram, found):
+    """{signal path: [paths of the ports it is wired to]}."""
+    targets = {}
+    for wire in diagram.wires:
+        if isinstance(wire.source, Signal) and not wire.block.variadic:
+            targets.setdefault(wire.source.path, []).append(f"{wire.block.path}.{wire.port}")
+    for sink, taps in found.taps.items():
+        for label, signal in taps if sink.variadic else ():
+            targets.setdefault(signal.path, []).append(f"{sink.path}.{label}")
+    return targets

@@ -36,8 +36,8 @@ def plan(block, found, all_ports, links, every):
     links : the Links of its level
     every : how often what stands around it runs
     """
-    diagnostics = [d for d in found.diagnostics if d.path == block.path]
-    wrong_ports = frozenset(d.port for d in diagnostics if d.port and d.severity == "error")
+    errors = [d for d in found.errors if d.path == block.path]
+    wrong_ports = frozenset(d.port for d in errors if d.port)
     inputs = {link.target[1]: None for link in links if link.target[0] is block}
     outputs = {link.source[1]: None for link in links if link.source[0] is block}
     constants = {wire.port: wire.source for wire in found.diagram.wires if wire.block is block and not isinstance(wire.source, Signal)}
@@ -73,5 +73,5 @@ def plan(block, found, all_ports, links, every):
 
     return Plan(
         block, fit(title, TITLE, room, bold=True), fit(subtitle, SMALL, room), tuple(fit(text, SMALL, room) for text in details),
-        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in diagnostics)), wrong_ports,
+        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in errors)), wrong_ports,
         width, round(height))

@@ -1,4 +1,4 @@
-"""What a block says of itself, taken from its declarations: plain data that pages show and lists print."""
+"""What a block says of itself, taken from its declarations and from the compiler: plain data that pages show and lists print."""
 
 import inspect
 import re
@@ -8,6 +8,7 @@ from graph import units
 from graph.block import Block, Sink, snake_case
 from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
+from graph.diagram import Signal
 
 ROOMS = {"filters": "filter", "controllers": "controller", "states": "logic", "logic": "logic", "limiters": "limiter", "sources": "source"}
 
@@ -24,15 +25,18 @@ def family(kind):
 
 
 def documentation(kind):
-    """The docstring of a block's class, its indentation removed; '' if it has none of its own."""
+    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it has none of its own."""
     inherited = {base.__doc__ for base in kind.__mro__[1:]}
-    return inspect.cleandoc(kind.__doc__) if kind.__doc__ and kind.__doc__ not in inherited else ""
+    if not kind.__doc__ or kind.__doc__ in inherited:
+        return ()
+    paragraphs = re.split(r"\n\s*\n", inspect.cleandoc(kind.__doc__))
+    return tuple(text if re.search(r"^\s", text, re.M) else " ".join(text.split()) for text in paragraphs)
 
 
 def summary(kind):
-    """First sentence of the docstring, on one line."""
-    paragraph = " ".join(documentation(kind).split("\n\n")[0].split())
-    return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", paragraph)[0]
+    """First sentence of the docstring."""
+    first = " ".join("".join(documentation(kind)[:1]).split())
+    return re.split(r"(?<=[.!?])\s+(?=[A-Z(])", first)[0]
 
 
 def example(kind):
@@ -140,3 +144,83 @@ def class_card(kind):
         "parameters": parameter_cards(kind), "made": block.inputs.keys() != kind.inputs.keys() or block.outputs.keys() != kind.outputs.keys(),
         "variadic": kind.variadic,
     }
+
+
+def block_card(block, found, targets, place):
+    """All there is to tell of one block of a diagram.
+
+    found : graph.compiler.Compilation
+    targets : {signal path: [paths of the ports it is wired to]}
+    place : Location to text
+    """
+    kind = type(block)
+    rate = found.diagram.rate / block.every
+    return {
+        "path": block.path, "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind),
+        "documentation": documentation(kind), "runs": runs(block), "made": place(block.location) if block.location else "",
+        "rate": f"{rate:g} Hz" + (f", every {block.every} ticks" if block.every != 1 else ""),
+        "conditions": [signal.path for signal in block.conditions],
+        "inputs": [input_card(block, port, found) for port in block.inputs.values()] + tap_cards(block, found),
+        "outputs": [output_card(block, port, found, targets) for port in block.outputs.values()],
+        "parameters": parameter_cards(block),
+        "proofs": proof_texts([proof for proof in found.proofs if proof.path == block.path]),
+        "bounds": [f"{proof.path}.{proof.port}" for proof in found.proofs if proof.bounded_by == block.path],
+        "errors": [diagnostic_text(d) for d in found.errors if d.path == block.path],
+        "warnings": [diagnostic_text(d) for d in found.diagnostics if d.path == block.path and d.severity == "warning"],
+    }
+
+
+def proof_texts(proofs):
+    """What is proved of each wired command, and the constants among the others."""
+    texts, constants = [], []
+    for proof in proofs:
+        if proof.interval.low == proof.interval.high and proof.holds:
+            constants.append(f"{proof.port} {interval_text(proof.interval, proof.unit)}")
+            continue
+        inside = "inside" if proof.holds else "NOT inside"
+        texts.append(f"{proof.port}: {interval_text(proof.interval, proof.unit) or 'anything'}, {inside} {interval_text(proof.limit, proof.unit)}; "
+                     f"bounded by {proof.bounded_by}")
+    return texts + (["constant: " + ", ".join(constants)] if constants else [])
+
+
+def diagnostic_text(diagnostic):
+    return f"{diagnostic.code} {diagnostic.title}: {diagnostic.message}" + (f"; {diagnostic.hint}" if diagnostic.hint else "")
+
+
+def input_card(block, port, found):
+    """What an input declares, with the unit and shape that its wire gives it."""
+    source = found.sources.get((block, port.name))
+    card = port_card(port) | {"unit": found.units[block, port.name], "shape": shape_text(found.shapes[block, port.name])}
+    if isinstance(source, Signal):
+        card["source"] = source.path
+    elif (block, port.name) in found.wires:
+        card["constant"] = quantity(source.tolist(), port.unit)
+    return card
+
+
+def tap_cards(block, found):
+    """The inputs of a sink that takes any number of signals."""
+    return [
+        {"name": label, "unit": found.units[signal.block, signal.port], "shape": shape_text(found.shapes[signal.block, signal.port]),
+         "dtype": signal.declaration.dtype, "description": "", "source": signal.path}
+        for label, signal in (found.taps.get(block, ()) if block.variadic else ())
+    ]
+
+
+def output_card(block, port, found, targets):
+    signal = Signal(block, port.name)
+    unit = found.units[block, port.name]
+    return port_card(port) | {
+        "unit": unit, "shape": shape_text(found.shapes[block, port.name]), "range": interval_text(found.ranges.get(signal), unit),
+        "targets": targets.get(signal.path, []),
+    }
+
+
+def signal_text(signal, found):
+    """One line on a signal: its path, unit, shape and range."""
+    unit, shape = found.units[signal.block, signal.port], found.shapes[signal.block, signal.port]
+    dtype = signal.declaration.dtype
+    sign = "" if unit in (units.ONE, units.ANY) else unit
+    words = [signal.path, sign, f"({shape_text(shape)})" if shape else "", "" if dtype == "float" else dtype,
+             interval_text(found.ranges.get(signal), unit)]
+    return "   ".join(word for word in words if word)

@@ -63,8 +63,8 @@ def frame_node(level, found, all_ports):
     for index, (edge, points, joints, back) in enumerate(inner.lines):          # pins stand on the frame's edge
         if edge.target.side == "last":
             inner.lines[index] = edge, [*points[:-1], (inner.width, points[-1][1])], joints, back
-    inner.shift(0.0, FRAME_TITLE + FRAME_PADDING * 0.75)
-    inner.height += FRAME_TITLE + FRAME_PADDING * 1.75
+    inner.shift(0.0, FRAME_TITLE + FRAME_PADDING)
+    inner.height += FRAME_TITLE + 2 * FRAME_PADDING
     left = {node.what: node.y for node in inner.nodes if node.side == "first"}
     enabled = [key for key in level.pins if key[0] == "enabled"]
     left.update({key: FRAME_TITLE / 2.0 + 4.0 * index for index, key in enumerate(enabled)})
@@ -87,7 +87,12 @@ def components(nodes, edges):
     graph.add_edges_from((pins[0], pin) for pin in pins[1:])
     position = {node: index for index, node in enumerate(nodes)}
     parts = [sorted(part, key=position.get) for part in nx.connected_components(graph)]
-    return sorted(parts, key=lambda part: (not part[0].side, len(part) == 1, position[part[0]]))
+    return sorted(parts, key=lambda part: (not part[0].side, lone(part), position[part[0]]))
+
+
+def lone(part):
+    """Whether it is a block that is linked to nothing, as most recorders are."""
+    return len(part) == 1 and not isinstance(part[0].what, Level)
 
 
 def columns(nodes, edges, framed):
@@ -115,7 +120,7 @@ def columns(nodes, edges, framed):
                 node.x = round(x + (widest - node.width) / 2.0)
             x += widest
     lines = [line for net in nets for line in routes(net, wires, lanes)]
-    height = max([node.y + node.height for column in order for node in column] + [y + BETWEEN_LINES for y in lanes.values()], default=0.0)
+    height = max([node.y + node.height for column in order for node in column] + list(lanes.values()), default=0.0)
     return Laid(x, height, [node for node in nodes], lines)
 
 
@@ -179,7 +184,7 @@ def pack(parts, framed, pinned):
     x, y, row = inset, 0.0, 0.0
     for index, part in enumerate(parts):
         pins_here = pinned and index == 0
-        loners = len(part.nodes) == 1 and index and len(parts[index - 1].nodes) > 1
+        loners = index > 0 and lone(part.nodes) and not lone(parts[index - 1].nodes)
         if not pins_here and x > inset and (x + part.width > limit + inset or loners):
             x, y, row = inset, y + row + gap, 0.0
         part.shift(0.0 if pins_here else x, y)

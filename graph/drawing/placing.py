@@ -9,6 +9,7 @@ from collections import defaultdict
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
 
 ROUNDS = 6
+FAR = 150.0                 # px, from where on it stands between two wishes
 ANCHOR = 1e-3               # weight of staying where it is, for what no line pulls
 
 
@@ -76,11 +77,14 @@ def gap(upper, lower):
 
 
 def median(wishes):
-    """The weighted median; the upper one of two, so that one line at least runs straight."""
+    """The weighted median; between two, the upper one where they are near, so that one line runs straight, else half way."""
     wishes = sorted(wishes)
     half, passed = sum(weight for _, weight in wishes) / 2.0, 0.0
-    for y, weight in wishes:
+    for index, (y, weight) in enumerate(wishes):
         passed += weight
-        if passed >= half:
+        if passed > half:
             return y
+        if passed == half:
+            following = wishes[index + 1][0]
+            return y if following - y < FAR else round((y + following) / 2.0)
     return wishes[-1][0]

@@ -37,7 +37,7 @@ HEAD = 24.0                 # a box's head, with its title
 LINE = 14.0                 # one line of small text
 PADDING = 9.0               # between a box's edge and its text
 FRAME_TITLE = 26.0          # a frame's head
-FRAME_PADDING = 18.0        # between a frame and what it holds
+FRAME_PADDING = 16.0        # between a frame and what it holds
 MARGIN = 24.0               # around the drawing
 
 BETWEEN_BOXES = 28.0        # from box to box, downwards

@@ -1,12 +1,15 @@
 """A drawing as SVG: one file, no scripts, for papers and for the page."""
 
+import math
 from html import escape
 from itertools import pairwise
 
 from graph.drawing.style import (
-    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, PADDING, PAPER, SMALL, TEXT, TITLE, WIRE,
-    WRONG,
+    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, MARGIN, PADDING, PAPER, SMALL, TEXT,
+    TITLE, WIRE, WRONG, text_width,
 )
+
+LEGEND, FEEDBACK = 28.0, "feedback"
 
 
 def css():
@@ -15,27 +18,61 @@ def css():
         f"text {{ font-family: {FONT}; fill: {INK}; }}",
         f".title {{ font-size: {TITLE:g}px; font-weight: 600; }} .type {{ font-size: {SMALL:g}px; fill: {FAINT}; }}",
         f".port {{ font-size: {TEXT:g}px; }} .detail, .note {{ font-size: {SMALL:g}px; fill: {FAINT}; }} .end {{ text-anchor: end; }}",
-        f".paper {{ fill: {PAPER}; }} .frame > .edge {{ fill: {FRAME_FILL}; stroke: {FRAME_EDGE}; }} .frame > .head {{ fill: {FRAME_HEAD}; }}",
-        f".box > .body {{ fill: {PAPER}; stroke-width: 1.2; }} .box > .dot, .joint {{ fill: {WIRE}; }}",
+        f".paper {{ fill: {PAPER}; }} .frame > .edge {{ fill: {FRAME_FILL}; stroke: {FRAME_EDGE}; }} .frame > .head {{ fill: {FRAME_HEAD}; stroke: {FRAME_EDGE}; }}",
+        f".box > .body {{ fill: {PAPER}; }} .box > .edge {{ fill: none; stroke-width: 1.2; }} .dot, .joint {{ fill: {WIRE}; }}",
         f".line {{ fill: none; stroke: {WIRE}; stroke-width: 1.4; stroke-linecap: round; }} .wide {{ stroke-width: 2.8; }}",
         f".back {{ stroke: {BACK}; stroke-dasharray: 7 4; stroke-linecap: butt; }} .joint.back {{ fill: {BACK}; }}",
-        f".wrong > .body {{ stroke: {WRONG}; stroke-width: 2.4; }} .line.wrong, .dot.wrong {{ stroke: {WRONG}; }}",
     ]
     rules += [
-        f".{name} > .body {{ stroke: {family.edge}; }} .{name} > .head {{ fill: {family.head}; }} .{name} > .bar {{ fill: {family.edge}; }}"
+        f".{name} > .edge {{ stroke: {family.edge}; }} .{name} > .head {{ fill: {family.head}; }}"
         for name, family in FAMILIES.items()
     ]
+    rules.append(f".wrong > .edge {{ stroke: {WRONG}; stroke-width: 2.6; }} .line.wrong {{ stroke: {WRONG}; }} .dot.wrong {{ fill: {WRONG}; r: 4px; }}")
     return "\n".join(rules)
 
 
 def svg(drawing):
-    """The whole picture as text."""
-    width, height = number(drawing.width), number(drawing.height)
+    """The whole picture as text, with a legend below."""
+    key = "".join(legend(drawing))
+    width, height = number(max(drawing.width, legend_width(drawing))), number(drawing.height + LEGEND)
     return "\n".join([
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" role="img">',
         f"<title>{escape(drawing.name)}</title>", f"<style>\n{css()}\n</style>", f'<rect class="paper" width="{width}" height="{height}"/>',
-        *body(drawing), "</svg>", "",
+        *body(drawing), key, "</svg>", "",
     ])
+
+
+def legend(drawing):
+    """The diagram's name and rate, and what the colours and the dashes mean, as far as they are used."""
+    x, y = MARGIN, drawing.height
+    yield f'<g class="legend"><text class="title" x="{number(x)}" y="{number(y + 4)}">{escape(heading(drawing))}</text>'
+    x += text_width(heading(drawing), TITLE, bold=True) + 2 * MARGIN
+    for name in used(drawing):
+        yield f'<g class="box {name}" transform="translate({number(x)} {number(y - 6)})"><rect class="body" width="16" height="12" rx="3"/>'
+        yield '<path class="head" d="M.6 11.4V3Q.6 .6 3 .6H13Q15.4 .6 15.4 3V11.4Z"/><rect class="edge" width="16" height="12" rx="3"/></g>'
+        yield f'<text class="type" x="{number(x + 22)}" y="{number(y + 3.6)}">{FAMILIES[name].title}</text>'
+        x += legend_item(FAMILIES[name].title)
+    if any(line.back for line in drawing.lines):
+        yield f'<path class="line back" d="M{number(x)} {number(y)}h28"/><text class="type" x="{number(x + 34)}" y="{number(y + 3.6)}">{FEEDBACK}</text>'
+    yield "</g>"
+
+
+def heading(drawing):
+    return f"{drawing.name}, {drawing.rate:g} Hz"
+
+
+def used(drawing):
+    """The families of its blocks, in the order of the list."""
+    return [name for name in FAMILIES if any(item.family == name for item in drawing.boxes)]
+
+
+def legend_item(text):
+    return 22.0 + text_width(text, SMALL) + 18.0
+
+
+def legend_width(drawing):
+    items = sum(legend_item(FAMILIES[name].title) for name in used(drawing)) + legend_item(FEEDBACK) + 12.0
+    return math.ceil(3 * MARGIN + text_width(heading(drawing), TITLE, bold=True) + items + MARGIN)
 
 
 def body(drawing):
@@ -48,14 +85,19 @@ def body(drawing):
 
 
 def frame(item):
+    """A subsystem. Its parts stand at their own places, so that a page can move them apart."""
+    left, top, right, bottom = (number(v) for v in (item.x, item.y, item.x + item.width, item.y + item.height))
+    inner_left, inner_right, inner_top, inner_bottom, under = (
+        number(v) for v in (item.x + 10, item.x + item.width - 10, item.y + 10, item.y + item.height - 10, item.y + FRAME_TITLE))
+    upper = f"V{inner_top}Q{left} {top} {inner_left} {top}H{inner_right}Q{right} {top} {right} {inner_top}"
     parts = [
-        f'<g class="frame" data-path="{escape(item.path)}" transform="translate({number(item.x)} {number(item.y)})">',
-        f'<rect class="edge" width="{number(item.width)}" height="{number(item.height)}" rx="10"/>',
-        f'<path class="head" d="M.6 {FRAME_TITLE:g}V10Q.6 .6 10 .6H{number(item.width - 10)}Q{number(item.width - .6)} .6 {number(item.width - .6)} 10V{FRAME_TITLE:g}Z"/>',
-        f'<text class="title" x="12" y="18">{escape(item.title)}</text>',
+        f'<g class="frame" data-path="{escape(item.path)}">',
+        f'<path class="edge" d="M{left} {inner_bottom}{upper}V{inner_bottom}Q{right} {bottom} {inner_right} {bottom}H{inner_left}Q{left} {bottom} {left} {inner_bottom}Z"/>',
+        f'<path class="head" d="M{left} {under}{upper}V{under}Z"/>',
+        f'<text class="title" x="{number(item.x + 12)}" y="{number(item.y + 18)}">{escape(item.title)}</text>',
     ]
     if item.note:
-        parts.append(f'<text class="note end" x="{number(item.width - 12)}" y="17">{escape(item.note)}</text>')
+        parts.append(f'<text class="note end" x="{number(item.x + item.width - 12)}" y="{number(item.y + 17)}">{escape(item.note)}</text>')
     return "".join(parts) + "</g>"
 
 
@@ -137,6 +179,7 @@ def box(item, drawing):
         f'<g class="{names}" data-path="{escape(item.path)}" transform="translate({number(item.x)} {number(item.y)})">',
         f'<rect class="body" width="{w}" height="{h}" rx="6"/>',
         f'<path class="head" d="M.6 {head:g}V6Q.6 .6 6 .6H{number(item.width - 6)}Q{number(item.width - .6)} .6 {number(item.width - .6)} 6V{head:g}Z"/>',
+        f'<rect class="edge" width="{w}" height="{h}" rx="6"/>',
         f'<text class="title" x="{PADDING:g}" y="16.5">{escape(item.title)}</text>',
     ]
     if item.subtitle:

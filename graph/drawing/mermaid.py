@@ -1,0 +1,56 @@
+"""A drawing as Mermaid text, for documents that draw it themselves. It says what is wired to what; Mermaid decides where things lie."""
+
+from graph.drawing.style import FAMILIES
+from graph.drawing.svg import used
+
+
+def mermaid(drawing):
+    """The flowchart as text."""
+    names = {box.path: f"b{index}" for index, box in enumerate(drawing.boxes)}
+    lines = ["flowchart LR", *inside(drawing, "", names, "    ")]
+    frames = {frame.path: f"f{index}" for index, frame in enumerate(drawing.frames)}
+    for source, target, back in wires(drawing):
+        block, _, output = source.partition(".")
+        if isinstance(target, str):
+            other, _, port = target.partition(".")
+            label, end = output if output == port else f"{output} → {port}", names[other]
+        else:
+            label, end = f"{output} → enabled", frames[target[0]]
+        lines.append(f"    {names[block]} {'-.->' if back else '-->'}|{quoted(label)}| {end}")
+    lines += [f"    classDef {name} fill:{FAMILIES[name].head},stroke:{FAMILIES[name].edge},color:#1f2937" for name in used(drawing)]
+    return "\n".join(lines) + "\n"
+
+
+def inside(drawing, subsystem, names, indent):
+    """The boxes and frames that stand in one frame."""
+    for box in drawing.boxes:
+        if box.subsystem == subsystem:
+            text = f"{box.title}<br>{box.subtitle}" if box.subtitle else box.title
+            yield f"{indent}{names[box.path]}[{quoted(text)}]:::{box.family}"
+    for index, frame in enumerate(drawing.frames):
+        if frame.subsystem == subsystem:
+            yield f"{indent}subgraph f{index}[{quoted(frame.title)}]"
+            yield from inside(drawing, frame.path, names, indent + "    ")
+            yield f"{indent}end"
+
+
+def wires(drawing):
+    """(source's port, target's port or the pin that enables a frame, whether it goes back) of every wire, its lines put together."""
+    following = {}
+    for line in drawing.lines:
+        following.setdefault((line.signal, line.source), []).append(line)
+    for line in drawing.lines:
+        if line.source == line.signal:
+            yield from follow(line, following, False)
+
+
+def follow(line, following, back):
+    back = back or line.back
+    if isinstance(line.target, str) or line.target[1] == "enabled":
+        yield line.signal, line.target, back
+    for further in following.get((line.signal, line.target), ()):
+        yield from follow(further, following, back)
+
+
+def quoted(text):
+    return '"' + text.replace("#", "#35;").replace('"', "#quot;") + '"'

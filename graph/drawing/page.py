@@ -1,0 +1,70 @@
+"""A drawing as a page: one HTML file without a network, to pan, zoom, search, fold subsystems, and read what a block says of itself."""
+
+import json
+from dataclasses import asdict
+from html import escape
+from pathlib import Path
+
+from graph.drawing.style import BACK, FAMILIES, FRAME_TITLE
+from graph.drawing.svg import FEEDBACK, body, css, used
+
+HERE = Path(__file__).parent
+
+
+def page(drawing):
+    """The page as text."""
+    return f"""<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{escape(drawing.name)}</title>
+<style>
+{css()}
+{asset("page.css")}</style>
+</head>
+<body>
+<header id="bar">
+<h1>{escape(drawing.name)}<small>{drawing.rate:g} Hz, {len(drawing.boxes)} blocks</small></h1>
+<div id="finder"><input id="search" type="search" placeholder="search   /" aria-label="search blocks" autocomplete="off"><ul id="results"></ul></div>
+<button id="further" title="zoom out (-)">−</button><button id="closer" title="zoom in (+)">+</button><button id="fit" title="the whole drawing (0)">fit</button>
+{FOLDING if drawing.frames else FOLDING.replace("<button", "<button hidden")}
+</header>
+<svg id="canvas" xmlns="http://www.w3.org/2000/svg"><g id="scene">
+{chr(10).join(body(drawing))}
+</g></svg>
+<aside id="card" hidden></aside>
+<footer id="legend">{"".join(legend(drawing))}</footer>
+<script type="application/json" id="data">{data(drawing)}</script>
+<script>
+{asset("fold.js")}
+{asset("page.js")}</script>
+</body>
+</html>
+"""
+
+
+FOLDING = '<button id="fold" title="fold every subsystem">fold all</button><button id="unfold" title="unfold every subsystem">unfold all</button>'
+
+
+def asset(name):
+    return (HERE / name).read_text(encoding="utf-8")
+
+
+def data(drawing):
+    """What the scripts need, as JSON that cannot end its element."""
+    shape = {"width": drawing.width, "height": drawing.height, "head": FRAME_TITLE}
+    boxes = [{key: value for key, value in asdict(item).items() if key in ("path", "subsystem", "x", "y", "width", "height")} for item in drawing.boxes]
+    frames = [asdict(item) for item in drawing.frames]
+    lines = [{"subsystem": item.subsystem, "points": item.points} for item in drawing.lines]
+    families = {name: asdict(family) for name, family in FAMILIES.items()}
+    text = json.dumps({"drawing": shape | {"boxes": boxes, "frames": frames, "lines": lines}, "cards": drawing.cards, "families": families}, ensure_ascii=False)
+    return text.replace("<", "\\u003c")
+
+
+def legend(drawing):
+    for name in used(drawing):
+        family = FAMILIES[name]
+        yield f'<span><i style="--edge: {family.edge}; --head: {family.head}"></i>{family.title}</span>'
+    if any(line.back for line in drawing.lines):
+        yield f'<span><i class="dashes" style="--edge: {BACK}"></i>{FEEDBACK}</span>'

@@ -1,0 +1,234 @@
+"""`python -m runtime blocks`: every block that is installed, from every library, as its declarations describe it."""
+
+import importlib
+import importlib.metadata
+import inspect
+import pkgutil
+import re
+import sys
+import textwrap
+from dataclasses import dataclass
+
+from graph import Block
+from graph.block import suggestion
+from graph.drawing.cards import class_card, documentation, summary
+from graph.store import ENTRY_POINTS
+from runtime.errors import BadInput
+from runtime.lines import count, paper
+from runtime.terminal import program
+
+OWN = "blocks"                  # our library's package
+
+
+@dataclass(frozen=True)
+class Library:
+    """A library of blocks: the distribution that brings it, the modules to look in, and what could not be imported."""
+
+    name: str
+    modules: tuple
+    kinds: tuple
+    broken: tuple               # (module, why)
+
+
+def catalog(name=None, library=None, models=False):
+    """Lines: every block; one block or family of blocks, with `name`; one library, with `library`; the models of actuators. Raises BadInput."""
+    sheet = paper()
+    if models:
+        return actuators(sheet)
+    found = libraries()
+    if library is not None:
+        found = [find_library(library, found)]
+    if name is None:
+        return listing(found, sheet, described=library is not None)
+    kinds = [kind for entry in found for kind in entry.kinds]
+    in_family = [kind for kind in kinds if name.lower() in (family_of(kind), kind.__module__)]
+    if in_family:
+        return rows(in_family, sheet)
+    return [line for index, kind in enumerate(find(name, kinds)) for line in ([""] if index else []) + describe(kind, sheet)]
+
+
+# Libraries
+
+def libraries():
+    """Every Library, ours first."""
+    modules = {"tickwork": [OWN]}
+    for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
+        modules.setdefault(point.dist.name if point.dist else point.name, []).append(point.module)
+    return [read(name, tuple(dict.fromkeys(places))) for name, places in modules.items()]
+
+
+def read(name, places):
+    """A Library, its modules imported."""
+    modules, broken = [], []
+    for place in places:
+        for module in walk(place, broken):
+            if module not in modules:
+                modules.append(module)
+    kinds = dict.fromkeys(
+        kind for module in modules for kind in vars(module).values()
+        if isinstance(kind, type) and issubclass(kind, Block) and kind.__module__ == module.__name__ and not kind.__name__.startswith("_"))
+    return Library(name, tuple(places), tuple(sorted(kinds, key=lambda kind: (family_of(kind), kind.__name__))), tuple(broken))
+
+
+def walk(name, broken):
+    """A module and all below it. What cannot be imported is added to `broken`."""
+    try:
+        module = importlib.import_module(name)
+    except Exception as error:                      # whatever a stranger's module does as it is imported, the others are listed
+        broken.append((name, f"{type(error).__name__}: {error}"))
+        return
+    yield module
+    for info in pkgutil.iter_modules(getattr(module, "__path__", ())):
+        if not info.name.startswith("_"):
+            yield from walk(f"{name}.{info.name}", broken)
+
+
+def find_library(name, found):
+    for library in found:
+        if name.lower().replace("_", "-") in (library.name.lower().replace("_", "-"), *(place.split(".")[0].lower() for place in library.modules)):
+            return library
+    hint = suggestion(name, [library.name for library in found])
+    raise BadInput(f"no library {name!r} is installed that brings blocks; {hint or 'there is ' + ', '.join(library.name for library in found)}")
+
+
+def family_of(kind):
+    """The module of a block within its library: 'limiters', 'actuators'."""
+    parts = kind.__module__.split(".")
+    return parts[1] if len(parts) > 1 else parts[0]
+
+
+def import_line(kind):
+    """How a diagram imports it: from the outermost package that offers it."""
+    parts = kind.__module__.split(".")
+    for depth in range(1, len(parts) + 1):
+        module = ".".join(parts[:depth])
+        if getattr(sys.modules.get(module), kind.__name__, None) is kind:
+            return f"from {module} import {kind.__name__}"
+    return f"from {kind.__module__} import {kind.__name__}"
+
+
+# Lists
+
+def listing(found, sheet, described):
+    """Every block in one line, by library and family."""
+    lines = []
+    for library in found:
+        lines += about(library, sheet) if described else [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.kinds), 'block')}"]
+        families = list(dict.fromkeys(family_of(kind) for kind in library.kinds))
+        for family in families:
+            own = [kind for kind in library.kinds if family_of(kind) == family]
+            modules = dict.fromkeys(import_line(kind).split()[1] for kind in own)
+            lines += ["", f"  {sheet.bold(family)}  {sheet.faint('from ' + ', '.join(modules))}", *rows(own, sheet, "    ")]
+        for module, why in library.broken:
+            lines += ["", sheet.bad(f"  {module} cannot be imported: {why}")]
+        lines.append("")
+    return [*lines, f"{program()} blocks NAME tells all about one, --from LIBRARY about a library, --actuators the models of actuators"]
+
+
+def rows(kinds, sheet, indent=""):
+    width = max(len(kind.__name__) for kind in kinds)
+    return [sheet.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
+
+
+def version(library):
+    try:
+        return importlib.metadata.version(library.name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def about(library, sheet):
+    """What the distribution's metadata say: version, author, and what it was tested with."""
+    lines = [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.kinds), 'block')}"]
+    try:
+        data = importlib.metadata.metadata(library.name)
+    except importlib.metadata.PackageNotFoundError:
+        return [*lines, "  not installed as a distribution: run from a checkout"]
+    tested = [c.rpartition(" :: ")[2] for c in data.get_all("Classifier", []) if re.fullmatch(r"Programming Language :: Python :: \d\.\d+", c)]
+    needs = [text for text in data.get_all("Requires-Dist", []) if "extra ==" not in text]
+    facts = (
+        ("about", data.get("Summary")),
+        ("author", ", ".join(text for text in (data.get("Author"), data.get("Author-email"), data.get("Maintainer")) if text)),
+        ("licence", data.get("License-Expression") or data.get("License")),
+        ("home", next((url.partition(", ")[2] for url in data.get_all("Project-URL", [])), data.get("Home-page"))),
+        ("needs", ", ".join(needs)),
+        ("tested with", ", ".join([*(f"Python {v}" for v in tested), *(text for text in needs if re.match(r"tickwork\b", text))])),
+        ("Python", data.get("Requires-Python")),
+    )
+    for label, value in facts:
+        lines += sheet.hang(f"  {label:<13}", " ".join(value.split())) if value else []
+    return lines
+
+
+# One block
+
+def find(name, kinds):
+    """The blocks of that name, in whatever way it is written. BadInput with a suggestion if there is none."""
+    plain = name.rpartition(".")[2].rpartition(":")[2].replace("_", "").replace("-", "").lower()
+    found = [kind for kind in kinds if kind.__name__.lower() == plain]
+    if not found:
+        known = {kind.__name__.lower(): kind.__name__ for kind in kinds}
+        close = suggestion(plain, known)
+        hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else f"{program()} blocks lists them all"
+        raise BadInput(f"no block is called {name!r}: {hint}")
+    return found
+
+
+def describe(kind, sheet):
+    """All that one block declares."""
+    card = class_card(kind)
+    lines = [sheet.bold(card["type"]) + f"  {import_line(kind)}", sheet.faint(f"{card['runs']}; {source_line(kind)}")]
+    for paragraph in documentation(kind) or ("no docstring",):
+        code = re.search(r"^\s", paragraph, re.M)
+        lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
+    width = max((len(item["name"]) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
+    units = max((len(unit(item)) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
+    for title in ("inputs", "outputs"):
+        if card[title]:
+            lines += ["", sheet.bold(title) + (sheet.faint("  of an example: its parameters make them") if card["made"] else "")]
+        for port in card[title]:
+            words = [port["description"], f"default {port['default']}" if "default" in port else "", port.get("range", "")]
+            lines += sheet.hang(f"  {port['name']:<{width}}  {unit(port):<{units}}  ", "; ".join(word for word in words if word))
+    if card["variadic"]:
+        lines += ["", sheet.bold("inputs") + "  any number of signals; unwired, every port"]
+    if card["parameters"]:
+        lines += ["", sheet.bold("parameters")]
+    for item in card["parameters"]:
+        default = "required" if item["default"] == "required" else f"default {item['default']}"
+        words = [item["description"], default, item["bounds"], "live" if item["live"] else ""]
+        lines += sheet.hang(f"  {item['name']:<{width}}  {unit(item):<{units}}  ", "; ".join(word for word in words if word))
+    return [line.rstrip() for line in lines]
+
+
+def unit(item):
+    words = ["" if item["unit"] == "1" else item["unit"], {"": "", "any": "any shape"}.get(item.get("shape", ""), f"({item.get('shape')})")]
+    words.append("" if item.get("dtype", "float") == "float" else item["dtype"])
+    return ", ".join(word for word in words if word)
+
+
+def source_line(kind):
+    """Where its source stands."""
+    try:
+        return f"{kind.__module__}, line {inspect.getsourcelines(getattr(kind, 'function', kind))[1]}"
+    except (OSError, TypeError):
+        return kind.__module__
+
+
+# Actuators
+
+def actuators(sheet):
+    """The models of CubeMars actuators: what each holds, what it gives for seconds, and what its wire can say."""
+    from blocks.actuators.cubemars import models
+
+    lines = [
+        sheet.bold("CubeMars") + "  from blocks.actuators import CubeMars; boards V1 and V2, MIT mode", "",
+        f"  {'model':<14}{'gear':>6}{'rated':>9}{'peak':>9}{'wire torque':>14}{'wire velocity':>16}",
+        sheet.faint(f"  {'':<14}{'':>6}{'N·m':>9}{'N·m':>9}{'± N·m':>14}{'± rad/s':>16}"),
+    ]
+    for model in models.MODELS.values():
+        lines.append(f"  {model.name:<14}{model.gear:>4}:1{model.rated:>9g}{model.peak:>9g}{model.wire_torque:>14g}{model.wire_velocity:>16g}")
+    wire = f"On the wire of every model: position ± {models.POSITION:g} rad, stiffness 0 to {models.STIFFNESS:g} N·m/rad, damping 0 to {models.DAMPING:g} N·m·s/rad."
+    return [
+        *lines, "", *sheet.hang("  ", wire),
+        *sheet.hang("  ", "Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit=\"peak\". Wire: a scale, not a rating."),
+    ]

@@ -1,0 +1,177 @@
+"""What `check` has found, for people: sections of aligned lines, each made from the same data that --json prints."""
+
+from runtime.lines import count, pad
+
+BAR = 24                        # columns of a picture of an interval
+
+
+def text(found, paper):
+    """All lines. found : of runtime.check.check; paper : runtime.lines.Paper"""
+    lines = heading(found, paper)
+    if not found["errors"]:
+        for section in (ports, schedule, holds, proofs, buses):
+            lines += section(found, paper)
+    for problem in found["errors"]:
+        lines += complaint(problem, paper, paper.bad, "error")
+    for problem in found["warnings"]:
+        lines += complaint(problem, paper, paper.dubious, "warning")
+    return [*lines, "", verdict(found, paper)]
+
+
+def heading(found, paper):
+    if found["rate"] is None:
+        return [paper.bold(found["diagram"]) + f"  {found['file']}"]
+    wires = sum("source" in port for block in found["blocks"] for port in block["inputs"])
+    facts = [f"{found['rate']:g} Hz", count(len(found["blocks"]), "block"), count(wires, "wire")]
+    if found["plant"]:
+        source = "its own plant" if found["plant"]["given"] else "no plant: every device emulated,"
+        facts.append(f"{source} at {found['plant']['rate']:g} Hz")
+    return paper.hang(paper.bold(found["diagram"]) + "  ", f"{found['file']}: {', '.join(facts)}")
+
+
+def section(title, paper, note=""):
+    return ["", paper.bold(title) + (paper.faint(f"  {note}") if note else "")]
+
+
+# Ports
+
+def ports(found, paper):
+    lines = section("ports", paper)
+    names = [port["name"] for block in found["blocks"] for port in block["inputs"] + block["outputs"]]
+    width = max((len(name) for name in names), default=0)
+    units = max((len(unit(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0)
+    ranges = max((len(interval(port["low"], port["high"])) for block in found["blocks"] for port in block["outputs"]), default=0)
+    for block in found["blocks"]:
+        lines += paper.hang(f"  {paper.bold(block['path'])}  ", f"{block['type']}, {block['made']}", paper.faint)
+        wired = [port for port in block["inputs"] if "source" in port or "constant" in port]
+        unwired = [port for port in block["inputs"] if port not in wired]
+        for port in wired:
+            lines += paper.hang(f"    in   {port['name']:<{width}}  {unit(port):<{units}}  ", f"← {port['source']}" if "source" in port else f"= {port['constant']}")
+        if unwired:
+            lines += paper.hang("    in   ", "not wired: " + ", ".join(f"{p['name']} = {p['default']}" for p in unwired), paper.faint)
+        for port in block["outputs"]:
+            row = f"    out  {port['name']:<{width}}  {unit(port):<{units}}  {interval(port['low'], port['high']):<{ranges}}  "
+            lines += paper.hang(row, "→ " + ", ".join(port["targets"]) if port["targets"] else "")
+        if not block["inputs"] and not block["outputs"]:
+            lines.append("    in   every port")
+    return [line.rstrip() for line in lines]
+
+
+def unit(port):
+    words = ["" if port["unit"] == "1" else port["unit"], f"({port['shape']})" if port["shape"] else "", "" if port["dtype"] == "float" else port["dtype"]]
+    return " ".join(word for word in words if word)
+
+
+def interval(low, high):
+    """'[-12, 12]'; '' where nothing is known."""
+    if low is None and high is None:
+        return ""
+    return f"[{'-∞' if low is None else format(low, 'g')}, {'∞' if high is None else format(high, 'g')}]"
+
+
+# Schedule
+
+def schedule(found, paper):
+    plan = found["schedule"]
+    steps = plan["output"] + plan["update"]
+    native = sum(step["native"] for step in steps)
+    note = f"{count(len(steps), 'step')}: {native} native, {len(steps) - native} Python; a tick takes the GIL {count(plan['gil_sections'], 'time')}"
+    lines = section("schedule", paper, note)
+    width = max((len(step["block"]) for step in steps), default=0)
+    if plan["devices"]:
+        lines += paper.hang("  receive  ", ", ".join(plan["devices"]))
+    for phase in ("output", "update"):
+        for number, step in enumerate(plan[phase], 1):
+            gil = f"GIL {step['gil']}" if step["gil"] else ""
+            row = f"  {phase if number == 1 else '':<6}  {number:>3}  {step['block']:<{width}}  {'native' if step['native'] else 'Python'}  {step['rate']:>5g} Hz  {gil:<6}"
+            lines += paper.hang(row, "while " + " and ".join(step["while"]) if step["while"] else "")
+        if phase == "output" and plan["devices"]:
+            lines += paper.hang("  command  ", ", ".join(plan["devices"]))
+    lines.append(f"  record   {count(plan['recorded'], 'number')} a tick")
+    return [line.rstrip() for line in lines]
+
+
+def holds(found, paper):
+    """Where rates meet."""
+    if not found["holds"]:
+        return []
+    lines = section("where rates meet", paper)
+    width = max(len(hold["source"]) for hold in found["holds"])
+    for hold in found["holds"]:
+        slow, fast = hold["source_every"], hold["target_every"]
+        how = f"held for {slow // fast} ticks" if slow % fast == 0 else f"one value in {fast // slow} is taken" if fast % slow == 0 else "resampled"
+        lines += paper.hang(f"  {hold['source']:<{width}}  ", f"→ {hold['target']}  {how}")
+    return lines
+
+
+# Proof
+
+def proofs(found, paper):
+    if not found["proofs"]:
+        return []
+    lines = section("proof", paper, "what every command of every actuator provably stays inside")
+    commands = {}
+    for proof in found["proofs"]:
+        commands.setdefault(proof["command"].rpartition(".")[0], []).append(proof)
+    width = max(len(proof["command"].rpartition(".")[2]) for proof in found["proofs"])
+    for path, own in commands.items():
+        lines += paper.hang(f"  {paper.bold(path)}  ", own[0]["rating"], paper.faint)
+        wired = [proof for proof in own if proof["bounded_by"] != "a constant"]
+        for proof in wired:
+            name = proof["command"].rpartition(".")[2]
+            inside = f"{interval(proof['low'], proof['high'])} inside {interval(proof['limit_low'], proof['limit_high'])} {proof['unit']}"
+            lines += paper.hang(f"    {name:<{width}}  {paper.good(bar(proof))}  ", inside)
+            lines += paper.hang(f"    {'':<{width}}  ", f"bounded by {proof['bounded_by']}, {proof['at']}", paper.faint)
+        still = [f"{proof['command'].rpartition('.')[2]} = {proof['low']:g}" for proof in own if proof not in wired]
+        if still:
+            lines += paper.hang("    constant: ", ", ".join(still), paper.faint)
+    return lines
+
+
+def bar(proof):
+    """A picture of an interval inside its limit."""
+    low, high, floor, roof = (proof[key] for key in ("low", "high", "limit_low", "limit_high"))
+    if None in (low, high, floor, roof) or not roof > floor:
+        return " " * BAR
+    inner = BAR - 2
+    begin, end = (min(inner, max(0, round(inner * (value - floor) / (roof - floor)))) for value in (low, high))
+    begin, end = min(begin, inner - 1), max(end, min(begin, inner - 1) + 1)
+    return "├" + "─" * begin + "█" * (end - begin) + "─" * (inner - end) + "┤"
+
+
+# Buses
+
+def buses(found, paper):
+    if not found["buses"]:
+        return []
+    lines = section("buses", paper)
+    width = max(len(bus["bus"]) for bus in found["buses"])
+    for bus in found["buses"]:
+        if "worst" not in bus:
+            lines += paper.hang(f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]))
+            continue
+        ink = paper.good if bus["worst"] <= 0.7 else paper.dubious
+        filled = min(BAR, round(BAR * bus["worst"]))
+        load = f"{bus['typical']:.0%} of {bus['bitrate'] / 1e6:g} Mbit/s, {bus['worst']:.0%} with the worst stuffing; {bus['frames']:g} frames a second"
+        lines += paper.hang(f"  {bus['bus']:<{width}}  {ink('█' * filled)}{paper.faint('░' * (BAR - filled))}  ", load)
+        lines += paper.hang(f"  {'':<{width}}  ", ", ".join(bus["devices"]), paper.faint)
+    return lines
+
+
+# What is wrong
+
+def complaint(problem, paper, ink, severity):
+    subject = ".".join(word for word in (problem["path"], problem["port"]) if word)
+    lines = ["", *paper.hang(ink(f"{severity} {problem['code']}") + " ", f"{problem['title']}" + (f": {subject}" if subject else ""))]
+    lines += paper.hang("  ", problem["message"])
+    if problem["hint"]:
+        lines += paper.hang("  cure: ", problem["hint"])
+    return lines + ([f"  {paper.faint(problem['at'])}"] if problem["at"] else [])
+
+
+def verdict(found, paper):
+    warnings = count(len(found["warnings"]), "warning")
+    if found["errors"]:
+        return paper.bad(f"{count(len(found['errors']), 'error')}, {warnings}: this diagram does not run")
+    proved = f"every command of {count(len({proof['command'].rpartition('.')[0] for proof in found['proofs']}), 'actuator')} is proved, " if found["proofs"] else ""
+    return paper.good(f"ok: {proved}{warnings}")

@@ -1,0 +1,78 @@
+"""Text for a terminal or a pipe: as wide as the terminal and in colour there; in a pipe one fact a line, however long."""
+
+import os
+import re
+import shutil
+import sys
+import textwrap
+from dataclasses import dataclass
+
+from runtime.terminal import relative
+
+_INK = re.compile(r"\x1b\[[0-9]*m")
+
+
+@dataclass(frozen=True)
+class Paper:
+    """What text is written on. width : columns, or None for no end."""
+
+    width: int | None = None
+    colour: bool = False
+
+    def ink(self, text, code):
+        return f"\x1b[{code}m{text}\x1b[0m" if self.colour and text else text
+
+    def bold(self, text):
+        return self.ink(text, 1)
+
+    def faint(self, text):
+        return self.ink(text, 2)
+
+    def good(self, text):
+        return self.ink(text, 32)
+
+    def bad(self, text):
+        return self.ink(text, 31)
+
+    def dubious(self, text):
+        return self.ink(text, 33)
+
+    def hang(self, head, text, ink=str):
+        """Lines: the head, then the text beside it, continued below its own beginning where the paper ends."""
+        column = length(head)
+        if self.width is None or column + len(text) <= self.width:
+            return [head + ink(text)]
+        pieces = textwrap.wrap(text, max(20, self.width - column), break_long_words=False, break_on_hyphens=False)
+        return [(head if index == 0 else " " * column) + ink(piece) for index, piece in enumerate(pieces)]
+
+    def cut(self, text):
+        """One line that does not reach beyond the paper."""
+        return text if self.width is None or len(text) <= self.width else text[: self.width - 1].rstrip() + "…"
+
+
+def paper(stream=None):
+    """The Paper that a stream ends on."""
+    stream = stream or sys.stdout
+    if not stream.isatty():
+        return Paper()
+    return Paper(shutil.get_terminal_size().columns, "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb")
+
+
+def length(text):
+    """Columns that a text takes, its colours aside."""
+    return len(_INK.sub("", text))
+
+
+def pad(text, width):
+    """The text with blanks behind it."""
+    return text + " " * max(0, width - length(text))
+
+
+def count(number, thing):
+    """'1 block', '2 blocks'."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def place(location):
+    """A Location as a person in the working folder types it."""
+    return relative(str(location))
