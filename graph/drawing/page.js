@@ -1,4 +1,4 @@
-// The page around a drawing: pan, zoom, search, fold, and a card for each block. Needs fold.js; no network, no library.
+// The page around a drawing: pan, zoom, search, fold, and a card for each block. Needs fold.js and card.js; no network, no library.
 
 const data = JSON.parse(document.getElementById("data").textContent);
 const { drawing, cards, families } = data;
@@ -12,15 +12,9 @@ const byPath = (list) => new Map(list.map((thing) => [thing.path, thing]));
 const boxes = byPath(drawing.boxes), frames = byPath(drawing.frames);
 const folded = new Set();
 let view = { x: 0, y: 0, k: 1 };
-let map = { x: (v) => v, y: (v) => v };
+let map = { x: (v) => v, y: (v) => v };         // from the drawing to where things lie now,
+let goal = map, moves = 0;                      // and to where they are on their way to
 let chosen = null, fitted = null;
-
-function element(name, attributes = {}, ...children) {
-  const made = document.createElement(name);
-  Object.entries(attributes).forEach(([key, value]) => (key.startsWith("on") ? made.addEventListener(key.slice(2), value) : made.setAttribute(key, value)));
-  made.append(...children);
-  return made;
-}
 
 const find = (kind, path) => scene.querySelector(`.${kind}[data-path="${CSS.escape(path)}"]`);
 
@@ -38,7 +32,7 @@ function room() {
 
 function fit() {
   const { width, height } = room();
-  const w = map.x(drawing.width), h = map.y(drawing.height);
+  const w = goal.x(drawing.width), h = goal.y(drawing.height);
   const top = 48, bottom = 30;
   const k = Math.min(width / w, (height - top - bottom) / h, 1.6);
   look({ x: (width - w * k) / 2, y: top + (height - top - bottom - h * k) / 2, k });
@@ -50,9 +44,13 @@ function zoom(factor, x = room().width / 2, y = room().height / 2) {
   look({ x: x - ((x - view.x) * k) / view.k, y: y - ((y - view.y) * k) / view.k, k });
 }
 
-function centre(path) {
-  const box = boxes.get(path), { width, height } = room(), k = Math.max(view.k, 0.8);
-  look({ x: width / 2 - (map.x(box.x) + box.width / 2) * k, y: height / 2 - (map.y(box.y) + box.height / 2) * k, k });
+// Bring a block into view, if it is not there already, large enough to read.
+function bring(path) {
+  const box = boxes.get(path), { width, height } = room();
+  const left = view.x + goal.x(box.x) * view.k, top = view.y + goal.y(box.y) * view.k;
+  if (view.k > 0.5 && left > 0 && top > 48 && left + box.width * view.k < width && top + box.height * view.k < height) return;
+  const k = Math.max(view.k, 0.8);
+  look({ x: width / 2 - (goal.x(box.x) + box.width / 2) * k, y: height / 2 - (goal.y(box.y) + box.height / 2) * k, k });
 }
 
 const pointers = new Map();
@@ -149,27 +147,28 @@ function fold(path, shut) {
 
 // Move everything to where it belongs now; the head of the frame at `anchor` stays under the pointer.
 function refold(anchor) {
-  const before = map, after = squeeze(drawing, folded, need);
+  const before = map, after = (goal = squeeze(drawing, folded, need)), move = ++moves;
   const frame = frames.get(anchor), start = performance.now(), from = view;
   hideFolded();
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches || document.hidden;
   function frameAt(now) {
+    if (move !== moves) return;                   // it has ended, or another has begun
     const share = still ? 1 : Math.min(1, Math.max(0, (now - start) / 220)), ease = share * (2 - share);
     const mix = (a, b) => (v) => a(v) + (b(v) - a(v)) * ease;
     map = share < 1 ? { x: mix(before.x, after.x), y: mix(before.y, after.y) } : after;
     show();
     if (frame) look({ ...from, x: from.x + (before.x(frame.x) - map.x(frame.x)) * from.k, y: from.y + (before.y(frame.y) - map.y(frame.y)) * from.k });
-    if (share < 1) requestAnimationFrame(frameAt);
+    if (share < 1) requestAnimationFrame(frameAt); else moves++;
   }
-  map = after;
   frameAt(start);
+  setTimeout(frameAt, 300, Infinity);               // where nothing is painted, no frame comes
 }
 
 function foldAll(shut) {
   folded.clear();
   if (shut) drawing.frames.forEach((frame) => folded.add(frame.path));
   refold(null);
-  setTimeout(fit, 240);
+  fit();
 }
 
 function reveal(path) {
@@ -178,7 +177,7 @@ function reveal(path) {
   if (shut.length) refold(null);
 }
 
-// Cards
+// The chosen block
 
 function choose(path, go = false) {
   if (chosen) find("box", chosen).classList.remove("chosen");
@@ -190,61 +189,7 @@ function choose(path, go = false) {
   panel.replaceChildren(...card(cards[path]));
   panel.scrollTop = 0;
   history.replaceState(null, "", "#" + encodeURIComponent(path));
-  if (go) { map = squeeze(drawing, folded, need); centre(path); }
-}
-
-function link(signal) {
-  const at = signal.indexOf(".");
-  return element("a", { href: "#", onclick: (event) => { event.preventDefault(); choose(signal.slice(0, at), true); } }, signal);
-}
-
-const withUnit = (port) => [port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype].filter(Boolean).join(" ");
-
-function portRow(port, ends) {
-  const wired = element("div", { class: "wired" }, ...ends);
-  const about = [port.description, port.range && `${port.range}`].filter(Boolean).join("; ");
-  return element("tr", {}, element("th", {}, port.name), element("td", { class: "unit" }, withUnit(port)), element("td", {}, about, wired));
-}
-
-function origin(port) {
-  if (port.constant !== undefined) return `constant ${port.constant}`;
-  return port.default === undefined ? "not wired" : `not wired, so ${port.default}`;
-}
-
-function parameterRow(parameter) {
-  const other = parameter.own && parameter.default !== "required";
-  const about = [parameter.description, parameter.bounds, other && `default ${parameter.default}`, parameter.live && "may change while running"];
-  return element("tr", {}, element("th", {}, parameter.name), element("td", { class: parameter.own ? "unit own" : "unit" }, parameter.value),
-    element("td", {}, about.filter(Boolean).join("; ")));
-}
-
-function prose(paragraphs) {
-  const made = paragraphs.map((text) => element(/^\s/m.test(text) ? "pre" : "p", {}, text));
-  return element("div", { class: "doc" }, ...(made.length ? made : [element("p", {}, "This block has no docstring.")]));
-}
-
-function section(title, ...content) {
-  return content.length ? [element("h3", {}, title), ...content] : [];
-}
-
-const table = (rows) => (rows.length ? [element("table", {}, ...rows)] : []);
-
-function card(block) {
-  const family = families[block.family];
-  const inputs = block.inputs.map((port) => portRow(port, port.source ? ["from ", link(port.source)] : [origin(port)]));
-  const outputs = block.outputs.map((port) => portRow(port, port.targets.flatMap((target, i) => [i ? ", " : "to ", link(target)])));
-  const parameters = block.parameters.map(parameterRow);
-  return [
-    element("button", { class: "close", title: "close (Esc)", onclick: () => choose(null) }, "×"),
-    element("p", { class: "family", style: `--edge: ${family.edge}; --head: ${family.head}` }, family.title),
-    element("h2", {}, block.path),
-    element("p", { class: "type" }, block.type, element("span", {}, ` from ${block.module}`)),
-    ...block.errors.map((text) => element("p", { class: "error" }, text)), ...block.warnings.map((text) => element("p", { class: "warning" }, text)),
-    prose(block.documentation),
-    ...section("Proof", ...block.proofs.concat(block.bounds.map((command) => `bounds ${command}`)).map((text) => element("p", {}, text))),
-    ...section("Inputs", ...table(inputs)), ...section("Outputs", ...table(outputs)), ...section("Parameters", ...table(parameters)),
-    element("p", { class: "foot" }, [block.runs, block.rate, ...block.conditions.map((signal) => `while ${signal}`), block.made && `made at ${block.made}`].filter(Boolean).join(" · ")),
-  ];
+  if (go) bring(path);
 }
 
 function prepareBoxes() {
@@ -309,5 +254,6 @@ window.addEventListener("resize", () => view === fitted && fit());
 
 prepareFrames();
 prepareBoxes();
+if (location.hash) choose(decodeURIComponent(location.hash.slice(1)));
 fit();
-if (location.hash) choose(decodeURIComponent(location.hash.slice(1)), true);
+if (chosen) bring(chosen);

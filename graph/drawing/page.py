@@ -38,6 +38,7 @@ def page(drawing):
 <script type="application/json" id="data">{data(drawing)}</script>
 <script>
 {asset("fold.js")}
+{asset("card.js")}
 {asset("page.js")}</script>
 </body>
 </html>

@@ -9,7 +9,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
-from blocks.sources import Sine
+from blocks.sources import Sine, StepSource
 from graph import Diagram, subsystem
 
 
@@ -67,3 +67,23 @@ def one_more(chance, near, delays):
         return Saturation(-1.0, 1.0)(chance.choice(near))
     signs = chance.choice(("++", "+-", "+++"))
     return Sum(signs)(*(chance.choice(near) for _ in signs))
+
+
+def nested():
+    """Subsystems in subsystems on both sides of a body, one of them slow and one that is switched on; vectors, constants and a long name."""
+    with Diagram("nested", rate=200) as diagram:
+        switch = StepSource(name="switch")()
+        with subsystem("supervisor", every=10):
+            level = Gain(0.5)(Sine(frequency=2.0)())
+        for side in ("left", "right"):
+            with subsystem(side):
+                for joint in ("hip", "knee"):
+                    number = len([block for block in diagram if isinstance(block, CubeMars)]) + 1
+                    with subsystem(joint):
+                        drive = CubeMars("AK80-9", bus=side, can_id=number, name="drive")
+                        spring = Impedance(stiffness=3.0, name="a_spring_with_a_rather_long_name")(position=drive.position, velocity=drive.velocity, equilibrium=0.25)
+                        drive(torque_command=TorqueLimiter(limit=5.0, name="limiter")(spring))
+                with subsystem("extra", enabled=switch):
+                    Butterworth()(Sum("+-")(level, level))
+        CsvRecorder()
+    return diagram

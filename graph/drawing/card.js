@@ -1,0 +1,62 @@
+// What is told of a block beside the drawing: its card, made of what its declarations and the compiler say. Text is never read as HTML.
+
+function element(name, attributes = {}, ...children) {
+  const made = document.createElement(name);
+  Object.entries(attributes).forEach(([key, value]) => (key.startsWith("on") ? made.addEventListener(key.slice(2), value) : made.setAttribute(key, value)));
+  made.append(...children);
+  return made;
+}
+
+function link(signal) {
+  const at = signal.indexOf(".");
+  return element("a", { href: "#", onclick: (event) => { event.preventDefault(); choose(signal.slice(0, at), true); } }, signal);
+}
+
+const withUnit = (port) => [port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype].filter(Boolean).join(" ");
+
+function portRow(port, ends) {
+  const wired = element("div", { class: "wired" }, ...ends);
+  const about = [port.description, port.range && `${port.range}`].filter(Boolean).join("; ");
+  return element("tr", {}, element("th", {}, port.name), element("td", { class: "unit" }, withUnit(port)), element("td", {}, about, wired));
+}
+
+function origin(port) {
+  if (port.constant !== undefined) return `constant ${port.constant}`;
+  return port.default === undefined ? "not wired" : `not wired, so ${port.default}`;
+}
+
+function parameterRow(parameter) {
+  const other = parameter.own && parameter.default !== "required";
+  const about = [parameter.description, parameter.bounds, other && `default ${parameter.default}`, parameter.live && "may change while running"];
+  return element("tr", {}, element("th", {}, parameter.name), element("td", { class: parameter.own ? "unit own" : "unit" }, parameter.value),
+    element("td", {}, about.filter(Boolean).join("; ")));
+}
+
+function prose(paragraphs) {
+  const made = paragraphs.map((text) => element(/^\s/m.test(text) ? "pre" : "p", {}, text));
+  return element("div", { class: "doc" }, ...(made.length ? made : [element("p", {}, "This block has no docstring.")]));
+}
+
+function section(title, ...content) {
+  return content.length ? [element("h3", {}, title), ...content] : [];
+}
+
+const table = (rows) => (rows.length ? [element("table", {}, ...rows)] : []);
+
+function card(block) {
+  const family = families[block.family];
+  const inputs = block.inputs.map((port) => portRow(port, port.source ? ["from ", link(port.source)] : [origin(port)]));
+  const outputs = block.outputs.map((port) => portRow(port, port.targets.flatMap((target, i) => [i ? ", " : "to ", link(target)])));
+  const parameters = block.parameters.map(parameterRow);
+  return [
+    element("button", { class: "close", title: "close (Esc)", onclick: () => choose(null) }, "×"),
+    element("p", { class: "family", style: `--edge: ${family.edge}; --head: ${family.head}` }, family.title),
+    element("h2", {}, block.path),
+    element("p", { class: "type" }, block.type, element("span", {}, ` from ${block.module}`)),
+    ...block.errors.map((text) => element("p", { class: "error" }, text)), ...block.warnings.map((text) => element("p", { class: "warning" }, text)),
+    prose(block.documentation),
+    ...section("Proof", ...block.proofs.concat(block.bounds.map((command) => `bounds ${command}`)).map((text) => element("p", {}, text))),
+    ...section("Inputs", ...table(inputs)), ...section("Outputs", ...table(outputs)), ...section("Parameters", ...table(parameters)),
+    element("p", { class: "foot" }, [block.runs, block.rate, ...block.conditions.map((signal) => `while ${signal}`), block.made && `made at ${block.made}`].filter(Boolean).join(" · ")),
+  ];
+}
