@@ -13,10 +13,9 @@ from graph import Block
 from graph.block import suggestion
 from graph.drawing.cards import class_card, documentation, summary
 from graph.store import ENTRY_POINTS
-from runtime.cli import Parser
-from runtime.errors import OK, BadInput
+from runtime.errors import BadInput
 from runtime.lines import count, paper
-from runtime.terminal import tell
+from runtime.terminal import program
 
 OWN = "blocks"                  # our library's package
 
@@ -31,30 +30,21 @@ class Library:
     broken: tuple               # (module, why)
 
 
-def blocks_command(arguments):
-    """Run the command. Returns the exit code."""
-    parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
-    parser.add_argument("name", nargs="?", help="a block, such as TorqueLimiter, or a family of blocks, such as limiters")
-    parser.add_argument("--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it")
-    parser.add_argument("--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques")
-    options = parser.parse_args(arguments)
+def catalog(name=None, library=None, models=False):
+    """Lines: every block; one block or family of blocks, with `name`; one library, with `library`; the models of actuators. Raises BadInput."""
     sheet = paper()
-    if options.actuators:
-        tell(actuators(sheet))
-        return OK
+    if models:
+        return actuators(sheet)
     found = libraries()
-    if options.library is not None:
-        found = [find_library(options.library, found)]
-    if options.name is None:
-        tell(listing(found, sheet, described=options.library is not None))
-        return OK
-    kinds = [kind for library in found for kind in library.kinds]
-    in_family = [kind for kind in kinds if options.name.lower() in (family_of(kind), kind.__module__)]
+    if library is not None:
+        found = [find_library(library, found)]
+    if name is None:
+        return listing(found, sheet, described=library is not None)
+    kinds = [kind for entry in found for kind in entry.kinds]
+    in_family = [kind for kind in kinds if name.lower() in (family_of(kind), kind.__module__)]
     if in_family:
-        tell(rows(in_family, sheet))
-        return OK
-    tell(["\n\n".join("\n".join(describe(kind, sheet)) for kind in find(options.name, kinds))])
-    return OK
+        return rows(in_family, sheet)
+    return [line for index, kind in enumerate(find(name, kinds)) for line in ([""] if index else []) + describe(kind, sheet)]
 
 
 # Libraries
@@ -132,7 +122,7 @@ def listing(found, sheet, described):
         for module, why in library.broken:
             lines += ["", sheet.bad(f"  {module} cannot be imported: {why}")]
         lines.append("")
-    return [*lines, "python -m runtime blocks NAME tells all about one, --from LIBRARY about a library, --actuators the models of actuators"]
+    return [*lines, f"{program()} blocks NAME tells all about one, --from LIBRARY about a library, --actuators the models of actuators"]
 
 
 def rows(kinds, sheet, indent=""):
@@ -179,7 +169,7 @@ def find(name, kinds):
     if not found:
         known = {kind.__name__.lower(): kind.__name__ for kind in kinds}
         close = suggestion(plain, known)
-        hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else "python -m runtime blocks lists them all"
+        hint = f"did you mean {known[close.split(chr(39))[1]]}?" if close else f"{program()} blocks lists them all"
         raise BadInput(f"no block is called {name!r}: {hint}")
     return found
 

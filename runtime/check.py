@@ -11,15 +11,13 @@ from graph.compiler import examine
 from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
-from runtime.cli import Parser, add_diagram, setting
-from runtime.errors import CHECK_FAILED, OK, BadInput
+from runtime.check_text import text
+from runtime.errors import BadInput
 from runtime.lines import paper, place
-from runtime.load import load
+from runtime.load import blamed, load
 from runtime.simulation import Simulation
-from runtime.terminal import tell
 
-KEYS = """
-The keys of --json. Numbers are in the unit beside them; null stands for no bound.
+KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
   diagram, file, rate, ok       name; path; Hz; whether nothing is wrong
   blocks                        path, type, module, made (file:line), runs, rate, conditions, inputs, outputs
     inputs                        name, unit, shape, dtype, and source (a port), constant or default
@@ -31,39 +29,35 @@ The keys of --json. Numbers are in the unit beside them; null stands for no boun
   holds                         where rates meet: source, source_every, target, target_every (ticks)
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
   buses                         bus, devices, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (shares of the bitrate)
-  plant                         given (by the file), rate; null without devices
-  errors, warnings              code, title, path, port, at (file:line), message, hint
-"""
+  plant                         given (by the file), blocks, rate; null without devices
+  errors, warnings              code, title, path, port, at (file:line), message, hint"""
 
 
-def check_command(arguments):
-    """Run the command. Returns the exit code: 0, or 1 where something is wrong."""
-    from runtime.check_text import text
-
-    parser = Parser("check", "Compile a diagram and tell what was found.", epilog=KEYS, formatter_class=Parser.verbatim)
-    add_diagram(parser)
-    parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
-    options = parser.parse_args(arguments)
-    found = check(options.file, [setting(s) for s in options.settings], options.rate)
-    tell([json.dumps(found, indent=1, ensure_ascii=False)] if options.json else text(found, paper()))
-    return OK if found["ok"] else CHECK_FAILED
+def told(found, as_json):
+    """Lines of what was found."""
+    return [json.dumps(found, indent=1, ensure_ascii=False)] if as_json else text(found, paper())
 
 
 def check(path, settings=(), rate=None):
-    """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that cannot be read."""
+    """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that cannot be read.
+
+    settings : pairs (name, text) from --set
+    rate : Hz instead of the diagram's own
+    """
     try:
         file, diagram = load(path, settings)
     except BadInput as error:
         if not error.diagnostics:
             raise
         return refused(path, error.diagnostics)
-    diagram.rate = rate or diagram.rate
-    found = examine(diagram)
+    if rate is not None:
+        diagram.rate = rate
+    found = blamed(path, examine, diagram)
     errors, plant = list(found.errors), None
-    schedule = None if errors else assemble(found)
+    schedule = None if errors else blamed(path, assemble, found)
     if schedule is not None:
         try:
-            plant = describe_plant(Simulation(file, diagram, schedule), diagram)
+            plant = describe_plant(Simulation(file, diagram, schedule))
         except DiagramError as error:
             errors += error.diagnostics
         except BadInput as error:
@@ -153,8 +147,8 @@ def buses(diagram, schedule):
     return [{"bus": bus, "devices": names} | (asdict(loads[bus]) if bus in loads else {}) for bus, names in sorted(devices.items())]
 
 
-def describe_plant(simulation, robot):
-    return {"given": simulation.given, "rate": robot.rate * simulation.substeps} if simulation.program is not None else None
+def describe_plant(simulation):
+    return {"given": simulation.given, "blocks": len(simulation.diagram), "rate": simulation.plant.rate} if simulation.plant is not None else None
 
 
 def describe(diagnostic):

@@ -51,7 +51,8 @@ def command(arguments):
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run_command(arguments)
-    return ROUTES[first](arguments[1:])
+    commands = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}
+    return commands[first](arguments[1:])
 
 
 def usage():
@@ -64,10 +65,9 @@ def usage():
 class Parser(argparse.ArgumentParser):
     """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's name tomorrow."""
 
-    verbatim = argparse.RawDescriptionHelpFormatter
-
-    def __init__(self, name, description, **options):
-        super().__init__(prog=f"{program()} {name}", description=description, allow_abbrev=False, **options)
+    def __init__(self, name, description, epilog=None):
+        super().__init__(prog=f"{program()} {name}", description=description, epilog=epilog, allow_abbrev=False,
+                         formatter_class=argparse.RawDescriptionHelpFormatter)
         self.name = name
 
     def parse_args(self, arguments):
@@ -167,7 +167,7 @@ def count(option):
 def folder(text):
     if not text:
         raise BadInput("--record: expected a folder, and got nothing")
-    return Path(text).expanduser()
+    return Path(text)
 
 
 def setting(text):
@@ -187,21 +187,42 @@ def host_and_port(text):
 
 
 def check_command(arguments):
-    from runtime.check import check_command
+    from runtime.check import KEYS, check, told
 
-    return check_command(arguments)
+    parser = Parser("check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS)
+    add_diagram(parser)
+    parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
+    options = parser.parse_args(arguments)
+    found = check(options.file, [setting(s) for s in options.settings], options.rate)
+    tell(told(found, options.json))
+    return OK if found["ok"] else CHECK_FAILED
 
 
 def draw_command(arguments):
-    from runtime.draw import draw_command
+    from runtime.draw import FORMATS, draw_file
 
-    return draw_command(arguments)
+    parser = Parser("draw", "Draw a diagram, from left to right; feedback goes back below, dashed.")
+    add_diagram(parser)
+    parser.add_argument("-o", "--output", metavar="NAME", help="file to write, - for standard output (default: the diagram's name)")
+    parser.add_argument("--format", choices=list(FORMATS), help="svg, for papers; png; mermaid, for Markdown; html, a page to explore (default: by NAME, or svg)")
+    parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
+    options = parser.parse_args(arguments)
+    said, remarks = draw_file(options.file, [setting(s) for s in options.settings], options.rate, options.output, options.format, options.all_ports)
+    complain(remarks)
+    tell(said)
+    return OK
 
 
 def blocks_command(arguments):
-    from runtime.catalog import blocks_command
+    from runtime.catalog import catalog
 
-    return blocks_command(arguments)
+    parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="a block, such as TorqueLimiter, or a family of blocks, such as limiters")
+    parser.add_argument("--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it")
+    parser.add_argument("--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques")
+    options = parser.parse_args(arguments)
+    tell(catalog(options.name, options.library, options.actuators))
+    return OK
 
 
 def bench_command(arguments):
@@ -214,6 +235,3 @@ def bench_command(arguments):
     options = parser.parse_args(arguments)
     tell(bench(options.seconds, options.repeats))
     return OK
-
-
-ROUTES = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}

@@ -3,64 +3,60 @@
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
 
 from graph.drawing import draw, mermaid, page, svg
-from runtime.cli import Parser, setting
-from runtime.errors import OK, BadInput
+from runtime.errors import BadInput
 from runtime.lines import count, place
-from runtime.load import load
-from runtime.terminal import complain, program, tell
+from runtime.load import blamed, load
+from runtime.terminal import program
 
-SUFFIXES = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
-FORMATS = {suffix: name for name, suffix in SUFFIXES.items()} | {".htm": "html", ".mermaid": "mermaid"}
+FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
+BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
 ENOUGH = 12_000                 # px, the longer side of a PNG at most
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
-def draw_command(arguments):
-    """Run the command. Returns the exit code."""
-    parser = Parser("draw", "Draw a diagram, from left to right; feedback goes back below, dashed.")
-    parser.add_argument("file", type=Path, help="a diagram file, such as diagrams/knee_exo.py")
-    parser.add_argument("-o", "--output", metavar="NAME", help="file to write, - for standard output (default: the diagram's name)")
-    parser.add_argument("--format", choices=list(SUFFIXES), help="svg, for papers; png; mermaid, for Markdown; html, a page to explore (default: by NAME, else svg)")
-    parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="a parameter, as in a run")
-    options = parser.parse_args(arguments)
-    _, diagram = load(options.file, [setting(s) for s in options.settings])
-    drawing = draw(diagram, all_ports=options.all_ports, place=place)
-    form, target = choose(options.format, options.output, diagram.name)
-    if target is None:
-        if form == "png":
-            raise BadInput("a PNG cannot go to standard output: name a file with -o")
-        sys.stdout.write({"svg": svg, "mermaid": mermaid, "html": page}[form](drawing))
-        return OK
-    if form == "png":
-        rasterise(svg(drawing), target)
-    else:
-        save(target, {"svg": svg, "mermaid": mermaid, "html": page}[form](drawing))
-    size = "" if form in ("mermaid", "html") else f", {drawing.width:.0f} × {drawing.height:.0f} px"
-    tell([f"{target}: {count(len(drawing.boxes), 'block')}{size}"])
+def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=False):
+    """Draw a diagram file. Returns (lines for standard output, remarks for standard error). Raises BadInput.
+
+    settings, rate : as in a run
+    output : file to write, "-" for standard output, None for the diagram's name
+    form : a key of FORMATS, None for what the file's name says
+    """
+    _, diagram = load(path, settings)
+    if rate is not None:
+        diagram.rate = rate
+    form, target = choose(form, output, diagram.name)
+    drawing = blamed(path, lambda: draw(diagram, all_ports=all_ports, place=place))
     wrong = sum(len(box.wrong) for box in drawing.boxes)
-    if wrong:
-        complain([f"{count(wrong, 'error')} drawn in red: {program()} check {options.file} tells more"])
-    return OK
+    remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} tells more"] if wrong else []
+    text = {"svg": svg, "png": svg, "mermaid": mermaid, "html": page}[form](drawing)
+    if target is None:
+        return [text.rstrip("\n")], remarks
+    if form == "png":
+        rasterise(text, target)
+    else:
+        save(target, text)
+    size = "" if form in ("mermaid", "html") else f", {drawing.width:.0f} × {drawing.height:.0f} px"
+    return [f"{target}: {count(len(drawing.boxes), 'block')}{size}"], remarks
 
 
 def choose(form, output, name):
     """(format, Path or None for standard output) from what was asked for."""
+    if output == "-" and form == "png":
+        raise BadInput("a PNG cannot go to standard output: name a file with -o")
     if output == "-":
         return form or "svg", None
     if output is None:
-        return form or "svg", Path("".join(c if c.isalnum() or c in "-_." else "_" for c in name) + SUFFIXES[form or "svg"])
+        return form or "svg", Path("".join(c if c.isalnum() or c in "-_." else "_" for c in name) + FORMATS[form or "svg"])
     suffix = Path(output).suffix.lower()
-    if form is None and suffix and suffix not in FORMATS:
-        raise BadInput(f"-o {output}: a drawing cannot be written as {suffix}: choose from {', '.join(SUFFIXES.values())}, or say --format")
-    form = form or FORMATS.get(suffix, "svg")
-    return form, Path(output) if suffix else Path(output + SUFFIXES[form])
+    if form is None and suffix and suffix not in BY_SUFFIX:
+        raise BadInput(f"-o {output}: a drawing cannot be written as {suffix}: choose from {', '.join(FORMATS.values())}, or say --format")
+    form = form or BY_SUFFIX.get(suffix, "svg")
+    return form, Path(output) if suffix else Path(output + FORMATS[form])
 
 
 def save(target, text):

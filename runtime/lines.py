@@ -6,7 +6,8 @@ import shutil
 import sys
 import textwrap
 from dataclasses import dataclass
-from pathlib import Path
+
+from runtime.terminal import relative
 
 _INK = re.compile(r"\x1b\[[0-9]*m")
 
@@ -73,8 +74,5 @@ def count(number, thing):
 
 
 def place(location):
-    """A Location as a person types it: relative to the working folder where it lies below."""
-    try:
-        return f"{Path(location.file).relative_to(Path.cwd())}:{location.line}"
-    except ValueError:
-        return str(location)
+    """A Location as a person in the working folder types it."""
+    return relative(str(location))

@@ -74,11 +74,16 @@ def build_plant(file, robot):
 
 def compiled(path, diagram):
     """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their authors' hooks raise."""
+    schedule = blamed(path, compile, diagram)
+    for block in schedule.python_blocks:
+        blamed(path, block.reset)
+    return schedule
+
+
+def blamed(path, function, *arguments):
+    """Call what calls the hooks of blocks; what their authors' code raises becomes BadInput with its own line."""
     try:
-        schedule = compile(diagram)
-        for block in schedule.python_blocks:
-            block.reset()
-        return schedule
+        return function(*arguments)
     except DiagramError:
         raise
     except Exception as error:

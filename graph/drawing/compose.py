@@ -5,21 +5,14 @@ from dataclasses import dataclass, field
 
 import networkx as nx
 
-from graph.device import Device
 from graph.drawing import boxes, cards, channels, layers, placing
 from graph.drawing.layers import Edge, Node
 from graph.drawing.model import Box, Frame, Line, Pin, Port
 from graph.drawing.outline import Level
 from graph.drawing.style import (
-    BETWEEN_BOXES,
-    BETWEEN_LINES,
-    CHANNEL,
-    FRAME_PADDING,
-    FRAME_TITLE,
-    SMALL,
-    TITLE,
-    text_width,
+    BETWEEN_BOXES, BETWEEN_LINES, CHANNEL, FRAME_PADDING, FRAME_TITLE, SMALL, TITLE, text_width,
 )
+from graph.device import Device
 
 ASPECT = 1.6                # of what is packed: width to height
 

@@ -5,27 +5,8 @@ from html import escape
 from itertools import pairwise
 
 from graph.drawing.style import (
-    BACK,
-    CORNER,
-    FAINT,
-    FAMILIES,
-    FONT,
-    FRAME_EDGE,
-    FRAME_FILL,
-    FRAME_HEAD,
-    FRAME_TITLE,
-    HEAD,
-    INK,
-    LINE,
-    MARGIN,
-    PADDING,
-    PAPER,
-    SMALL,
-    TEXT,
-    TITLE,
-    WIRE,
-    WRONG,
-    text_width,
+    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, MARGIN, PADDING, PAPER, SMALL, TEXT,
+    TITLE, WIRE, WRONG, text_width,
 )
 
 LEGEND, FEEDBACK = 28.0, "feedback"
