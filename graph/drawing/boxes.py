@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from graph.block import snake_case
 from graph.diagram import Signal
 from graph.drawing import cards
 from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
@@ -49,7 +50,7 @@ def plan(block, found, all_ports, links, every):
 
     kind = type(block).__name__
     name = block.path.rpartition("/")[2]
-    named = name != cards.snake_case(kind)
+    named = name != snake_case(kind)
     details = [f"every {block.every} ticks"] if block.every != every else []
     details += [f"{card['name']} {card['value']}" for card in cards.parameter_cards(block) if card["own"]]
     if block.variadic and not inputs:
