@@ -167,7 +167,7 @@ def count(option):
 def folder(text):
     if not text:
         raise BadInput("--record: expected a folder, and got nothing")
-    return Path(text)
+    return Path(text).expanduser()
 
 
 def setting(text):
