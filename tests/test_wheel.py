@@ -9,7 +9,7 @@ from pathlib import PurePath
 
 import pytest
 
-from tests.house import ROOMS, ROOT, assert_one_line, copy_tracked, python
+from tests.house import ROOMS, ROOT, assert_one_line, copy_tracked, python, tracked
 
 pytestmark = pytest.mark.soak
 
@@ -44,7 +44,7 @@ def sources(suffix):
     return {str(path.relative_to(ROOT)) for room in ROOMS for path in (ROOT / room).rglob(f"*{suffix}")}
 
 
-def test_the_wheel_has_every_module_the_headers_of_the_abi_and_nothing_else(archives):
+def test_the_wheel_has_every_module_what_lies_beside_it_and_nothing_else(archives):
     names = {name for name in archives[0] if ".dist-info/" not in name}
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
     assert compiled == sources(".pyx")
