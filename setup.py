@@ -48,7 +48,8 @@ if __name__ == "__main__":
     setup(
         cmdclass={"build_ext": BuildNative},
         ext_modules=[
-            Extension(".".join(source.with_suffix("").parts), [str(source)], depends=["setup.py"], extra_compile_args=FLAGS, libraries=["m"])
+            Extension(
+                ".".join(source.with_suffix("").parts), [str(source)], depends=["setup.py"], extra_compile_args=FLAGS, libraries=["m"])
             for source in sorted(Path("cext").rglob("*.pyx"))
         ],
     )

@@ -38,7 +38,8 @@ def test_nothing_keeps_this_checkout_from_starting():
 def test_a_working_folder_with_a_package_of_ours_name_is_told_in_one_line(name, installed, lab):
     (lab / name).mkdir()
     (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
-    assert_one_line(python(*RUN, "--help", cwd=lab, path=installed), f"`{name}` comes from {lab}", f"`runtime` from {installed}", "`tickwork`")
+    process = python(*RUN, "--help", cwd=lab, path=installed)
+    assert_one_line(process, f"`{name}` comes from {lab}", f"`runtime` from {installed}", "start with `tickwork`")
 
 
 def test_a_file_named_as_a_package_of_ours_is_told_too(installed, lab):

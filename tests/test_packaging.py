@@ -65,13 +65,14 @@ def test_imports_only_go_down():
 
 @pytest.mark.parametrize("imports", [python_imports, cython_imports])
 def test_a_climbing_import_is_found_wherever_it_stands(imports):
-    source = "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import main\n    from . import near\n"
+    source = "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import main\n    from . import a\n"
     found = [(name, line) for name, line in imports(source) if climbs("graph", name)]
     assert found == [("blocks", 1), ("runtime", 4), (".", 5)]
 
 
 def test_cimports_are_imports():
-    assert list(cython_imports("cimport blocks.a, graph\nfrom runtime.x cimport (\n    y)\n")) == [("blocks", 1), ("graph", 1), ("runtime", 2)]
+    source = "cimport blocks.a, graph\nfrom runtime.x cimport (\n    y)\n"
+    assert list(cython_imports(source)) == [("blocks", 1), ("graph", 1), ("runtime", 2)]
 
 
 # Packages
