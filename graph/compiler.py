@@ -158,7 +158,7 @@ class Compilation:
                 got = f"{source}"
             if not fits:
                 self.report("TW008", f"expected {wanted}, got {got}", block, name, self.where(block, name),
-                            "a block of your own can compare it with a threshold" if wanted == "bool" else "a block of your own can round it")
+                            "compare it with a threshold, as in Compare(\">\")(signal, 0.5)" if wanted == "bool" else "put a Round between")
 
     def check_shapes(self):
         self.shapes = infer_shapes(self.blocks, self.sources)
