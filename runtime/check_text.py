@@ -30,7 +30,7 @@ def heading(found, paper):
 
 
 def section(title, paper, note=""):
-    return ["", paper.bold(title) + (paper.faint(f"  {note}") if note else "")]
+    return ["", *paper.hang(paper.bold(title) + "  ", note, paper.faint)] if note else ["", paper.bold(title)]
 
 
 # Ports

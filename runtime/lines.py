@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from runtime.terminal import relative
 
+LEAST, INDENT = 20, 8           # columns: beside a head, and where a text goes for which they are too few
 _INK = re.compile(r"\x1b\[[0-9]*m")
 
 
@@ -43,7 +44,9 @@ class Paper:
         indent = column if indent is None else indent
         if self.width is None or not text or column + len(text) <= self.width:
             return [head + ink(text)]
-        room = max(20, self.width - indent)
+        if self.width - column < LEAST:                 # too little is left beside the head
+            return [head.rstrip(), *self.hang(" " * INDENT, text, ink)] if column > INDENT else [head + ink(text)]
+        room = self.width - indent
         first, *rest = textwrap.wrap(
             text, room, initial_indent=" " * max(0, column - indent), break_long_words=False, break_on_hyphens=False, drop_whitespace=True)
         return [head + ink(first.lstrip()), *(" " * indent + ink(piece) for piece in rest)]
