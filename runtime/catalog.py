@@ -9,7 +9,7 @@ import sys
 import textwrap
 from dataclasses import dataclass
 
-from graph import Block
+from graph import Block, Device
 from graph.block import suggestion
 from graph.drawing.cards import class_card, documentation, summary
 from graph.store import ENTRY_POINTS
@@ -18,15 +18,16 @@ from runtime.lines import count, paper
 from runtime.terminal import program
 
 OWN = "blocks"                  # our library's package
+BASES = (Block.__module__, Device.__module__)
 
 
 @dataclass(frozen=True)
 class Library:
-    """A library of blocks: the distribution that brings it, the modules to look in, and what could not be imported."""
+    """A library of blocks: the distribution that brings it, the modules to look in, what was found, and what could not be imported."""
 
     name: str
     modules: tuple
-    kinds: tuple
+    homes: dict                 # a block's class: the module that offers it
     broken: tuple               # (module, why)
 
 
@@ -40,11 +41,11 @@ def catalog(name=None, library=None, models=False):
         found = [find_library(library, found)]
     if name is None:
         return listing(found, sheet, described=library is not None)
-    kinds = [kind for entry in found for kind in entry.kinds]
-    in_family = [kind for kind in kinds if name.lower() in (family_of(kind), kind.__module__)]
+    homes = {kind: home for entry in found for kind, home in entry.homes.items()}
+    in_family = [kind for kind, home in homes.items() if name.lower() in (family_of(home), home)]
     if in_family:
         return rows(in_family, sheet)
-    return [line for index, kind in enumerate(find(name, kinds)) for line in ([""] if index else []) + describe(kind, sheet)]
+    return [line for index, kind in enumerate(find(name, homes)) for line in ([""] if index else []) + describe(kind, homes[kind], sheet)]
 
 
 # Libraries
@@ -64,10 +65,17 @@ def read(name, places):
         for module in walk(place, broken):
             if module not in modules:
                 modules.append(module)
-    kinds = dict.fromkeys(
-        kind for module in modules for kind in vars(module).values()
-        if isinstance(kind, type) and issubclass(kind, Block) and kind.__module__ == module.__name__ and not kind.__name__.startswith("_"))
-    return Library(name, tuple(places), tuple(sorted(kinds, key=lambda kind: (family_of(kind), kind.__name__))), tuple(broken))
+    homes = {kind: module.__name__ for module in modules for kind in vars(module).values() if offers(module, kind)}
+    order = sorted(homes, key=lambda kind: (family_of(homes[kind]), kind.__name__))
+    return Library(name, tuple(places), {kind: homes[kind] for kind in order}, tuple(broken))
+
+
+def offers(module, kind):
+    """Whether a module is where a block is to be had: it defines it, or is ours and offers what the language defines, such as sums."""
+    if not (isinstance(kind, type) and issubclass(kind, Block)) or kind.__name__.startswith("_"):
+        return False
+    ours = module.__name__.split(".")[0] == OWN and kind.__module__.startswith("graph.") and kind.__module__ not in BASES
+    return kind.__module__ == module.__name__ or ours
 
 
 def walk(name, broken):
@@ -91,20 +99,17 @@ def find_library(name, found):
     raise BadInput(f"no library {name!r} is installed that brings blocks; {hint or 'there is ' + ', '.join(library.name for library in found)}")
 
 
-def family_of(kind):
+def family_of(home):
     """The module of a block within its library: 'limiters', 'actuators'."""
-    parts = kind.__module__.split(".")
-    return parts[1] if len(parts) > 1 else parts[0]
+    return home.split(".")[:2][-1]
 
 
-def import_line(kind):
+def import_line(kind, home):
     """How a diagram imports it: from the outermost package that offers it."""
-    parts = kind.__module__.split(".")
-    for depth in range(1, len(parts) + 1):
-        module = ".".join(parts[:depth])
-        if getattr(sys.modules.get(module), kind.__name__, None) is kind:
-            return f"from {module} import {kind.__name__}"
-    return f"from {kind.__module__} import {kind.__name__}"
+    parts = home.split(".")
+    packages = [".".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
+    module = next(package for package in packages if getattr(sys.modules[package], kind.__name__, None) is kind)
+    return f"from {module} import {kind.__name__}"
 
 
 # Lists
@@ -113,11 +118,10 @@ def listing(found, sheet, described):
     """Every block in one line, by library and family."""
     lines = []
     for library in found:
-        lines += about(library, sheet) if described else [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.kinds), 'block')}"]
-        families = list(dict.fromkeys(family_of(kind) for kind in library.kinds))
-        for family in families:
-            own = [kind for kind in library.kinds if family_of(kind) == family]
-            modules = dict.fromkeys(import_line(kind).split()[1] for kind in own)
+        lines += about(library, sheet) if described else [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.homes), 'block')}"]
+        for family in dict.fromkeys(map(family_of, library.homes.values())):
+            own = [kind for kind, home in library.homes.items() if family_of(home) == family]
+            modules = dict.fromkeys(import_line(kind, library.homes[kind]).split()[1] for kind in own)
             lines += ["", f"  {sheet.bold(family)}  {sheet.faint('from ' + ', '.join(modules))}", *rows(own, sheet, "    ")]
         for module, why in library.broken:
             lines += ["", sheet.bad(f"  {module} cannot be imported: {why}")]
@@ -139,7 +143,7 @@ def version(library):
 
 def about(library, sheet):
     """What the distribution's metadata say: version, author, and what it was tested with."""
-    lines = [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.kinds), 'block')}"]
+    lines = [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.homes), 'block')}"]
     try:
         data = importlib.metadata.metadata(library.name)
     except importlib.metadata.PackageNotFoundError:
@@ -174,10 +178,10 @@ def find(name, kinds):
     return found
 
 
-def describe(kind, sheet):
+def describe(kind, home, sheet):
     """All that one block declares."""
     card = class_card(kind)
-    lines = [sheet.bold(card["type"]) + f"  {import_line(kind)}", sheet.faint(f"{card['runs']}; {source_line(kind)}")]
+    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}; {source_line(kind)}")]
     for paragraph in documentation(kind) or ("no docstring",):
         code = re.search(r"^\s", paragraph, re.M)
         lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]

@@ -30,7 +30,7 @@ def heading(found, paper):
 
 
 def section(title, paper, note=""):
-    return ["", paper.bold(title) + (paper.faint(f"  {note}") if note else "")]
+    return ["", *paper.hang(paper.bold(title) + "  ", note, paper.faint)] if note else ["", paper.bold(title)]
 
 
 # Ports
@@ -161,12 +161,13 @@ def buses(found, paper):
 # What is wrong
 
 def complaint(problem, paper, ink, severity):
+    """A diagnostic, in the words and order in which a run tells it."""
     subject = ".".join(word for word in (problem["path"], problem["port"]) if word)
-    lines = ["", *paper.hang(ink(f"{severity} {problem['code']}") + " ", f"{problem['title']}" + (f": {subject}" if subject else ""))]
-    lines += paper.hang("  ", problem["message"])
-    if problem["hint"]:
-        lines += paper.hang("  cure: ", problem["hint"])
-    return lines + ([f"  {paper.faint(problem['at'])}"] if problem["at"] else [])
+    mark = f"{severity} {problem['code']}"
+    words = [problem["at"], f"{mark} {problem['title']}", subject, problem["message"]]
+    first, *rest = paper.hang("", ": ".join(word for word in words if word), indent=4)
+    hint = paper.hang("    ", problem["hint"], paper.faint) if problem["hint"] else []
+    return ["", first.replace(mark, ink(mark), 1), *rest, *hint]
 
 
 def verdict(found, paper):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from runtime.terminal import relative
 
+LEAST, INDENT = 20, 8           # columns: beside a head, and where a text goes for which they are too few
 _INK = re.compile(r"\x1b\[[0-9]*m")
 
 
@@ -37,13 +38,18 @@ class Paper:
     def dubious(self, text):
         return self.ink(text, 33)
 
-    def hang(self, head, text, ink=str):
-        """Lines: the head, then the text beside it, continued below its own beginning where the paper ends."""
+    def hang(self, head, text, ink=str, indent=None):
+        """Lines: the head, then the text beside it, continued where the paper ends: below its own beginning, or `indent` columns in."""
         column = length(head)
-        if self.width is None or column + len(text) <= self.width:
+        indent = column if indent is None else indent
+        if self.width is None or not text or column + len(text) <= self.width:
             return [head + ink(text)]
-        pieces = textwrap.wrap(text, max(20, self.width - column), break_long_words=False, break_on_hyphens=False)
-        return [(head if index == 0 else " " * column) + ink(piece) for index, piece in enumerate(pieces)]
+        if self.width - column < LEAST:                 # too little is left beside the head
+            return [head.rstrip(), *self.hang(" " * INDENT, text, ink)] if column > INDENT else [head + ink(text)]
+        room = self.width - indent
+        first, *rest = textwrap.wrap(
+            text, room, initial_indent=" " * max(0, column - indent), break_long_words=False, break_on_hyphens=False, drop_whitespace=True)
+        return [head + ink(first.lstrip()), *(" " * indent + ink(piece) for piece in rest)]
 
     def cut(self, text):
         """One line that does not reach beyond the paper."""

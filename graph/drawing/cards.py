@@ -131,8 +131,9 @@ def runs(block):
         return "native, on a bus"
     if isinstance(block, Sink) or isinstance(block, type) and issubclass(block, Sink):
         return "in the recorder process"
-    kind = block if isinstance(block, type) else type(block)
-    return "Python" if kind.step is not Block.step or kind.update is not Block.update else "native"
+    if isinstance(block, Block):
+        return "Python" if block.is_python or block.has_python_update else "native"
+    return "Python" if block.step is not Block.step or block.update is not Block.update else "native"
 
 
 def class_card(kind):

@@ -216,7 +216,7 @@ def test_check_says_what_was_proved(command_line):
         assert f"bounded by {side}/torque_limiter, " in out
     assert out.splitlines()[-1] == "ok: every command of 2 actuators is proved, 0 warnings"
     knee(command_line.folder)
-    assert re.search(r"^ .*\d+  law +Python ", command_line("check", "robot.py")[1], re.M)
+    assert re.search(r"\d+  law +Python ", command_line("check", "robot.py")[1])
 
 
 def test_check_refuses_what_a_run_would_refuse(command_line):

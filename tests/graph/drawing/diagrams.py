@@ -87,3 +87,13 @@ def nested():
                     Butterworth()(Sum("+-")(level, level))
         CsvRecorder()
     return diagram
+
+
+def wrong():
+    """A gain behind the limiter, and an input that nothing is wired to."""
+    with Diagram("wrong", rate=100) as diagram:
+        knee = CubeMars("AK80-9", name="knee")
+        knee(torque_command=Gain(3.0)(TorqueLimiter(limit=8.0)(Impedance()(position=knee.position, velocity=knee.velocity))))
+        Sum("++", name="lonely")(knee.torque)
+        CsvRecorder()
+    return diagram

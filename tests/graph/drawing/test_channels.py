@@ -1,0 +1,38 @@
+"""Tracks of lines that turn between two columns."""
+
+from graph.drawing.channels import Wire, assign_tracks
+
+
+def wire(left, right):
+    return Wire(object(), set(left), set(right))
+
+
+def test_a_straight_line_takes_no_track():
+    straight = wire({10.0}, {10.0})
+    assert assign_tracks([straight]) == 0 and straight.track == -1
+
+
+def test_lines_that_pass_each_other_take_tracks_of_their_own_and_others_share_one():
+    above, below, over = wire({0.0}, {50.0}), wire({100.0}, {150.0}), wire({20.0}, {120.0})
+    assert assign_tracks([above, below]) == 1
+    assert above.track == below.track
+    assign_tracks([above, below, over])
+    assert over.track not in (above.track, below.track)
+
+
+def test_a_line_that_comes_in_where_another_goes_out_turns_off_first():
+    first, second = wire({10.0}, {50.0}), wire({90.0}, {10.0})
+    assign_tracks([second, first])
+    assert first.track < second.track
+
+
+def test_two_lines_that_change_places_are_drawn_with_one_of_them_on_two_tracks():
+    down, up = wire({10.0}, {50.0}), wire({50.0}, {10.0})
+    tracks = assign_tracks([down, up])
+    split, whole = (down, up) if down.halves else (up, down)
+    one, other = split.halves
+    assert tracks == 3 and not whole.halves
+    assert one.left == split.left and other.right == split.right and one.right == other.left
+    (height,) = one.right
+    assert all(abs(height - taken) >= 4.0 for taken in (10.0, 50.0))
+    assert one.track < whole.track < other.track            # each turns off before the other turns on

@@ -1,0 +1,22 @@
+"""The page as text; what it does is tested in a browser."""
+
+import json
+import re
+
+from graph.drawing import draw, page
+from tests.graph.drawing.diagrams import leg
+
+
+def test_it_is_one_file_that_needs_no_network():
+    text = page(draw(leg()))
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!#)""", text) and "@import" not in text and "fetch(" not in text
+    assert set(re.findall(r"https?://[^\s\"')<]+", text)) == {"http://www.w3.org/2000/svg"}
+
+
+def test_what_the_scripts_read_is_json_with_every_block():
+    drawing = draw(leg("a </script> in a name"))
+    text = page(drawing)
+    [data] = re.findall(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
+    found = json.loads(data)
+    assert set(found["cards"]) == {box.path for box in drawing.boxes} == {box["path"] for box in found["drawing"]["boxes"]}
+    assert text.count("</script>") == 2 and "a &lt;/script&gt; in a name" in text

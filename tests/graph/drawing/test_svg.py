@@ -1,0 +1,88 @@
+"""The picture as text."""
+
+import xml.etree.ElementTree as ElementTree
+
+from graph.drawing import draw, svg
+from graph.drawing.style import FAMILIES, fit, text_width
+from graph.drawing.svg import branches, rest, shared, way
+from tests.graph.drawing.diagrams import leg, nested, wrong
+
+SPACE = "{http://www.w3.org/2000/svg}"
+
+
+def parse(diagram, **options):
+    return ElementTree.fromstring(svg(draw(diagram, **options)))
+
+
+def texts(root):
+    return ["".join(element.itertext()) for element in root.iter(f"{SPACE}text")]
+
+
+def test_it_is_xml_with_a_size_and_names_what_is_drawn():
+    root = parse(leg())
+    assert root.tag == f"{SPACE}svg" and float(root.get("width")) > 400 and root.get("viewBox") == f"0 0 {root.get('width')} {root.get('height')}"
+    found = texts(root)
+    for words in ("left", "knee", "CubeMars", "Butterworth", "TorqueLimiter", "torque_command", "position", "limit 12 N·m", "leg, 200 Hz", "takes every port"):
+        assert words in found
+
+
+def test_it_needs_nothing_from_elsewhere():
+    text = svg(draw(nested()))
+    assert "<script" not in text and "href" not in text and "url(" not in text and text.count("http") == 1      # the name space
+
+
+def test_names_are_escaped():
+    name = "<b> & \"c\""
+    root = parse(leg(name))
+    assert root.find(f"{SPACE}title").text == name and f"{name}, 200 Hz" in texts(root)
+
+
+def test_feedback_is_dashed_and_units_and_ranges_are_told_on_hover():
+    root = parse(leg())
+    [back] = [path for path in root.iter(f"{SPACE}path") if path.get("class") == "line back" and path.get("data-signal")]
+    assert back.find(f"{SPACE}title").text == "left/torque_limiter.limited   N·m   -12 to 12 N·m"
+    assert ".back { stroke: #a8480f; stroke-dasharray: 7 4;" in root.find(f"{SPACE}style").text
+
+
+def test_the_legend_names_the_families_that_are_there_and_no_others():
+    found = texts(parse(leg()))
+    assert {family.title for family in FAMILIES.values()} & set(found) == {"actuator", "filter", "controller", "limiter", "recorder or viewer"}
+    assert "feedback" in found
+
+
+def test_every_family_looks_different():
+    assert len({family.edge for family in FAMILIES.values()}) == len({family.head for family in FAMILIES.values()}) == len(FAMILIES)
+
+
+def test_ports_without_wires_are_left_out_unless_asked_for():
+    assert "temperature" not in texts(parse(leg())) and "temperature" in texts(parse(leg(), all_ports=True))
+
+
+def test_what_is_wrong_is_marked():
+    root = parse(wrong())
+    marked = {group.get("data-path") for group in root.iter(f"{SPACE}g") if "wrong" in (group.get("class") or "").split()}
+    assert marked == {"knee", "lonely"}
+    [command] = [path for path in root.iter(f"{SPACE}path") if {"line", "wrong"} <= set(path.get("class").split())]
+    assert command.get("data-signal") == "gain.y"
+    assert sum(circle.get("class") == "dot wrong" for circle in root.iter(f"{SPACE}circle")) == 2
+
+
+def test_corners_are_round_but_for_those_where_lines_part():
+    points = ((0, 0), (50, 0), (50, 40), (90, 40))
+    assert way(points) == "M0 0L44 0Q50 0 50 6L50 34Q50 40 56 40L90 40"
+    assert way(points, joints=((50, 0),)) == "M0 0L50 0L50 34Q50 40 56 40L90 40"
+
+
+def test_what_two_lines_share_is_drawn_once():
+    one, other = ((0, 0), (50, 0), (50, 40), (90, 40)), ((0, 0), (50, 0), (50, 80), (90, 80))
+    assert shared(one, other) == 90 and rest(other, 90) == [(50, 40), (50, 80), (90, 80)]
+    assert shared(one, ((0, 0), (90, 0))) == 50 and shared(one, ((0, 0), (50, 0), (50, -40), (90, -40))) == 50
+    drawing = draw(nested())
+    lines = [line for line in drawing.lines if line.signal == "supervisor/gain.y" and line.subsystem == ""]
+    assert len(lines) == 2 and branches(lines)[0] == 0.0 and branches(lines)[1] > 0.0
+
+
+def test_a_text_that_is_too_long_ends_in_an_ellipsis():
+    assert fit("abcdef", 10.0, 1000.0) == "abcdef"
+    cut = fit("abcdefghij", 10.0, 40.0)
+    assert cut.endswith("…") and text_width(cut, 10.0) <= 40.0
