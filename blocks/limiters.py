@@ -2,6 +2,8 @@
 
 import math
 
+from blocks.response import designed
+from blocks.windows import samples_in
 from cext.kernels import limiters as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
@@ -65,6 +67,175 @@ class TorqueLimiter(Block):
     previous = Memory(0.0, "output of the tick before")
 
     kernel = kernels.torque_limiter
+    examples = ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0})
 
     def output_range(self, torque):
         return Interval(-self.span("limit").high, self.span("limit").high)
+
+
+class DeadZone(Block):
+    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. Direct feedthrough; NaN passes."""
+
+    lower = Param(-1.0, "any", "where the zone begins")
+    upper = Param(1.0, "any", "where it ends")
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "what exceeds the zone", shape=...)
+
+    kernel = kernels.dead_zone
+
+    def configure(self):
+        if self.lower > self.upper:
+            raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
+
+    def output_range(self, u):
+        lower, upper = self.span("lower"), self.span("upper")
+        if lower.high > upper.low:                          # live ends that may cross
+            return u - (lower | upper)
+        return Interval(beyond(u.low, lower.high, upper.high), beyond(u.high, lower.low, upper.low))
+
+
+def beyond(u, lower, upper):
+    """What of u lies outside [lower, upper], as the kernel computes it; an infinite end stays."""
+    return u - min(max(u, lower), upper) if math.isfinite(u) else u
+
+
+class PowerLimiter(Block):
+    """Bounds the mechanical power of a joint, driving and braking: |τ ω| <= power, to one rounding.
+
+    At rest every torque passes. Direct feedthrough. NaN in the torque or the velocity passes.
+    """
+
+    power = Param(100.0, "W", "largest power, either way", min=0.0)
+
+    torque = Input("N·m", "asked for", shape=...)
+    velocity = Input("rad/s", "of the joint, ω", shape=...)
+    limited = Output("N·m", "let through", shape=...)
+
+    kernel = kernels.power
+
+    def output_range(self, torque, velocity):
+        slowest, power = abs(velocity).low, self.span("power").high
+        most = (power + math.ulp(0.0)) / slowest * (1.0 + 1e-15) if slowest > 0.0 else math.inf
+        return (torque | Interval.point(0.0)) & Interval(-most, most)
+
+
+class SoftStop(Block):
+    """A spring and a damper at each end of a range of motion: τ -= K (θ - upper) + B ω beyond upper, and so at lower.
+
+    The damper resists what moves further out and lets what comes back go. Inside the range the torque passes as it is. A limiter behind
+    it bounds the sum. Direct feedthrough. NaN in the torque, the position or the velocity passes.
+    """
+
+    lower = Param(-1.0, "rad", "where motion ends")
+    upper = Param(1.0, "rad", "where motion ends")
+    stiffness = Param(100.0, "N·m/rad", "K", min=0.0)
+    damping = Param(1.0, "N·m·s/rad", "B", min=0.0)
+
+    torque = Input("N·m", "asked for")
+    position = Input("rad", "joint angle θ")
+    velocity = Input("rad/s", "joint velocity ω")
+    stopped = Output("N·m", "with what the ends add")
+
+    kernel = kernels.soft_stop
+
+    def configure(self):
+        if self.lower >= self.upper:
+            raise ValueError(f"lower, {self.lower:g} rad, is not below upper, {self.upper:g} rad")
+
+    def output_range(self, torque, position, velocity):
+        low, high = torque.low, torque.high
+        lower, upper, stiffness, damping = map(self.span, ("lower", "upper", "stiffness", "damping"))
+        if position.high > upper.low:                       # beyond upper torque is only taken away
+            farthest = Interval(0.0, (position - upper).high)
+            low = min(low, (torque - stiffness * farthest - damping * Interval(0.0, max(0.0, velocity.high))).low)
+        if position.low < lower.high:                       # and below lower only added
+            farthest = Interval(0.0, (lower - position).high)
+            high = max(high, (torque + stiffness * farthest - damping * Interval(min(0.0, velocity.low), 0.0)).high)
+        return Interval(low, high)
+
+
+class RMSTorqueLimiter(Block):
+    """Bounds the root mean square of a torque over a window, which is what heats a motor: √(Σ τ² / N) <= limit, N = window / dt.
+
+    Principle: 1. the squares of the last N outputs are kept and summed without drift; 2. what N limit² still allows is the budget; 3. a
+    tick may take 1/M of it, M = fade / dt, so that a torque that asks for too much is taken back over about two `fade` rather than cut.
+    The bound holds at every tick, from an empty window on. |τ| <= limit √(window / fade). Put it last, or its sum is not that of the
+    motor. Through missed ticks the last torque counts. Direct feedthrough. NaN passes and is not held.
+    """
+
+    limit = Param(1.0, "N·m", "largest root mean square: the rated torque", min=0.0, max=1e6, required=True)
+    window = Param(20.0, "s", "over which it is taken", above=0.0)
+    fade = Param(1.0, "s", "how gently torque is taken back as the budget runs out; 0 cuts it", min=0.0)
+
+    torque = Input("N·m", "asked for")
+    limited = Output("N·m", "let through")
+    squares = Memory(0.0, "of the last outputs")
+    sums = Memory((0.0, 0.0, 0.0, 0.0), "running and fresh sum of the squares")
+    place = Memory(0.0, "where the next square goes")
+    ticks = Memory(1.0, "M")
+
+    kernel = kernels.rms_torque
+    examples = ({"limit": 9.0}, {"limit": 2.0, "window": 0.05, "fade": 0.01}, {"limit": 2.0, "window": 0.05, "fade": 0.0})
+
+    def configure(self):
+        if self.fade > self.window:
+            raise ValueError(f"fade, {self.fade:g} s, is longer than the window, {self.window:g} s")
+
+    def design(self, dt):
+        """(N, M)"""
+        return samples_in(self.window, dt), max(1.0, self.fade / dt)
+
+    def prepare(self, dt):
+        count, self.ticks = self.design(dt)
+        self.squares = [0.0] * count
+
+    def output_range(self, torque):
+        found, counts = torque | Interval.point(0.0), designed(self)
+        if counts is None:
+            return found
+        count, ticks = counts
+        most = self.span("limit").high * math.sqrt(count / ticks) + 1e-150          # where squares underflow
+        return found & Interval(-most, most)
+
+
+class TemperatureDerating(Block):
+    """Takes torque back as a motor gets hot: y = τ · s, s = 1 up to `full`, 0 from `none` on, and straight between.
+
+    Direct feedthrough. NaN in the torque or the temperature passes.
+    """
+
+    full = Param(80.0, "°C", "up to here torque passes in full")
+    none = Param(100.0, "°C", "from here on none passes")
+
+    torque = Input("N·m", "asked for", shape=...)
+    temperature = Input("°C", "of the motor")
+    derated = Output("N·m", "let through", shape=...)
+
+    kernel = kernels.derating
+
+    def configure(self):
+        if self.full >= self.none:
+            raise ValueError(f"full, {self.full:g} °C, is not below none, {self.none:g} °C")
+
+    def output_range(self, torque, temperature):
+        return torque | Interval.point(0.0)
+
+
+class SoftStart(Block):
+    """Fades a signal in: y = u · min(1, t / duration), t since the start or since `enable` became true.
+
+    While `enable` is false the output is 0. Direct feedthrough. NaN in u or `enable` passes.
+    """
+
+    duration = Param(1.0, "s", "until the whole signal passes", above=0.0)
+
+    u = Input("any", "input", shape=...)
+    enable = Input("1", "whether it may pass at all", dtype=bool, default=True)
+    y = Output("any", "faded in", shape=...)
+    elapsed = Memory(-1.0, "t, in s; negative while it is not enabled")
+
+    kernel = kernels.soft_start
+
+    def output_range(self, u, enable):
+        return u | Interval.point(0.0)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from blocks.actuators import CubeMars
-from blocks.filters import Butterworth, butterworth_lowpass
+from blocks.biquads import butterworth
+from blocks.filters import Butterworth
 from blocks.sources import StepSource
 from graph import Diagram, DiagramError, compile
 from tests.blocks.running import both_ways, by_hand, player, run
@@ -52,7 +53,7 @@ def test_any_cutoff_at_any_rate_filters_as_scipy_does(order, share, rate):
 @pytest.mark.parametrize("order", range(1, 9))
 def test_the_gain_is_one_at_rest_and_one_over_root_two_at_the_cutoff(order):
     """Of the transfer function itself, within 1e-9; and at every frequency that of the formula, f and cutoff prewarped."""
-    sections = butterworth_lowpass(order, 15.0, 1.0 / RATE)
+    sections = butterworth(order, 15.0, "lowpass", 1.0 / RATE)
     assert len(sections) == (order + 1) // 2
     frequencies = np.array([0.0, 1.0, 15.0, 40.0, 90.0])
     _, response = signal.sosfreqz([(b0, b1, b2, 1.0, a1, a2) for b0, b1, b2, a1, a2 in sections], worN=frequencies, fs=RATE)

@@ -7,8 +7,9 @@ later ones.
 import math
 from dataclasses import dataclass, field
 
+from blocks.biquads import butterworth
 from blocks.discrete import UnitDelay
-from blocks.filters import Butterworth, butterworth_lowpass
+from blocks.filters import Butterworth
 from blocks.limiters import Saturation, SlewRate
 from blocks.mathematics import Gain, Product, Sum
 from blocks.sources import Sine, StepSource
@@ -97,7 +98,7 @@ class Cell:
         p = self.p = {name: param.default for name, param in node.block.parameters.items()} | node.parameters
         self.state = p["initial"] if node.kind == "UnitDelay" else -math.inf if node.kind == "Largest" else 0.25 if node.kind == "Integral" else 0.0
         if node.kind == "Butterworth":
-            self.sections = [(*section, [0.0, 0.0]) for section in butterworth_lowpass(p["order"], p["cutoff"], node.every / rate)]
+            self.sections = [(*section, [0.0, 0.0]) for section in butterworth(p["order"], p["cutoff"], "lowpass", node.every / rate)]
 
     def compute(self, u, t, dt):
         kind, p = self.node.kind, self.p

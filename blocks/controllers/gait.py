@@ -1,35 +1,18 @@
-"""Controllers of joints."""
+"""Where in the stride a leg is, and what torque helps there."""
 
 import math
 
 import numpy as np
 
-from cext.kernels import controllers as kernels
+from cext.kernels import gait as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
-
-
-class Impedance(Block):
-    """Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω.   (Hogan 1985)"""
-
-    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, max=150.0, live=True)
-    damping = Param(1.0, "N·m·s/rad", "B", min=0.0, max=10.0, live=True)
-
-    position = Input("rad", "joint angle θ")
-    velocity = Input("rad/s", "joint velocity ω")
-    equilibrium = Input("rad", "angle θ₀ at which the spring is slack", default=0.0)
-    torque = Output("N·m", "τ")
-
-    kernel = kernels.impedance
-
-    def output_range(self, position, velocity, equilibrium):
-        return self.span("stiffness") * (equilibrium - position) - self.span("damping") * velocity
 
 
 class TorqueProfile(Block):
     """A torque over the gait phase: τ = scale · p(phase), p a periodic curve through given points that never leaves their range.
 
     The curve is a monotone piecewise cubic (Fritsch and Carlson 1980), smooth across the end of the stride. No torque where `enable` is
-    false. NaN passes. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
+    false. Direct feedthrough; NaN passes. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
     """
 
     points = Param(((0.0, 0.0), (0.5, 0.0)), "1", "pairs (phase from 0 to 1, torque in N·m), at least two, in order", dtype=tuple)
@@ -87,8 +70,8 @@ class GaitPhase(Block):
 
     Principle: 1. an event is the angle rising through `threshold` (near toe-off) after having been below half of it; 2. the time between
     two events, if between `shortest` and `longest`, is a stride and enters a running mean, else all starts over; 3. phase =
-    event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none comes for one and a half strides. NaN in
-    the angle or its velocity gives NaN in the phase, and is forgotten with it.
+    event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none comes for one and a half strides. Direct
+    feedthrough. NaN in the angle or its velocity gives NaN in the phase, and is forgotten with it.
     """
 
     threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)

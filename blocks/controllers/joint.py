@@ -1,0 +1,116 @@
+"""Laws of a joint: what torque or motion answers what it does and feels."""
+
+import math
+
+import numpy as np
+
+from blocks.linear import zero_order_hold
+from blocks.ranges import wave
+from blocks.response import designed, reach_of_state_space
+from cext.kernels import controllers as kernels
+from graph import Block, Input, Interval, Memory, Output, Param
+
+GRAVITY = 9.80665               # m/s², standard
+
+
+class Impedance(Block):
+    """Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω.   (Hogan 1985)
+
+    Direct feedthrough; NaN passes.
+    """
+
+    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, max=150.0, live=True)
+    damping = Param(1.0, "N·m·s/rad", "B", min=0.0, max=10.0, live=True)
+
+    position = Input("rad", "joint angle θ")
+    velocity = Input("rad/s", "joint velocity ω")
+    equilibrium = Input("rad", "angle θ₀ at which the spring is slack", default=0.0)
+    torque = Output("N·m", "τ")
+
+    kernel = kernels.impedance
+
+    def output_range(self, position, velocity, equilibrium):
+        return self.span("stiffness") * (equilibrium - position) - self.span("damping") * velocity
+
+
+class Admittance(Block):
+    """Moves as a mass on a spring and a damper would under a torque: M ë + B ė + K e = τ, θ = θ₀ + e.   (Hogan 1985)
+
+    For drives that are commanded a position and sensors that measure the interaction torque. Exact for a torque that holds from tick to
+    tick. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN stays until the next reset.
+    """
+
+    inertia = Param(0.5, "kg·m²", "M, what the wearer feels as mass", above=0.0)
+    damping = Param(5.0, "N·m·s/rad", "B", min=0.0)
+    stiffness = Param(30.0, "N·m/rad", "K", min=0.0)
+
+    torque = Input("N·m", "of the interaction, τ: positive moves the joint up")
+    equilibrium = Input("rad", "θ₀, where the joint rests without torque", default=0.0)
+    position = Output("rad", "θ, for the drive")
+    velocity = Output("rad/s", "ė")
+    transition = Memory(0.0, "state matrix, row by row, then the input's column")
+    state = Memory((0.0, 0.0), "e and ė")
+
+    kernel = kernels.admittance
+    update_kernel = kernels.admittance_next
+    feedthrough = ("equilibrium",)
+
+    def design(self, dt):
+        """(A, B) over one period."""
+        A = np.array([[0.0, 1.0], [-self.stiffness / self.inertia, -self.damping / self.inertia]])
+        return zero_order_hold(A, np.array([[0.0], [1.0 / self.inertia]]), dt)
+
+    def prepare(self, dt):
+        A, B = self.design(dt)
+        self.transition = np.append(A.ravel(), B.ravel())
+
+    def output_range(self, torque, equilibrium):
+        system = designed(self)
+        if system is None:
+            return {}
+        A, B = system
+        angle, rate = (reach_of_state_space(A, B, [row], [[0.0]]) for row in ((1.0, 0.0), (0.0, 1.0)))
+        if angle is None or rate is None:
+            return {}
+        return {"position": angle.interval([torque]) + equilibrium, "velocity": rate.interval([torque])}
+
+
+class FeedForward(Block):
+    """Torque that a joint needs for a planned motion: τ = M α + B ω + τ_c · clip(ω / ω_c, -1, 1). Direct feedthrough; NaN passes."""
+
+    inertia = Param(0.0, "kg·m²", "M, of the joint and what it moves", min=0.0)
+    damping = Param(0.0, "N·m·s/rad", "B, viscous friction", min=0.0)
+    friction = Param(0.0, "N·m", "τ_c, Coulomb friction", min=0.0)
+    slip = Param(0.1, "rad/s", "ω_c, velocity from which the whole friction counts", above=0.0)
+
+    velocity = Input("rad/s", "planned, ω")
+    acceleration = Input("rad/s²", "planned, α", default=0.0)
+    torque = Output("N·m", "τ")
+
+    kernel = kernels.feed_forward
+
+    def output_range(self, velocity, acceleration):
+        slip = self.span("slip").low
+        sign = Interval(min(max(velocity.low / slip, -1.0), 1.0), min(max(velocity.high / slip, -1.0), 1.0)) | Interval.point(0.0)
+        return self.span("inertia") * acceleration + self.span("damping") * velocity + self.span("friction") * sign
+
+
+class GravityCompensation(Block):
+    """Torque that holds a limb segment against gravity: τ = share · m g l sin θ, θ from hanging straight down.
+
+    Direct feedthrough; NaN passes. g = 9.80665 m/s². For masses and centres of mass of segments see Winter, Biomechanics and Motor Control
+    of Human Movement, table 4.1.
+    """
+
+    mass = Param(3.0, "kg", "m, of the segment and what it carries", min=0.0)
+    length = Param(0.2, "m", "l, from the joint to the centre of mass", min=0.0)
+    share = Param(1.0, "1", "of the weight that is held", min=0.0, max=1.0, live=True)
+
+    angle = Input("rad", "of the segment from hanging straight down, θ")
+    torque = Output("N·m", "τ")
+
+    kernel = kernels.gravity
+
+    def output_range(self, angle):
+        sine = wave(math.sin, angle, 0.5 * math.pi)
+        return self.span("share") * self.span("mass") * Interval.point(GRAVITY) * self.span("length") * sine

@@ -1,0 +1,254 @@
+"""Linear systems in discrete time: transfer functions, cascades of biquads, state space.
+
+Each is proved by the 1-norm of its impulse response; one that is not stable has no range.
+"""
+
+import math
+from fractions import Fraction
+
+import numpy as np
+
+from blocks import biquads
+from blocks.response import designed, reach_of_cascade, reach_of_state_space, stable
+from cext.kernels import linear as kernels
+from graph import Block, Input, Memory, Output, Param
+from graph.interval import EVERYTHING
+from graph.units import canonical, multiply
+
+
+class TransferFunction(Block):
+    """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z, or s by Tustin's bilinear transform.
+
+    Coefficients in falling powers, as in scipy.signal.TransferFunction; leading zeros may be left out. Direct feedthrough where numerator
+    and denominator in z are of one degree; else none, and it may close a loop. Starts at zero; when a robot has been armed it starts as
+    if it had seen its present input for ever, if it has such a state. NaN stays until the next reset. For high orders take a
+    BiquadCascade, which rounding hurts less.
+    """
+
+    numerator = Param((1.0,), "1", "b, in falling powers", dtype=tuple)
+    denominator = Param((1.0,), "1", "a, in falling powers", dtype=tuple)
+    domain = Param("z", "1", "z: discrete; s: continuous", choices=("z", "s"))
+    unit = Param("1", "1", "unit of the gain; the output has the product of both")
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "output", shape=...)
+    b = Memory(0.0, "numerator in powers of 1/z")
+    a = Memory(0.0, "denominator in powers of 1/z, a₀ = 1")
+    delays = Memory(0.0, "one for each degree and element")
+    rest = Memory(0.0, "the delays of an input of 1 for ever")
+
+    kernel = kernels.transfer
+    update_kernel = kernels.transfer_next
+    settle_kernel = kernels.transfer_at_rest
+
+    def configure(self):
+        self.numerator, self.denominator = polynomial("numerator", self.numerator), polynomial("denominator", self.denominator)
+        if len(self.numerator) > len(self.denominator):
+            raise ValueError(f"the numerator is of degree {len(self.numerator) - 1}, above the denominator's, {len(self.denominator) - 1}: "
+                             f"it would need inputs of the future")
+        self.unit = canonical(self.unit)
+        proper = self.domain == "s" or len(self.numerator) == len(self.denominator)
+        self.feedthrough = None if proper else ()
+
+    def output_units(self, u):
+        return {"y": multiply(u, self.unit)}
+
+    def design(self, dt):
+        """(b, a) in powers of 1/z, equally long, a[0] = 1. dt matters in the domain s only."""
+        degree = len(self.denominator) - 1
+        b, a = (np.concatenate([np.zeros(degree + 1 - len(c)), c]) for c in (self.numerator, self.denominator))
+        if self.domain == "s":
+            b, a = tustin(b, dt), tustin(a, dt)
+            if a[0] == 0.0:
+                raise ValueError(f"denominator: a pole at {2 / dt:g} rad/s has no counterpart at this rate")
+        return tuple((b / a[0]).tolist()), tuple((a / a[0]).tolist())
+
+    def prepare(self, dt):
+        self.b, self.a = self.design(dt)
+        self.delays = [0.0] * ((len(self.a) - 1) * self.width)
+        self.rest = delays_at_rest(self.b, self.a)
+
+    def output_range(self, u):
+        section = designed(self) if self.domain == "s" else self.design(None)
+        reach = None if section is None else reach_of_cascade((section,))
+        return EVERYTHING if reach is None else reach.interval([u])
+
+
+def polynomial(name, coefficients):
+    """The coefficients as a tuple without leading zeros. ValueError if they are none, not finite or all zero in a denominator."""
+    try:
+        values = [float(value) for value in coefficients]
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers in falling powers, got {coefficients!r}") from None
+    if not values or not all(map(math.isfinite, values)):
+        raise ValueError(f"{name}: expected finite numbers in falling powers, got {coefficients!r}")
+    while len(values) > 1 and values[0] == 0.0:
+        values.pop(0)
+    if name == "denominator" and values[0] == 0.0:
+        raise ValueError("denominator: is zero")
+    return tuple(values)
+
+
+def tustin(coefficients, dt):
+    """A polynomial in s, in falling powers, as one in z: times (z + 1)^degree, with s = 2/dt (z - 1)/(z + 1)."""
+    degree = len(coefficients) - 1
+    total = np.zeros(degree + 1)
+    for power, coefficient in zip(range(degree, -1, -1), coefficients):
+        term = np.array([coefficient * (2.0 / dt) ** power])
+        for root in [1.0] * power + [-1.0] * (degree - power):
+            term = np.convolve(term, [1.0, -root])
+        total += term
+    return total
+
+
+def delays_at_rest(b, a):
+    """Delays of the transposed direct form II that has seen an input of 1 for ever, exact before one rounding.
+
+    Zeros for an integrator, which has no such state, and for what differs from one by rounding only.
+    """
+    if abs(math.fsum(a)) <= 1e-12 * math.fsum(map(abs, a)):
+        return [0.0] * (len(b) - 1)
+    b, a = [Fraction(value) for value in b], [Fraction(value) for value in a]
+    gain = sum(b) / sum(a)
+    found, below = [], Fraction(0)
+    for k in range(len(b) - 1, 0, -1):
+        below += b[k] - a[k] * gain
+        found.append(float(below))
+    return found[::-1]
+
+
+class BiquadCascade(Block):
+    """Second-order sections in series, each H(z) = (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²), in direct form II transposed.
+
+    Rows (b0, b1, b2, a0, a1, a2) as SciPy's designs with output="sos" give them. Direct feedthrough. Starts at zero, or at its present
+    input when a robot has been armed. NaN passes and stays until the next reset.
+    """
+
+    sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows b0 b1 b2 a0 a1 a2", dtype=tuple)
+
+    u = Input("any", "input", shape=...)
+    y = Output("any", "output", shape=...)
+    sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
+    delays = Memory(0.0, "two for each biquad and element")
+    rest = Memory(0.0, "gain and two delays of each biquad, for an input of 1 for ever")
+
+    kernel = kernels.biquads
+    settle_kernel = kernels.biquads_at_rest
+
+    def configure(self):
+        rows = np.asarray(self.sos, dtype=float)
+        if rows.ndim != 2 or rows.shape[1] != 6 or not len(rows) or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
+            raise ValueError(f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, a0 not zero, got {self.sos!r}")
+        self.sos = tuple(map(tuple, rows.tolist()))
+        self.rows = [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
+        self.sections = [coefficient for row in self.rows for coefficient in row]
+        self.rest = biquads.at_rest(self.rows)
+
+    def prepare(self, dt):
+        self.delays = [0.0] * (2 * len(self.rows) * self.width)
+
+    def output_range(self, u):
+        reach = biquads.reach(self.rows)
+        return EVERYTHING if reach is None else reach.interval([u])
+
+
+class StateSpace(Block):
+    """Linear system in state space: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], x[0] = start.
+
+    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar where m or p is 1, else a vector.
+    Direct feedthrough where D is not zero; else none, and it may close a loop. When a robot has been armed it starts as if it had seen its
+    present input for ever, unless `start` is given or it is not stable. NaN stays until the next reset.
+    """
+
+    A = Param((), "1", "system matrix", dtype=tuple, required=True)
+    B = Param((), "1", "input matrix", dtype=tuple, required=True)
+    C = Param((), "1", "output matrix", dtype=tuple, required=True)
+    D = Param((), "1", "feedthrough matrix, zero if left out", dtype=tuple)
+    start = Param((), "1", "state at the start, zero if left out", dtype=tuple)
+    unit = Param("1", "1", "unit of the gain; the output has the product of both")
+
+    matrix_a = Memory(0.0, "A, row by row")
+    matrix_b = Memory(0.0, "B, row by row")
+    matrix_c = Memory(0.0, "C, row by row")
+    matrix_d = Memory(0.0, "D, row by row; empty where it is zero")
+    rest = Memory(0.0, "state for inputs of 1 for ever, row by row")
+    state = Memory(0.0, "x")
+    following = Memory(0.0, "room for the next x")
+
+    kernel = kernels.state_space
+    update_kernel = kernels.state_space_next
+
+    examples = (
+        {"A": ((0.9, 0.1), (-0.1, 0.8)), "B": ((0.0,), (0.1,)), "C": ((1.0, 0.0),)},
+        {"A": ((0.5,),), "B": ((1.0, -1.0),), "C": ((1.0,), (2.0,)), "D": ((0.0, 1.0), (1.0, 0.0)), "start": (3.0,)},
+    )
+
+    def configure(self):
+        self.unit = canonical(self.unit)
+        A, B, C = (matrix(name, getattr(self, name)) for name in "ABC")
+        n, m, p = len(A), B.shape[1], len(C)
+        D = matrix("D", self.D) if len(self.D) else np.zeros((p, m))
+        start = np.asarray(self.start, dtype=float) if len(self.start) else np.zeros(n)
+        for name, found, wanted in (("A", A.shape, (n, n)), ("B", B.shape, (n, m)), ("C", C.shape, (p, n)), ("D", D.shape, (p, m)),
+                                    ("start", start.shape, (n,))):
+            if found != wanted:
+                raise ValueError(f"{name}: expected shape {wanted}, got {found}, with A {A.shape}, B {B.shape} and C {C.shape}")
+        self.inputs = {"u": Input("any", "input", shape=() if m == 1 else (m,)).named("u")}
+        self.outputs = {"y": Output("any", "output", shape=() if p == 1 else (p,)).named("y")}
+        self.feedthrough = None if D.any() else ()
+        self.matrix_a, self.matrix_b, self.matrix_c = A.ravel(), B.ravel(), C.ravel()
+        self.matrix_d = D.ravel() if D.any() else ()
+        self.matrices = A, B, C, D, start
+        self.state, self.following = start, np.zeros(n)
+        rest = None if len(self.start) or not stable(A) else state_at_rest(A, B)
+        self.rest = np.zeros(n * m) if rest is None else rest.ravel()
+        self.settle_kernel = None if rest is None else kernels.state_space_at_rest
+
+    def output_units(self, u):
+        return {"y": multiply(u, self.unit)}
+
+    def output_range(self, u):
+        reach = reach_of_state_space(*self.matrices)
+        return EVERYTHING if reach is None else reach.interval([u] * len(self.matrices[1][0]))
+
+
+def matrix(name, rows):
+    """A two-dimensional array of finite numbers. ValueError if it is none."""
+    try:
+        array = np.array(rows, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected rows of numbers, all of one length") from None
+    if array.ndim != 2 or not array.size or not np.all(np.isfinite(array)):
+        raise ValueError(f"{name}: expected rows of finite numbers, got {rows!r}")
+    return array
+
+
+def state_at_rest(A, B):
+    """(I - A)⁻¹ B: where each input of 1 brings the state in the end, exact before one rounding, for a stable A."""
+    n, m = B.shape
+    rows = [[Fraction(int(i == j)) - Fraction(A[i, j]) for j in range(n)] + [Fraction(value) for value in B[i]] for i in range(n)]
+    for column in range(n):
+        pivot = next(row for row in range(column, n) if rows[row][column])
+        rows[column], rows[pivot] = rows[pivot], rows[column]
+        factor = rows[column][column]
+        rows[column] = [value / factor for value in rows[column]]
+        for row in range(n):
+            if row != column and rows[row][column]:
+                factor = rows[row][column]
+                rows[row] = [value - factor * other for value, other in zip(rows[row], rows[column])]
+    return np.array([[float(value) for value in row[n:]] for row in rows])
+
+
+def zero_order_hold(A, B, dt):
+    """(A, B) of the discrete system that x' = A x + B u is, for u that holds for dt: the matrix exponential, by scaling and squaring."""
+    n, m = B.shape
+    step = np.zeros((n + m, n + m))
+    step[:n, :n], step[:n, n:] = A * dt, B * dt
+    squarings = max(0, math.frexp(float(np.abs(step).sum()))[1] + 1)
+    total = term = np.eye(n + m)
+    for k in range(1, 20):
+        term = term @ step / (k * 2.0**squarings)
+        total = total + term
+    for _ in range(squarings):
+        total = total @ total
+    return total[:n, :n], total[:n, n:]
