@@ -49,7 +49,7 @@ def test_a_name_tells_docstring_ports_and_parameters(command_line):
     code, out, err = command_line("blocks", "Impedance")
     assert (code, err) == (OK, "")
     lines = out.splitlines()
-    assert lines[0] == "Impedance  from blocks.controllers import Impedance" and lines[1].startswith("native; blocks.controllers, line ")
+    assert lines[0] == "Impedance  from blocks.controllers import Impedance" and lines[1].startswith("native; blocks.controllers.joint, line ")
     assert "  Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω. (Hogan 1985)" in lines
     row = {line.split()[0]: line.split(maxsplit=1)[1] for line in lines if line.startswith("  ")}
     assert row["equilibrium"].split(maxsplit=1) == ["rad", "angle θ₀ at which the spring is slack; default 0 rad"]

@@ -180,7 +180,7 @@ def test_pointing_at_a_line_lights_the_whole_signal(ask):
         const during = scene.querySelectorAll(".lit").length;
         line.dispatchEvent(new PointerEvent("pointerleave"));
         return [during, scene.querySelectorAll(".lit").length, line.querySelector("title").textContent];""")
-    assert lit == [1, 0, "left/butterworth.y   rad/s"]
+    assert lit[:2] == [1, 0] and lit[2].startswith("left/butterworth.y   rad/s")
 
 
 def test_nothing_in_a_diagram_is_read_as_html(ask):
