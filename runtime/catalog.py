@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from graph import Block, Device
 from graph.block import suggestion
-from graph.drawing.cards import class_card, documentation, summary
+from graph.drawing.cards import class_card, documentation, summary, unit_text
 from graph.store import ENTRY_POINTS
 from runtime.errors import BadInput
 from runtime.lines import count, paper
@@ -32,7 +32,7 @@ class Library:
 
 
 def catalog(name=None, library=None, models=False):
-    """Lines: every block; one block or family of blocks, with `name`; one library, with `library`; the models of actuators. Raises BadInput."""
+    """Lines: every block, or those of `library`; one block or family, with `name`; the models of actuators. Raises BadInput."""
     sheet = paper()
     if models:
         return actuators(sheet)
@@ -92,11 +92,14 @@ def walk(name, broken):
 
 
 def find_library(name, found):
+    def plain(text):
+        return text.lower().replace("_", "-")
+
     for library in found:
-        if name.lower().replace("_", "-") in (library.name.lower().replace("_", "-"), *(place.split(".")[0].lower() for place in library.modules)):
+        if plain(name) in map(plain, (library.name, *(place.split(".")[0] for place in library.modules))):
             return library
-    hint = suggestion(name, [library.name for library in found])
-    raise BadInput(f"no library {name!r} is installed that brings blocks; {hint or 'there is ' + ', '.join(library.name for library in found)}")
+    known = [library.name for library in found]
+    raise BadInput(f"no library {name!r} is installed that brings blocks; {suggestion(name, known) or 'there is ' + ', '.join(known)}")
 
 
 def family_of(home):
@@ -118,7 +121,7 @@ def listing(found, sheet, described):
     """Every block in one line, by library and family."""
     lines = []
     for library in found:
-        lines += about(library, sheet) if described else [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.homes), 'block')}"]
+        lines += about(library, sheet) if described else [title(library, sheet)]
         for family in dict.fromkeys(map(family_of, library.homes.values())):
             own = [kind for kind, home in library.homes.items() if family_of(home) == family]
             modules = dict.fromkeys(import_line(kind, library.homes[kind]).split()[1] for kind in own)
@@ -134,21 +137,27 @@ def rows(kinds, sheet, indent=""):
     return [sheet.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
 
 
-def version(library):
+def metadata(library):
+    """What the distribution says of itself; None for a checkout that was not installed."""
     try:
-        return importlib.metadata.version(library.name)
+        return importlib.metadata.metadata(library.name)
     except importlib.metadata.PackageNotFoundError:
-        return ""
+        return None
+
+
+def title(library, sheet):
+    data = metadata(library)
+    return sheet.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
 
 
 def about(library, sheet):
-    """What the distribution's metadata say: version, author, and what it was tested with."""
-    lines = [sheet.bold(f"{library.name} {version(library)}".rstrip()) + f"  {count(len(library.homes), 'block')}"]
-    try:
-        data = importlib.metadata.metadata(library.name)
-    except importlib.metadata.PackageNotFoundError:
+    """A library's version, author, and what it was tested with: Pythons that it names, and the Tickwork it needs."""
+    data = metadata(library)
+    lines = [title(library, sheet)]
+    if data is None:
         return [*lines, "  not installed as a distribution: run from a checkout"]
-    tested = [c.rpartition(" :: ")[2] for c in data.get_all("Classifier", []) if re.fullmatch(r"Programming Language :: Python :: \d\.\d+", c)]
+    pythons = re.compile(r"Programming Language :: Python :: \d\.\d+")
+    tested = [text.rpartition(" :: ")[2] for text in data.get_all("Classifier", []) if pythons.fullmatch(text)]
     needs = [text for text in data.get_all("Requires-Dist", []) if "extra ==" not in text]
     facts = (
         ("about", data.get("Summary")),
@@ -186,13 +195,13 @@ def describe(kind, home, sheet):
         code = re.search(r"^\s", paragraph, re.M)
         lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
     width = max((len(item["name"]) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
-    units = max((len(unit(item)) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
+    units = max((len(unit_text(item)) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
     for title in ("inputs", "outputs"):
         if card[title]:
             lines += ["", sheet.bold(title) + (sheet.faint("  of an example: its parameters make them") if card["made"] else "")]
         for port in card[title]:
             words = [port["description"], f"default {port['default']}" if "default" in port else "", port.get("range", "")]
-            lines += sheet.hang(f"  {port['name']:<{width}}  {unit(port):<{units}}  ", "; ".join(word for word in words if word))
+            lines += sheet.hang(f"  {port['name']:<{width}}  {unit_text(port):<{units}}  ", "; ".join(word for word in words if word))
     if card["variadic"]:
         lines += ["", sheet.bold("inputs") + "  any number of signals; unwired, every port"]
     if card["parameters"]:
@@ -200,14 +209,8 @@ def describe(kind, home, sheet):
     for item in card["parameters"]:
         default = "required" if item["default"] == "required" else f"default {item['default']}"
         words = [item["description"], default, item["bounds"], "live" if item["live"] else ""]
-        lines += sheet.hang(f"  {item['name']:<{width}}  {unit(item):<{units}}  ", "; ".join(word for word in words if word))
+        lines += sheet.hang(f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word))
     return [line.rstrip() for line in lines]
-
-
-def unit(item):
-    words = ["" if item["unit"] == "1" else item["unit"], {"": "", "any": "any shape"}.get(item.get("shape", ""), f"({item.get('shape')})")]
-    words.append("" if item.get("dtype", "float") == "float" else item["dtype"])
-    return ", ".join(word for word in words if word)
 
 
 def source_line(kind):
@@ -230,9 +233,10 @@ def actuators(sheet):
         sheet.faint(f"  {'':<14}{'':>6}{'N·m':>9}{'N·m':>9}{'± N·m':>14}{'± rad/s':>16}"),
     ]
     for model in models.MODELS.values():
-        lines.append(f"  {model.name:<14}{model.gear:>4}:1{model.rated:>9g}{model.peak:>9g}{model.wire_torque:>14g}{model.wire_velocity:>16g}")
-    wire = f"On the wire of every model: position ± {models.POSITION:g} rad, stiffness 0 to {models.STIFFNESS:g} N·m/rad, damping 0 to {models.DAMPING:g} N·m·s/rad."
-    return [
-        *lines, "", *sheet.hang("  ", wire),
-        *sheet.hang("  ", "Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit=\"peak\". Wire: a scale, not a rating."),
-    ]
+        torques = f"{model.rated:>9g}{model.peak:>9g}{model.wire_torque:>14g}"
+        lines.append(f"  {model.name:<14}{model.gear:>4}:1{torques}{model.wire_velocity:>16g}")
+    wire = (f"On the wire of every model: position ± {models.POSITION:g} rad, stiffness 0 to {models.STIFFNESS:g} N·m/rad, "
+            f"damping 0 to {models.DAMPING:g} N·m·s/rad.")
+    words = ("Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
+             "Wire: a scale, not a rating.")
+    return [*lines, "", *sheet.hang("  ", wire), *sheet.hang("  ", words)]

@@ -28,7 +28,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
-  buses                         bus, devices, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (shares of the bitrate)
+  buses                         bus, devices, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
   plant                         given (by the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
 
@@ -79,9 +79,10 @@ def check(path, settings=(), rate=None):
 
 def refused(path, diagnostics):
     """What is told of a file whose diagram could not be made."""
-    return {
-        "diagram": path.stem, "file": str(path), "rate": None, "ok": False, "blocks": [], "schedule": None, "holds": [], "proofs": [], "buses": [],
-        "plant": None, "errors": [describe(d) for d in diagnostics], "warnings": [],
+    nothing = {key: [] for key in ("blocks", "holds", "proofs", "buses", "warnings")}
+    return nothing | {
+        "diagram": path.stem, "file": str(path), "rate": None, "ok": False, "schedule": None, "plant": None,
+        "errors": [describe(d) for d in diagnostics],
     }
 
 
@@ -111,7 +112,8 @@ def describe_schedule(schedule):
     sections = itertools.count(1)
     return {
         "devices": [device.name for device in schedule.devices], "recorded": len(schedule.columns),
-        "output": describe_steps(schedule, schedule.output, names, sections), "update": describe_steps(schedule, schedule.update, names, sections),
+        "output": describe_steps(schedule, schedule.output, names, sections),
+        "update": describe_steps(schedule, schedule.update, names, sections),
         "gil_sections": schedule.gil_sections,
     }
 
@@ -148,7 +150,9 @@ def buses(diagram, schedule):
 
 
 def describe_plant(simulation):
-    return {"given": simulation.given, "blocks": len(simulation.diagram), "rate": simulation.plant.rate} if simulation.plant is not None else None
+    if simulation.plant is None:
+        return None
+    return {"given": simulation.given, "blocks": len(simulation.diagram), "rate": simulation.plant.rate}
 
 
 def describe(diagnostic):

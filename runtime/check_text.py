@@ -1,5 +1,6 @@
 """What `check` has found, for people: sections of aligned lines, each made from the same data that --json prints."""
 
+from graph.drawing.cards import unit_text
 from runtime.lines import count
 
 BAR = 24                        # columns of a picture of an interval
@@ -39,27 +40,23 @@ def ports(found, paper):
     lines = section("ports", paper)
     names = [port["name"] for block in found["blocks"] for port in block["inputs"] + block["outputs"]]
     width = max((len(name) for name in names), default=0)
-    units = max((len(unit(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0)
+    units = max((len(unit_text(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0)
     ranges = max((len(interval(port["low"], port["high"])) for block in found["blocks"] for port in block["outputs"]), default=0)
     for block in found["blocks"]:
         lines += paper.hang(f"  {paper.bold(block['path'])}  ", f"{block['type']}, {block['made']}", paper.faint)
         wired = [port for port in block["inputs"] if "source" in port or "constant" in port]
         unwired = [port for port in block["inputs"] if port not in wired]
         for port in wired:
-            lines += paper.hang(f"    in   {port['name']:<{width}}  {unit(port):<{units}}  ", f"← {port['source']}" if "source" in port else f"= {port['constant']}")
+            origin = f"← {port['source']}" if "source" in port else f"= {port['constant']}"
+            lines += paper.hang(f"    in   {port['name']:<{width}}  {unit_text(port):<{units}}  ", origin)
         if unwired:
             lines += paper.hang("    in   ", "not wired: " + ", ".join(f"{p['name']} = {p['default']}" for p in unwired), paper.faint)
         for port in block["outputs"]:
-            row = f"    out  {port['name']:<{width}}  {unit(port):<{units}}  {interval(port['low'], port['high']):<{ranges}}  "
+            row = f"    out  {port['name']:<{width}}  {unit_text(port):<{units}}  {interval(port['low'], port['high']):<{ranges}}  "
             lines += paper.hang(row, "→ " + ", ".join(port["targets"]) if port["targets"] else "")
         if not block["inputs"] and not block["outputs"]:
             lines.append("    in   every port")
     return [line.rstrip() for line in lines]
-
-
-def unit(port):
-    words = ["" if port["unit"] == "1" else port["unit"], f"({port['shape']})" if port["shape"] else "", "" if port["dtype"] == "float" else port["dtype"]]
-    return " ".join(word for word in words if word)
 
 
 def interval(low, high):
@@ -75,15 +72,16 @@ def schedule(found, paper):
     plan = found["schedule"]
     steps = plan["output"] + plan["update"]
     native = sum(step["native"] for step in steps)
-    note = f"{count(len(steps), 'step')}: {native} native, {len(steps) - native} Python; a tick takes the GIL {count(plan['gil_sections'], 'time')}"
-    lines = section("schedule", paper, note)
+    kinds = f"{count(len(steps), 'step')}: {native} native, {len(steps) - native} Python"
+    lines = section("schedule", paper, f"{kinds}; a tick takes the GIL {count(plan['gil_sections'], 'time')}")
     width = max((len(step["block"]) for step in steps), default=0)
     if plan["devices"]:
         lines += paper.hang("  receive  ", ", ".join(plan["devices"]))
     for phase in ("output", "update"):
         for number, step in enumerate(plan[phase], 1):
+            how = "native" if step["native"] else "Python"
             gil = f"GIL {step['gil']}" if step["gil"] else ""
-            row = f"  {phase if number == 1 else '':<6}  {number:>3}  {step['block']:<{width}}  {'native' if step['native'] else 'Python'}  {step['rate']:>5g} Hz  {gil:<6}"
+            row = f"  {phase if number == 1 else '':<6}  {number:>3}  {step['block']:<{width}}  {how}  {step['rate']:>5g} Hz  {gil:<6}"
             lines += paper.hang(row, "while " + " and ".join(step["while"]) if step["while"] else "")
         if phase == "output" and plan["devices"]:
             lines += paper.hang("  command  ", ", ".join(plan["devices"]))
@@ -98,8 +96,12 @@ def holds(found, paper):
     lines = section("where rates meet", paper)
     width = max(len(hold["source"]) for hold in found["holds"])
     for hold in found["holds"]:
-        slow, fast = hold["source_every"], hold["target_every"]
-        how = f"held for {slow // fast} ticks" if slow % fast == 0 else f"one value in {fast // slow} is taken" if fast % slow == 0 else "resampled"
+        before, after = hold["source_every"], hold["target_every"]
+        how = "resampled"
+        if before % after == 0:
+            how = f"held for {before // after} ticks"
+        elif after % before == 0:
+            how = f"one value in {after // before} is taken"
         lines += paper.hang(f"  {hold['source']:<{width}}  ", f"→ {hold['target']}  {how}")
     return lines
 
@@ -152,7 +154,8 @@ def buses(found, paper):
             continue
         ink = paper.good if bus["worst"] <= 0.7 else paper.dubious
         filled = min(BAR, round(BAR * bus["worst"]))
-        load = f"{bus['typical']:.0%} of {bus['bitrate'] / 1e6:g} Mbit/s, {bus['worst']:.0%} with the worst stuffing; {bus['frames']:g} frames a second"
+        load = f"{bus['typical']:.0%} of {bus['bitrate'] / 1e6:g} Mbit/s, {bus['worst']:.0%} with the worst stuffing"
+        load += f"; {bus['frames']:g} frames a second"
         lines += paper.hang(f"  {bus['bus']:<{width}}  {ink('█' * filled)}{paper.faint('░' * (BAR - filled))}  ", load)
         lines += paper.hang(f"  {'':<{width}}  ", ", ".join(bus["devices"]), paper.faint)
     return lines
@@ -174,5 +177,6 @@ def verdict(found, paper):
     warnings = count(len(found["warnings"]), "warning")
     if found["errors"]:
         return paper.bad(f"{count(len(found['errors']), 'error')}, {warnings}: this diagram does not run")
-    proved = f"every command of {count(len({proof['command'].rpartition('.')[0] for proof in found['proofs']}), 'actuator')} is proved, " if found["proofs"] else ""
+    actuators = {proof["command"].rpartition(".")[0] for proof in found["proofs"]}
+    proved = f"every command of {count(len(actuators), 'actuator')} is proved, " if actuators else ""
     return paper.good(f"ok: {proved}{warnings}")

@@ -78,7 +78,8 @@ def rasterise(text, target, scale=2.0):
             if tool(source, picture, size, scale, Path(folder)):
                 break
         else:
-            raise BadInput("no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install librsvg2-bin`, or write an SVG and open it in a browser")
+            raise BadInput("no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install librsvg2-bin`, "
+                           "or write an SVG and open it in a browser")
         if not picture.exists():
             raise BadInput(f"{tool.__name__.removeprefix('with_')} wrote no PNG: write an SVG instead, with --format svg")
         try:

@@ -69,11 +69,6 @@ def length(text):
     return len(_INK.sub("", text))
 
 
-def pad(text, width):
-    """The text with blanks behind it."""
-    return text + " " * max(0, width - length(text))
-
-
 def count(number, thing):
     """'1 block', '2 blocks'."""
     return f"{number} {thing}" + ("" if number == 1 else "s")

@@ -2,7 +2,10 @@
 
 function element(name, attributes = {}, ...children) {
   const made = document.createElement(name);
-  Object.entries(attributes).forEach(([key, value]) => (key.startsWith("on") ? made.addEventListener(key.slice(2), value) : made.setAttribute(key, value)));
+  for (const [key, value] of Object.entries(attributes)) {
+    if (key.startsWith("on")) made.addEventListener(key.slice(2), value);
+    else made.setAttribute(key, value);
+  }
   made.append(...children);
   return made;
 }
@@ -12,11 +15,15 @@ function link(signal) {
   return element("a", { href: "#", onclick: (event) => { event.preventDefault(); choose(signal.slice(0, at), true); } }, signal);
 }
 
-const withUnit = (port) => [port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype].filter(Boolean).join(" ");
+const told = (words, between) => words.filter(Boolean).join(between);
+
+function withUnit(port) {
+  return told([port.unit === "1" ? "" : port.unit, port.shape && `(${port.shape})`, port.dtype === "float" ? "" : port.dtype], " ");
+}
 
 function portRow(port, ends) {
   const wired = element("div", { class: "wired" }, ...ends);
-  const about = [port.description, port.range && `${port.range}`].filter(Boolean).join("; ");
+  const about = told([port.description, port.range], "; ");
   return element("tr", {}, element("th", {}, port.name), element("td", { class: "unit" }, withUnit(port)), element("td", {}, about, wired));
 }
 
@@ -27,9 +34,10 @@ function origin(port) {
 
 function parameterRow(parameter) {
   const other = parameter.own && parameter.default !== "required";
-  const about = [parameter.description, parameter.bounds, other && `default ${parameter.default}`, parameter.live && "may change while running"];
-  return element("tr", {}, element("th", {}, parameter.name), element("td", { class: parameter.own ? "unit own" : "unit" }, parameter.value),
-    element("td", {}, about.filter(Boolean).join("; ")));
+  const live = parameter.live && "may change while running";
+  const about = told([parameter.description, parameter.bounds, other && `default ${parameter.default}`, live], "; ");
+  const value = element("td", { class: parameter.own ? "unit own" : "unit" }, parameter.value);
+  return element("tr", {}, element("th", {}, parameter.name), value, element("td", {}, about));
 }
 
 function prose(paragraphs) {
@@ -48,15 +56,17 @@ function card(block) {
   const inputs = block.inputs.map((port) => portRow(port, port.source ? ["from ", link(port.source)] : [origin(port)]));
   const outputs = block.outputs.map((port) => portRow(port, port.targets.flatMap((target, i) => [i ? ", " : "to ", link(target)])));
   const parameters = block.parameters.map(parameterRow);
+  const conditions = block.conditions.map((signal) => `while ${signal}`);
   return [
     element("button", { class: "close", title: "close (Esc)", onclick: () => choose(null) }, "×"),
     element("p", { class: "family", style: `--edge: ${family.edge}; --head: ${family.head}` }, family.title),
     element("h2", {}, block.path),
     element("p", { class: "type" }, block.type, element("span", {}, ` from ${block.module}`)),
-    ...block.errors.map((text) => element("p", { class: "error" }, text)), ...block.warnings.map((text) => element("p", { class: "warning" }, text)),
+    ...block.errors.map((text) => element("p", { class: "error" }, text)),
+    ...block.warnings.map((text) => element("p", { class: "warning" }, text)),
     prose(block.documentation),
     ...section("Proof", ...block.proofs.concat(block.bounds.map((command) => `bounds ${command}`)).map((text) => element("p", {}, text))),
     ...section("Inputs", ...table(inputs)), ...section("Outputs", ...table(outputs)), ...section("Parameters", ...table(parameters)),
-    element("p", { class: "foot" }, [block.runs, block.rate, ...block.conditions.map((signal) => `while ${signal}`), block.made && `made at ${block.made}`].filter(Boolean).join(" · ")),
+    element("p", { class: "foot" }, told([block.runs, block.rate, ...conditions, block.made && `made at ${block.made}`], " · ")),
   ];
 }

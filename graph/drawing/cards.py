@@ -25,7 +25,7 @@ def family(kind):
 
 
 def documentation(kind):
-    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it has none of its own."""
+    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it has none."""
     inherited = {base.__doc__ for base in kind.__mro__[1:]}
     if not kind.__doc__ or kind.__doc__ in inherited:
         return ()
@@ -115,6 +115,13 @@ def same(value, default):
         return False
 
 
+def unit_text(card):
+    """Unit, shape and dtype of a port or parameter, as far as they say something: 'rad/s, (3)', 'int', 'any, any shape'."""
+    shape = card.get("shape", "")
+    words = ["" if card["unit"] == units.ONE else card["unit"], "any shape" if shape == "any" else f"({shape})" if shape else ""]
+    return ", ".join(word for word in [*words, "" if card.get("dtype", "float") == "float" else card["dtype"]] if word)
+
+
 def port_card(port):
     """What one port declares."""
     card = {"name": port.name, "unit": port.unit, "shape": shape_text(port.shape), "dtype": port.dtype, "description": port.description}
@@ -140,10 +147,11 @@ def class_card(kind):
     """All that a block's class declares."""
     block = example(kind)
     return {
-        "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind), "documentation": documentation(kind),
-        "runs": runs(kind), "inputs": [port_card(p) for p in block.inputs.values()], "outputs": [port_card(p) for p in block.outputs.values()],
-        "parameters": parameter_cards(kind), "made": block.inputs.keys() != kind.inputs.keys() or block.outputs.keys() != kind.outputs.keys(),
-        "variadic": kind.variadic,
+        "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind),
+        "documentation": documentation(kind), "runs": runs(kind), "variadic": kind.variadic,
+        "inputs": [port_card(port) for port in block.inputs.values()], "outputs": [port_card(port) for port in block.outputs.values()],
+        "parameters": parameter_cards(kind),
+        "made": block.inputs.keys() != kind.inputs.keys() or block.outputs.keys() != kind.outputs.keys(),
     }
 
 
@@ -179,8 +187,8 @@ def proof_texts(proofs):
             constants.append(f"{proof.port} {interval_text(proof.interval, proof.unit)}")
             continue
         inside = "inside" if proof.holds else "NOT inside"
-        texts.append(f"{proof.port}: {interval_text(proof.interval, proof.unit) or 'anything'}, {inside} {interval_text(proof.limit, proof.unit)}; "
-                     f"bounded by {proof.bounded_by}")
+        interval, limit = interval_text(proof.interval, proof.unit) or "anything", interval_text(proof.limit, proof.unit)
+        texts.append(f"{proof.port}: {interval}, {inside} {limit}; bounded by {proof.bounded_by}")
     return texts + (["constant: " + ", ".join(constants)] if constants else [])
 
 

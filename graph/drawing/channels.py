@@ -1,9 +1,9 @@
 """Channels: the ways of lines between columns. A line crosses a channel level, or turns onto an upright track and off it again.
 
-Principle: 1. every net has one wire in a channel: heights at which it comes from the left, heights at which it goes to the right; 2. where one comes
-in at the height at which another goes out, the first turns off before the second turns on; where such rules run in a circle, one wire takes two
-tracks; 3. wires are put in the order in which they cross least, and each takes the leftmost track that is free; 4. feedback runs below the boxes it
-goes back under, in a lane of its own.
+Principle: 1. every net has one wire in a channel: heights at which it comes from the left, heights at which it goes to the right; 2. where
+one comes in at the height at which another goes out, the first turns off before the second turns on; where such rules run in a circle, one
+wire takes two tracks; 3. wires are put in the order in which they cross least, and each takes the leftmost track that is free; 4. feedback
+runs below the boxes it goes back under, in a lane of its own.
 """
 
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ NEAR = 4.0                  # px, closer than this two lines look like one
 
 @dataclass(eq=False)
 class Wire:
-    """A net in one channel. left, right : heights where it meets the edges of the channel. x : of its track; two where it has two halves."""
+    """A net in one channel. left, right : heights where it meets the edges of the channel. x : of its track."""
 
     net: object
     left: set = field(default_factory=set)
@@ -129,7 +129,8 @@ def split_circles(wires, taken):
 def free_height(wire, taken):
     """A height inside the wire's span, if one can be, away from all that is taken."""
     middle = (min(wire.heights) + max(wire.heights)) / 2.0
-    return min((middle + NEAR * step for step in range(-400, 401)), key=lambda y: (any(abs(y - other) < NEAR for other in taken), abs(y - middle)))
+    heights = (middle + NEAR * step for step in range(-400, 401))
+    return min(heights, key=lambda y: (any(abs(y - other) < NEAR for other in taken), abs(y - middle)))
 
 
 def least_crossed(wires):

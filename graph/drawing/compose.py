@@ -29,7 +29,10 @@ class Laid:
     def shift(self, x, y):
         for node in self.nodes:
             node.x, node.y = node.x + x, node.y + y
-        self.lines = [(edge, [(a + x, b + y) for a, b in points], {(a + x, b + y) for a, b in joints}, back) for edge, points, joints, back in self.lines]
+        self.lines = [
+            (edge, [(a + x, b + y) for a, b in points], {(a + x, b + y) for a, b in joints}, back)
+            for edge, points, joints, back in self.lines
+        ]
 
 
 def lay_out(level, found, all_ports):
@@ -59,17 +62,18 @@ def lay_out(level, found, all_ports):
 def frame_node(level, found, all_ports):
     """A subsystem as one node of the level around it."""
     inner = lay_out(level, found, all_ports)
-    inner.width = max(inner.width, math.ceil(text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL) + 4 * FRAME_PADDING))
+    heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
+    inner.width = max(inner.width, math.ceil(heading + 4 * FRAME_PADDING))
     for index, (edge, points, joints, back) in enumerate(inner.lines):          # pins stand on the frame's edge
         if edge.target.side == "last":
             inner.lines[index] = edge, [*points[:-1], (inner.width, points[-1][1])], joints, back
     inner.shift(0.0, FRAME_TITLE + FRAME_PADDING)
     inner.height += FRAME_TITLE + 2 * FRAME_PADDING
-    left = {node.what: node.y for node in inner.nodes if node.side == "first"}
     enabled = [key for key in level.pins if key[0] == "enabled"]
-    left.update({key: FRAME_TITLE / 2.0 + 4.0 * index for index, key in enumerate(enabled)})
-    right = {node.what: node.y for node in inner.nodes if node.side == "last"}
-    return Node(level, inner.width, inner.height, dict(sorted(left.items(), key=lambda item: item[1])), dict(sorted(right.items(), key=lambda item: item[1])))
+    left = [(FRAME_TITLE / 2.0 + 4.0 * index, key) for index, key in enumerate(enabled)]
+    left += [(node.y, node.what) for node in inner.nodes if node.side == "first"]
+    right = [(node.y, node.what) for node in inner.nodes if node.side == "last"]
+    return Node(level, inner.width, inner.height, *({key: y for y, key in sorted(pins)} for pins in (left, right)))
 
 
 def note(level):
@@ -176,7 +180,7 @@ def corners(points):
 
 
 def pack(parts, framed, pinned):
-    """Parts in rows, in about the shape of a page: what holds the pins alone, and blocks that are linked to nothing in rows of their own."""
+    """Parts in rows, in about the shape of a page: what holds the pins alone, blocks that are linked to nothing in rows of their own."""
     whole = Laid()
     gap, inset = BETWEEN_BOXES * 1.25, FRAME_PADDING if framed else 0.0
     area = sum((part.width + gap) * (part.height + gap) for part in parts)
@@ -212,11 +216,12 @@ def collect(level, x, y, found, picture):
         elif not node.side:
             picture["boxes"].append(box(node, left, top, level))
     for edge, points, joints, back in level.laid.lines:
-        signal = edge.link.signal
+        signal, target = edge.link.signal, edge.target.what
+        wide = found.shapes.get((signal.block, signal.port), ()) != ()
+        wrong = isinstance(target, boxes.Plan) and edge.input in target.wrong_ports
         picture["lines"].append(Line(
             signal.path, level.path, name_of(level, *edge.link.source), name_of(level, *edge.link.target),
-            tuple((a + x, b + y) for a, b in points), tuple(sorted((a + x, b + y) for a, b in joints)), back,
-            found.shapes.get((signal.block, signal.port), ()) != (), not isinstance(edge.target.what, (Level, tuple)) and edge.input in edge.target.what.wrong_ports))
+            tuple((a + x, b + y) for a, b in points), tuple(sorted((a + x, b + y) for a, b in joints)), back, wide, wrong))
 
 
 def name_of(level, thing, key):
@@ -228,7 +233,10 @@ def name_of(level, thing, key):
 
 def box(node, x, y, level):
     plan = node.what
-    ports = [Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports) for key, offset in plan.left.items()]
+    ports = [
+        Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports) for key, offset in plan.left.items()
+    ]
     ports += [Port(plan.labels[key], "out", x + node.width, y + offset) for key, offset in plan.right.items()]
-    return Box(plan.block.path, level.path, cards.family(type(plan.block)), plan.title, plan.subtitle, plan.details, x, y, node.width, node.height,
-               tuple(ports), plan.wrong)
+    return Box(
+        plan.block.path, level.path, cards.family(type(plan.block)), plan.title, plan.subtitle, plan.details, x, y, node.width, node.height,
+        tuple(ports), plan.wrong)

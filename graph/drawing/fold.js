@@ -21,7 +21,10 @@ function squeeze(drawing, folded, need) {
 
   function axis(from, size, index, head) {
     const fixed = boxes.map((box) => [box[from], box[from] + box[size]]);
-    for (const frame of frames) fixed.push([frame[from], frame[from] + head], [frame[from] + frame[size] - EDGE, frame[from] + frame[size]]);
+    for (const frame of frames) {
+      const start = frame[from], end = frame[from] + frame[size];
+      fixed.push([start, start + head], [end - EDGE, end]);
+    }
     const loose = shut.map((frame) => [frame[from], frame[from] + frame[size], need[frame.path][size]]);
     const marks = [0, drawing[size], ...fixed.flat(), ...frames.flatMap((frame) => [frame[from], frame[from] + frame[size]])];
     for (const line of lines) marks.push(...line.points.map((point) => point[index]));

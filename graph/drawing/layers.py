@@ -1,8 +1,8 @@
 """Columns: which column each box of a level stands in, and in which order. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993.)
 
-Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2. each box stands as far left as
-the boxes it listens to allow; 3. a link over several columns gets a place in each of them, so that it goes around boxes; 4. the order in a column is
-swept to the mean of the neighbours' until no fewer lines cross.
+Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2. each box stands as
+far left as the boxes it listens to allow; 3. a link over several columns gets a place in each of them, so that it goes around boxes; 4. the
+order in a column is swept to the mean of the neighbours' until no fewer lines cross.
 """
 
 from bisect import bisect, insort
@@ -193,8 +193,10 @@ def sort_column(order, index, hops, forth):
     column = order[index]
 
     def place(at, node):
-        found = [beside[hop.source] + share(hop.source.right, hop.output) if forth else beside[hop.target] + share(hop.target.left, hop.input)
-                 for hop in hops[node]]
+        if forth:
+            found = [beside[hop.source] + share(hop.source.right, hop.output) for hop in hops[node]]
+        else:
+            found = [beside[hop.target] + share(hop.target.left, hop.input) for hop in hops[node]]
         return sum(found) / len(found) if found else at * len(beside) / len(column)
 
     wanted = {node: place(at, node) for at, node in enumerate(column)}

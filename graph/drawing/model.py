@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Port:
-    """One end of lines on the edge of a box. side : "in", on the left, or "out", on the right. note : value of a constant that is wired to it."""
+    """One end of lines on the edge of a box. side : "in", on the left, or "out", on the right. note : value of a constant wired to it."""
 
     name: str
     side: str
@@ -17,7 +17,7 @@ class Port:
 
 @dataclass(frozen=True)
 class Box:
-    """A block. subsystem : path of the frame it stands in, "" for none. details : its parameters worth showing. wrong : what the compiler says."""
+    """A block. subsystem : path of the frame it stands in, "" for none. details : parameters worth showing. wrong : its errors."""
 
     path: str
     subsystem: str

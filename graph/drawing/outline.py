@@ -4,6 +4,7 @@ A signal that leaves a subsystem or enters one is cut at its edge, where it has 
 """
 
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 from graph.block import Sink
 from graph.diagram import Signal
@@ -11,7 +12,7 @@ from graph.diagram import Signal
 
 @dataclass(eq=False)
 class Level:
-    """A subsystem, or the diagram itself. things : blocks and Levels in the order in which they were made. pins : (side, signal path), in order."""
+    """A subsystem, or the diagram itself. things : blocks and Levels in the order in which they were made."""
 
     path: str
     title: str
@@ -80,7 +81,7 @@ def find_rate_and_condition(level, outer, blocks):
     """What all blocks of a level have in common."""
     common = blocks[0].conditions
     for block in blocks:
-        common = common[:next((i for i, (a, b) in enumerate(zip(common, block.conditions)) if a != b), min(len(common), len(block.conditions)))]
+        common = tuple(a for a, _ in takewhile(lambda pair: pair[0] == pair[1], zip(common, block.conditions)))
     rates = {block.every for block in blocks}
     level.conditions = common
     level.every = rates.pop() if len(rates) == 1 else outer.every

@@ -16,6 +16,14 @@ let map = { x: (v) => v, y: (v) => v };         // from the drawing to where thi
 let goal = map, moves = 0;                      // and to where they are on their way to
 let chosen = null, fitted = null;
 
+function onEnter(group, act) {
+  group.addEventListener("keydown", (event) => {
+    if (event.target !== group || (event.key !== "Enter" && event.key !== " ")) return;
+    event.preventDefault();
+    act();
+  });
+}
+
 const find = (kind, path) => scene.querySelector(`.${kind}[data-path="${CSS.escape(path)}"]`);
 
 // View
@@ -81,9 +89,11 @@ for (const name of ["pointerup", "pointercancel"]) window.addEventListener(name,
 
 // Fold
 
-const originals = [...scene.querySelectorAll(":scope > path, :scope > circle, .frame > *")].map((item) => ({
-  item, d: item.getAttribute("d"), places: ["x", "y", "cx", "cy"].filter((name) => item.hasAttribute(name)).map((name) => [name, +item.getAttribute(name)]),
-}));
+// What stands at places of its own, with the places it has in the drawing.
+const originals = [...scene.querySelectorAll(":scope > path, :scope > circle, .frame > *")].map((item) => {
+  const names = ["x", "y", "cx", "cy"].filter((name) => item.hasAttribute(name));
+  return { item, d: item.getAttribute("d"), places: names.map((name) => [name, +item.getAttribute(name)]) };
+});
 const need = {};
 
 function label(frame, pin) {
@@ -113,10 +123,10 @@ function prepareFrames() {
     }
     const heading = [...group.querySelectorAll(".title, .note")].reduce((sum, text) => sum + text.getComputedTextLength(), 0);
     need[frame.path] = { width: Math.max(heading + 60, widest.in + widest.out + 44), height: drawing.head + 14 };
-    const toggle = () => fold(frame.path, !folded.has(frame.path));
-    group.querySelector(".head").addEventListener("click", () => dragged || toggle());
-    group.addEventListener("click", (event) => { if (!dragged && folded.has(frame.path) && !event.target.closest(".head")) toggle(); });
-    group.addEventListener("keydown", (event) => { if (event.target === group && (event.key === "Enter" || event.key === " ")) { event.preventDefault(); toggle(); } });
+    group.addEventListener("click", (event) => {
+      if (!dragged && (folded.has(frame.path) || event.target.closest(".head"))) fold(frame.path, !folded.has(frame.path));
+    });
+    onEnter(group, () => fold(frame.path, !folded.has(frame.path)));
   }
   scene.classList.remove("measuring");
 }
@@ -124,7 +134,9 @@ function prepareFrames() {
 function show() {
   for (const { item, d, places, beside } of originals) {
     if (d) item.setAttribute("d", mapPath(d, map));
-    places.forEach(([name, value], i) => item.setAttribute(name, (name.endsWith("x") ? map.x(value) : map.y(value)) + (beside ? beside[i] : 0)));
+    places.forEach(([name, value], i) => {
+      item.setAttribute(name, (name.endsWith("x") ? map.x(value) : map.y(value)) + (beside ? beside[i] : 0));
+    });
   }
   for (const box of drawing.boxes) find("box", box.path).setAttribute("transform", `translate(${map.x(box.x)} ${map.y(box.y)})`);
 }
@@ -157,7 +169,8 @@ function refold(anchor) {
     const mix = (a, b) => (v) => a(v) + (b(v) - a(v)) * ease;
     map = share < 1 ? { x: mix(before.x, after.x), y: mix(before.y, after.y) } : after;
     show();
-    if (frame) look({ ...from, x: from.x + (before.x(frame.x) - map.x(frame.x)) * from.k, y: from.y + (before.y(frame.y) - map.y(frame.y)) * from.k });
+    const moved = (axis) => (frame ? (before[axis](frame[axis]) - map[axis](frame[axis])) * from.k : 0);
+    if (frame) look({ ...from, x: from.x + moved("x"), y: from.y + moved("y") });
     if (share < 1) requestAnimationFrame(frameAt); else moves++;
   }
   frameAt(start);
@@ -199,7 +212,7 @@ function prepareBoxes() {
     group.setAttribute("role", "button");
     group.setAttribute("aria-label", `${cards[box.path].type} ${box.path}`);
     group.addEventListener("click", () => dragged || choose(box.path));
-    group.addEventListener("keydown", (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); choose(box.path); } });
+    onEnter(group, () => choose(box.path));
   }
   for (const item of scene.querySelectorAll("[data-signal]")) {
     const all = scene.querySelectorAll(`[data-signal="${CSS.escape(item.dataset.signal)}"]`);
@@ -210,12 +223,13 @@ function prepareBoxes() {
 
 // Search
 
-function matches(text) {
-  const words = text.toLowerCase().split(/\s+/).filter(Boolean);
+function matches(wanted) {
+  const words = wanted.toLowerCase().split(/\s+/).filter(Boolean);
   if (!words.length) return [];
-  const told = (block) => [block.path, block.type, families[block.family].title, block.summary, ...block.inputs.concat(block.outputs).map((port) => port.name)].join(" ").toLowerCase();
+  const text = (block) => [block.path, block.type, families[block.family].title, block.summary, ...ports(block)].join(" ").toLowerCase();
+  const ports = (block) => block.inputs.concat(block.outputs).map((port) => port.name);
   const rank = (block) => (block.path.toLowerCase().includes(words[0]) ? 0 : 1);
-  return Object.values(cards).filter((block) => words.every((word) => told(block).includes(word))).sort((a, b) => rank(a) - rank(b));
+  return Object.values(cards).filter((block) => words.every((word) => text(block).includes(word))).sort((a, b) => rank(a) - rank(b));
 }
 
 function searched() {
@@ -223,7 +237,8 @@ function searched() {
   const paths = new Set(found.map((block) => block.path));
   scene.classList.toggle("searching", search.value.trim() !== "");
   for (const box of drawing.boxes) find("box", box.path).classList.toggle("match", paths.has(box.path));
-  results.replaceChildren(...found.slice(0, 12).map((block) => element("li", { onclick: () => pick(block.path) }, element("b", {}, block.path), ` ${block.type}`)));
+  const item = (block) => element("li", { onclick: () => pick(block.path) }, element("b", {}, block.path), ` ${block.type}`);
+  results.replaceChildren(...found.slice(0, 12).map(item));
   if (search.value.trim() && !found.length) results.replaceChildren(element("li", { class: "none" }, "no block has that"));
   return found;
 }

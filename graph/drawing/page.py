@@ -26,9 +26,11 @@ def page(drawing):
 <body>
 <header id="bar">
 <h1>{escape(drawing.name)}<small>{drawing.rate:g} Hz, {len(drawing.boxes)} blocks</small></h1>
-<div id="finder"><input id="search" type="search" placeholder="search   /" aria-label="search blocks" autocomplete="off"><ul id="results"></ul></div>
-<button id="further" title="zoom out (-)">−</button><button id="closer" title="zoom in (+)">+</button><button id="fit" title="the whole drawing (0)">fit</button>
-{FOLDING if drawing.frames else FOLDING.replace("<button", "<button hidden")}
+<div id="finder">
+<input id="search" type="search" placeholder="search   /" aria-label="search blocks" autocomplete="off">
+<ul id="results"></ul>
+</div>
+{"".join(button(*words) for words in BUTTONS)}{"".join(button(*words, hidden=not drawing.frames) for words in FOLDING)}
 </header>
 <svg id="canvas" xmlns="http://www.w3.org/2000/svg"><g id="scene">
 {chr(10).join(body(drawing))}
@@ -45,7 +47,12 @@ def page(drawing):
 """
 
 
-FOLDING = '<button id="fold" title="fold every subsystem">fold all</button><button id="unfold" title="unfold every subsystem">unfold all</button>'
+BUTTONS = (("further", "zoom out (-)", "−"), ("closer", "zoom in (+)", "+"), ("fit", "the whole drawing (0)", "fit"))
+FOLDING = (("fold", "fold every subsystem", "fold all"), ("unfold", "unfold every subsystem", "unfold all"))
+
+
+def button(name, title, text, hidden=False):
+    return f'<button id="{name}" title="{title}"{" hidden" * hidden}>{text}</button>'
 
 
 def asset(name):
@@ -55,11 +62,12 @@ def asset(name):
 def data(drawing):
     """What the scripts need, as JSON that cannot end its element."""
     shape = {"width": drawing.width, "height": drawing.height, "head": FRAME_TITLE}
-    boxes = [{key: value for key, value in asdict(item).items() if key in ("path", "subsystem", "x", "y", "width", "height")} for item in drawing.boxes]
-    frames = [asdict(item) for item in drawing.frames]
-    lines = [{"subsystem": item.subsystem, "points": item.points} for item in drawing.lines]
+    places = ("path", "subsystem", "x", "y", "width", "height")
+    shape["boxes"] = [{key: getattr(item, key) for key in places} for item in drawing.boxes]
+    shape["frames"] = [asdict(item) for item in drawing.frames]
+    shape["lines"] = [{"subsystem": item.subsystem, "points": item.points} for item in drawing.lines]
     families = {name: asdict(family) for name, family in FAMILIES.items()}
-    text = json.dumps({"drawing": shape | {"boxes": boxes, "frames": frames, "lines": lines}, "cards": drawing.cards, "families": families}, ensure_ascii=False)
+    text = json.dumps({"drawing": shape, "cards": drawing.cards, "families": families}, ensure_ascii=False)
     return text.replace("<", "\\u003c")
 
 

@@ -1,7 +1,8 @@
 """Heights: how far down each box of a column stands, so that as many lines as can be run straight.
 
-In each column the boxes keep their order and their distance, and the sum of what their lines bend by is made smallest: an isotonic regression
-with absolute errors, solved exactly by pooling neighbours to their weighted median (Robertson, Wright and Dykstra 1988). Columns take turns.
+In each column the boxes keep their order and their distance, and the sum of what their lines bend by is made smallest: an isotonic
+regression with absolute errors, solved exactly by pooling neighbours to their weighted median (Robertson, Wright and Dykstra 1988). Columns
+take turns.
 """
 
 from collections import defaultdict
@@ -27,7 +28,7 @@ def place(columns, hops):
         for only_left in (True, False, None):
             for column in columns if only_left in (True, None) else reversed(columns):
                 settle(column, pulls, only_left)
-            bends = sum(hop.weight * abs(hop.source.y + hop.source.right[hop.output] - hop.target.y - hop.target.left[hop.input]) for hop in hops)
+            bends = sum(hop.weight * abs(bend(hop)) for hop in hops)
             if bends < least - 1e-6:
                 best, least = [(node, node.y) for column in columns for node in column], bends
     for node, y in best or ():
@@ -36,6 +37,11 @@ def place(columns, hops):
     for column in columns:
         for node in column:
             node.y = round(node.y - top)
+
+
+def bend(hop):
+    """How far down a hop leads."""
+    return hop.target.y + hop.target.left[hop.input] - hop.source.y - hop.source.right[hop.output]
 
 
 def settle(column, pulls, only_left):

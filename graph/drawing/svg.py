@@ -5,8 +5,8 @@ from html import escape
 from itertools import pairwise
 
 from graph.drawing.style import (
-    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, MARGIN, PADDING, PAPER, SMALL, TEXT,
-    TITLE, WIRE, WRONG, text_width,
+    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, MARGIN, PADDING, PAPER, SMALL,
+    TEXT, TITLE, WIRE, WRONG, text_width,
 )
 
 LEGEND, FEEDBACK = 28.0, "feedback"
@@ -18,7 +18,8 @@ def css():
         f"text {{ font-family: {FONT}; fill: {INK}; }}",
         f".title {{ font-size: {TITLE:g}px; font-weight: 600; }} .type {{ font-size: {SMALL:g}px; fill: {FAINT}; }}",
         f".port {{ font-size: {TEXT:g}px; }} .detail, .note {{ font-size: {SMALL:g}px; fill: {FAINT}; }} .end {{ text-anchor: end; }}",
-        f".paper {{ fill: {PAPER}; }} .frame > .edge {{ fill: {FRAME_FILL}; stroke: {FRAME_EDGE}; }} .frame > .head {{ fill: {FRAME_HEAD}; stroke: {FRAME_EDGE}; }}",
+        f".paper {{ fill: {PAPER}; }} .frame > .edge, .frame > .head {{ stroke: {FRAME_EDGE}; }}",
+        f".frame > .edge {{ fill: {FRAME_FILL}; }} .frame > .head {{ fill: {FRAME_HEAD}; }}",
         f".box > .body {{ fill: {PAPER}; }} .box > .edge {{ fill: none; stroke-width: 1.2; }} .dot, .joint {{ fill: {WIRE}; }}",
         f".line {{ fill: none; stroke: {WIRE}; stroke-width: 1.4; stroke-linecap: round; }} .wide {{ stroke-width: 2.8; }}",
         f".back {{ stroke: {BACK}; stroke-dasharray: 7 4; stroke-linecap: butt; }} .joint.back {{ fill: {BACK}; }}",
@@ -27,7 +28,8 @@ def css():
         f".{name} > .edge {{ stroke: {family.edge}; }} .{name} > .head {{ fill: {family.head}; }}"
         for name, family in FAMILIES.items()
     ]
-    rules.append(f".wrong > .edge {{ stroke: {WRONG}; stroke-width: 2.6; }} .line.wrong {{ stroke: {WRONG}; }} .dot.wrong {{ fill: {WRONG}; r: 4px; }}")
+    rules.append(f".wrong > .edge, .line.wrong {{ stroke: {WRONG}; }} .wrong > .edge {{ stroke-width: 2.6; }}")
+    rules.append(f".dot.wrong {{ fill: {WRONG}; r: 4px; }}")
     return "\n".join(rules)
 
 
@@ -53,7 +55,8 @@ def legend(drawing):
         yield f'<text class="type" x="{number(x + 22)}" y="{number(y + 3.6)}">{FAMILIES[name].title}</text>'
         x += legend_item(FAMILIES[name].title)
     if any(line.back for line in drawing.lines):
-        yield f'<path class="line back" d="M{number(x)} {number(y)}h28"/><text class="type" x="{number(x + 34)}" y="{number(y + 3.6)}">{FEEDBACK}</text>'
+        yield f'<path class="line back" d="M{number(x)} {number(y)}h28"/>'
+        yield f'<text class="type" x="{number(x + 34)}" y="{number(y + 3.6)}">{FEEDBACK}</text>'
     yield "</g>"
 
 
@@ -90,9 +93,10 @@ def frame(item):
     inner_left, inner_right, inner_top, inner_bottom, under = (
         number(v) for v in (item.x + 10, item.x + item.width - 10, item.y + 10, item.y + item.height - 10, item.y + FRAME_TITLE))
     upper = f"V{inner_top}Q{left} {top} {inner_left} {top}H{inner_right}Q{right} {top} {right} {inner_top}"
+    lower = f"V{inner_bottom}Q{right} {bottom} {inner_right} {bottom}H{inner_left}Q{left} {bottom} {left} {inner_bottom}"
     parts = [
         f'<g class="frame" data-path="{escape(item.path)}">',
-        f'<path class="edge" d="M{left} {inner_bottom}{upper}V{inner_bottom}Q{right} {bottom} {inner_right} {bottom}H{inner_left}Q{left} {bottom} {left} {inner_bottom}Z"/>',
+        f'<path class="edge" d="M{left} {inner_bottom}{upper}{lower}Z"/>',
         f'<path class="head" d="M{left} {under}{upper}V{under}Z"/>',
         f'<text class="title" x="{number(item.x + 12)}" y="{number(item.y + 18)}">{escape(item.title)}</text>',
     ]
@@ -112,8 +116,9 @@ def nets(drawing):
 def line(item, start, drawing):
     """A line from `start` on, px along its way: what comes before it shares with one that is drawn already."""
     names = "line" + " back" * item.back + " wide" * item.wide + " wrong" * item.wrong
-    path = f'<path class="{names}" data-signal="{escape(item.signal)}" data-in="{escape(item.subsystem)}" d="{way(rest(item.points, start), item.joints)}">'
-    return path + f"<title>{escape(drawing.signals.get(item.signal, item.signal))}</title></path>"
+    data = f'data-signal="{escape(item.signal)}" data-in="{escape(item.subsystem)}"'
+    text = escape(drawing.signals.get(item.signal, item.signal))
+    return f'<path class="{names}" {data} d="{way(rest(item.points, start), item.joints)}"><title>{text}</title></path>'
 
 
 def joints(lines):
@@ -174,11 +179,12 @@ def toward(corner, other):
 
 def box(item, drawing):
     w, h, head = number(item.width), number(item.height), HEAD + (LINE - 2.0 if item.subtitle else 0.0)
+    right, corner = number(item.width - 0.6), number(item.width - 6)
     names = f"box {item.family}" + " wrong" * bool(item.wrong)
     parts = [
         f'<g class="{names}" data-path="{escape(item.path)}" transform="translate({number(item.x)} {number(item.y)})">',
         f'<rect class="body" width="{w}" height="{h}" rx="6"/>',
-        f'<path class="head" d="M.6 {head:g}V6Q.6 .6 6 .6H{number(item.width - 6)}Q{number(item.width - .6)} .6 {number(item.width - .6)} 6V{head:g}Z"/>',
+        f'<path class="head" d="M.6 {head:g}V6Q.6 .6 6 .6H{corner}Q{right} .6 {right} 6V{head:g}Z"/>',
         f'<rect class="edge" width="{w}" height="{h}" rx="6"/>',
         f'<text class="title" x="{PADDING:g}" y="16.5">{escape(item.title)}</text>',
     ]
@@ -187,10 +193,10 @@ def box(item, drawing):
     for port in item.ports:
         y = number(port.y - item.y)
         inward = port.side == "in"
-        place = f'x="{PADDING:g}"' if inward else f'x="{number(item.width - PADDING)}"'
+        names, x = ("port", PADDING) if inward else ("port end", item.width - PADDING)
         note = f' <tspan class="note">{escape(port.note)}</tspan>' if port.note else ""
         parts.append(f'<circle class="dot{" wrong" * port.wrong}" cx="{"0" if inward else w}" cy="{y}" r="2.8"/>')
-        parts.append(f'<text class="port{"" if inward else " end"}" {place} y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>')
+        parts.append(f'<text class="{names}" x="{number(x)}" y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>')
     for index, text in enumerate(reversed(item.details)):
         parts.append(f'<text class="detail" x="{PADDING:g}" y="{number(item.height - 8.0 - LINE * index)}">{escape(text)}</text>')
     return "".join(parts) + "</g>"

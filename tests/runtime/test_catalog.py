@@ -57,7 +57,9 @@ def test_a_name_tells_docstring_ports_and_parameters(command_line):
     assert row["torque"].startswith("N·m")
 
 
-@pytest.mark.parametrize("name", ["TorqueLimiter", "torque_limiter", "torquelimiter", "limiters.TorqueLimiter", "blocks.limiters:TorqueLimiter"])
+@pytest.mark.parametrize("name", [
+    "TorqueLimiter", "torque_limiter", "torquelimiter", "limiters.TorqueLimiter", "blocks.limiters:TorqueLimiter",
+])
 def test_a_name_may_be_written_in_many_ways(command_line, name):
     assert command_line("blocks", name)[1].startswith("TorqueLimiter  from blocks.limiters import TorqueLimiter")
 
@@ -103,7 +105,8 @@ def test_the_models_of_actuators_are_those_of_the_table(command_line):
 
 
 def test_an_unknown_library_is_told(command_line):
-    assert command_line.refused("blocks", "--from", "tikwork") == "no library 'tikwork' is installed that brings blocks; did you mean 'tickwork'?"
+    said = command_line.refused("blocks", "--from", "tikwork")
+    assert said == "no library 'tikwork' is installed that brings blocks; did you mean 'tickwork'?"
 
 
 def run(folder, *arguments, site):
@@ -116,13 +119,14 @@ def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):  # noqa: F81
     done = run(tmp_path, site=installed)
     assert done.returncode == OK, done.stderr
     assert "gaitlab 1.0.0  2 blocks" in done.stdout and "    CadenceMeter      Steps a minute from heel strikes: 60 over" in done.stdout
-    assert run(tmp_path, "cadence_meter", site=installed).stdout.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
+    said = run(tmp_path, "cadence_meter", site=installed).stdout
+    assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
 
 
 def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_path):  # noqa: F811
     said = run(tmp_path, "--from", "gaitlab", site=installed).stdout.splitlines()
     facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
-    assert said[0] == "gaitlab 1.0.0  2 blocks" and facts["author"] == "The gait laboratory" and facts["about"] == "Blocks of the gait laboratory"
+    assert (said[0], facts["author"], facts["about"]) == ("gaitlab 1.0.0  2 blocks", "The gait laboratory", "Blocks of the gait laboratory")
     assert facts["tested with"] == "tickwork>=0.1" and facts["Python"] == ">=3.10"
     assert not any("Butterworth" in line for line in said)
 
@@ -140,5 +144,6 @@ def test_a_library_that_cannot_be_imported_is_told_and_the_others_are_listed(tmp
 
 def test_it_works_in_a_pipe_that_is_closed_early(tmp_path):
     shell = f'"{sys.executable}" -m runtime blocks | head -1'
-    done = subprocess.run(["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    done = subprocess.run(
+        ["bash", "-c", shell], cwd=tmp_path, capture_output=True, text=True, timeout=60, env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.stdout.startswith("tickwork") and done.stderr == ""

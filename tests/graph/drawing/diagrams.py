@@ -70,7 +70,7 @@ def one_more(chance, near, delays):
 
 
 def nested():
-    """Subsystems in subsystems on both sides of a body, one of them slow and one that is switched on; vectors, constants and a long name."""
+    """Subsystems in subsystems on both sides of a body, one of them slow and one that is switched on; constants and a long name."""
     with Diagram("nested", rate=200) as diagram:
         switch = StepSource(name="switch")()
         with subsystem("supervisor", every=10):
@@ -81,8 +81,9 @@ def nested():
                     number = len([block for block in diagram if isinstance(block, CubeMars)]) + 1
                     with subsystem(joint):
                         drive = CubeMars("AK80-9", bus=side, can_id=number, name="drive")
-                        spring = Impedance(stiffness=3.0, name="a_spring_with_a_rather_long_name")(position=drive.position, velocity=drive.velocity, equilibrium=0.25)
-                        drive(torque_command=TorqueLimiter(limit=5.0, name="limiter")(spring))
+                        spring = Impedance(stiffness=3.0, name="a_spring_with_a_rather_long_name")
+                        torque = spring(position=drive.position, velocity=drive.velocity, equilibrium=0.25)
+                        drive(torque_command=TorqueLimiter(limit=5.0, name="limiter")(torque))
                 with subsystem("extra", enabled=switch):
                     Butterworth()(Sum("+-")(level, level))
         CsvRecorder()

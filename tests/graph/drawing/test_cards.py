@@ -45,7 +45,8 @@ def test_families_follow_what_a_block_is_and_where_it_stands(kind, name):
 
 
 @pytest.mark.parametrize("param, words", [
-    (Param(1.0, min=0.0, max=2.5), "0 to 2.5"), (Param(1.0, above=0.0), "above 0"), (Param(1.0, min=0.0, below=1.5), "at least 0 and below 1.5"),
+    (Param(1.0, min=0.0, max=2.5), "0 to 2.5"), (Param(1.0, above=0.0), "above 0"),
+    (Param(1.0, min=0.0, below=1.5), "at least 0 and below 1.5"),
     (Param("a", choices=("a", "b")), "one of a, b"), (Param(",", choices=(",", "\t")), "one of ,, '\\t'"), (Param(1.0), ""),
 ])
 def test_bounds_in_words(param, words):
@@ -53,16 +54,17 @@ def test_bounds_in_words(param, words):
 
 
 @pytest.mark.parametrize("value, unit, words", [
-    (12.0, "N·m", "12 N·m"), (0.5, "1", "0.5"), (True, "1", "yes"), (None, "s", "none"), ("rated", "1", "rated"), ("\t", "1", "\\t"), ("", "1", "none"),
-    ((1, 2), "1", "1, 2"), (tuple((i / 7, i) for i in range(8)), "1", "8 entries"), ({"u": "1"}, "1", "u"), (math.inf, "N·m/s", "inf N·m/s"),
+    (12.0, "N·m", "12 N·m"), (0.5, "1", "0.5"), (math.inf, "N·m/s", "inf N·m/s"), (True, "1", "yes"), (None, "s", "none"),
+    ("rated", "1", "rated"), ("\t", "1", "\\t"), ("", "1", "none"), ((1, 2), "1", "1, 2"), ({"u": "1"}, "1", "u"),
+    (tuple((i / 7, i) for i in range(8)), "1", "8 entries"),
 ])
 def test_values_in_words(value, unit, words):
     assert quantity(value, unit) == words
 
 
 @pytest.mark.parametrize("interval, words", [
-    (Interval(-12.0, 12.0), "-12 to 12 N·m"), (Interval(), ""), (None, ""), (Interval(0.0), "at least 0 N·m"), (Interval(high=3.0), "at most 3 N·m"),
-    (Interval.point(2.0), "2 N·m"),
+    (Interval(-12.0, 12.0), "-12 to 12 N·m"), (Interval(0.0), "at least 0 N·m"), (Interval(high=3.0), "at most 3 N·m"),
+    (Interval.point(2.0), "2 N·m"), (Interval(), ""), (None, ""),
 ])
 def test_intervals_in_words(interval, words):
     assert interval_text(interval, "N·m") == words

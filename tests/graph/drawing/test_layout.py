@@ -23,7 +23,8 @@ def overlap(a, b):
 
 
 def holds(outer, inner):
-    return outer.x <= inner.x and outer.y <= inner.y and inner.x + inner.width <= outer.x + outer.width and inner.y + inner.height <= outer.y + outer.height
+    beside = outer.x <= inner.x and inner.x + inner.width <= outer.x + outer.width
+    return beside and outer.y <= inner.y and inner.y + inner.height <= outer.y + outer.height
 
 
 def segments(line):
@@ -34,9 +35,8 @@ def segments(line):
 def test_every_block_is_drawn_once_and_every_subsystem_has_a_frame(case):
     diagram, drawing = case
     assert sorted(box.path for box in drawing.boxes) == sorted(diagram.blocks)
-    subsystems = {path.rpartition("/")[0] for path in diagram.blocks} - {""}
-    subsystems |= {parent.rpartition("/")[0] for parent in subsystems} | {parent.rpartition("/")[0].rpartition("/")[0] for parent in subsystems}
-    assert sorted(frame.path for frame in drawing.frames) == sorted(subsystems - {""})
+    subsystems = {"/".join(path.split("/")[:depth]) for path in diagram.blocks for depth in range(1, path.count("/") + 1)}
+    assert sorted(frame.path for frame in drawing.frames) == sorted(subsystems)
 
 
 def test_no_two_boxes_cover_each_other(case):
@@ -50,8 +50,10 @@ def test_frames_hold_what_stands_in_them_and_nothing_else(case):
     frames = {frame.path: frame for frame in drawing.frames}
     for thing in drawing.boxes + drawing.frames:
         for path, frame in frames.items():
-            inside = thing.subsystem == path or thing.subsystem.startswith(f"{path}/")
-            assert holds(frame, thing) if inside else thing is frame or not overlap(frame, thing) or holds(thing, frame), f"{thing.path} and {path}"
+            if thing.subsystem == path or thing.subsystem.startswith(f"{path}/"):
+                assert holds(frame, thing), f"{path} and {thing.path}"
+            elif thing is not frame:
+                assert not overlap(frame, thing) or holds(thing, frame), f"{path} and {thing.path}"
 
 
 def test_everything_lies_on_the_page(case):

@@ -10,7 +10,10 @@ pytestmark = needs_browser
 
 GEOMETRY = """
 const shown = (item) => !item.closest(".hidden");
-const inScene = (item) => { const r = item.getBoundingClientRect(); return [(r.left - view.x) / view.k, (r.top - view.y) / view.k, (r.right - view.x) / view.k, (r.bottom - view.y) / view.k]; };
+const inScene = (item) => {
+  const r = item.getBoundingClientRect();
+  return [[r.left, view.x], [r.top, view.y], [r.right, view.x], [r.bottom, view.y]].map(([at, from]) => (at - from) / view.k);
+};
 const visible = (selector) => [...scene.querySelectorAll(selector)].filter(shown);
 """
 
@@ -37,7 +40,8 @@ def test_the_names_of_the_ports_on_both_sides_do_not_touch(ask):
         const hit = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height - 4 && b.y < a.y + a.height - 4;
         return visible(".box").flatMap((box) => {
           const texts = [...box.querySelectorAll("text")].map((text) => [text.textContent, text.getBBox()]);
-          return texts.flatMap(([name, a], i) => texts.slice(i + 1).filter(([, b]) => hit(a, b)).map(([other]) => `${box.dataset.path}: ${name}, ${other}`));
+          const touched = ([name, a], i) => texts.slice(i + 1).filter(([, b]) => hit(a, b)).map(([other]) => `${name}, ${other}`);
+          return texts.flatMap(touched).map((names) => `${box.dataset.path}: ${names}`);
         });""")
     assert touching == []
 
@@ -47,8 +51,9 @@ def test_a_click_on_a_block_tells_its_docstring_ports_parameters_and_line(ask):
         find("box", "left/torque_limiter").dispatchEvent(new MouseEvent("click", { bubbles: true }));
         return { text: panel.innerText, hidden: panel.hidden, hash: decodeURIComponent(location.hash) };""")
     assert not told["hidden"] and told["hash"] == "#left/torque_limiter"
-    for words in ("TorqueLimiter", "Bounds a torque and how fast it changes", "bounds left/knee.torque_command", "from left/impedance.torque",
-                  "to left/knee.torque_command", "-12 to 12 N·m", "limit", "12 N·m", "200 N·m/s", "at least 0", "native", "diagrams.py:"):
+    for words in ("TorqueLimiter", "Bounds a torque and how fast it changes", "bounds left/knee.torque_command",
+                  "from left/impedance.torque", "to left/knee.torque_command", "-12 to 12 N·m", "limit", "12 N·m", "200 N·m/s",
+                  "at least 0", "native", "diagrams.py:"):
         assert words in told["text"], words
 
 
@@ -77,7 +82,11 @@ def test_a_block_is_reached_by_its_address_and_by_the_keyboard(ask):
 
 def test_search_finds_by_name_type_and_port_and_enter_goes_there(ask):
     told = ask(leg(), """
-        const list = (text) => { search.value = text; search.dispatchEvent(new Event("input")); return visible(".box.match").map((box) => box.dataset.path).sort(); };
+        const list = (text) => {
+          search.value = text;
+          search.dispatchEvent(new Event("input"));
+          return visible(".box.match").map((box) => box.dataset.path).sort();
+        };
         const found = [list("knee"), list("TorqueLimiter"), list("velocity"), list("no such thing"), list("")];
         list("impedance");
         search.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
@@ -91,7 +100,8 @@ def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
     told = ask(leg(), """
         const before = goal.y(drawing.height);
         find("frame", "left").querySelector(".head").dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        const folded = { boxes: visible(".box").map((box) => box.dataset.path), lines: visible(".line").length, height: goal.y(drawing.height) };
+        const boxes = visible(".box").map((box) => box.dataset.path);
+        const folded = { boxes, lines: visible(".line").length, height: goal.y(drawing.height) };
         find("frame", "left").querySelector(".head").dispatchEvent(new MouseEvent("click", { bubbles: true }));
         return { before, folded, after: goal.y(drawing.height), boxes: visible(".box").length, lines: visible(".line").length };""")
     assert told["folded"]["boxes"] == ["csv_recorder"] and told["folded"]["lines"] == 0
@@ -105,18 +115,24 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
         const wrong = [];
         let turn = 1;
         for (let round = 0; round < 12; round++) {
-          for (const frame of drawing.frames) { turn = (turn * 48271) % 2147483647; if (turn % 3 === 0) folded.has(frame.path) ? folded.delete(frame.path) : folded.add(frame.path); }
+          for (const frame of drawing.frames) {
+            turn = (turn * 48271) % 2147483647;
+            if (turn % 3 === 0) folded.has(frame.path) ? folded.delete(frame.path) : folded.add(frame.path);
+          }
           refold(null);
-          const things = [...visible(".box > .edge"), ...visible(".frame.folded > .edge")].map((item) => [item.parentNode.dataset.path, inScene(item)]);
+          const edges = [...visible(".box > .edge"), ...visible(".frame.folded > .edge")];
+          const things = edges.map((item) => [item.parentNode.dataset.path, inScene(item)]);
           for (let i = 0; i < things.length; i++) for (let j = 0; j < i; j++) {
             const [a, one] = things[i], [b, other] = things[j];
-            if (one[0] < other[2] - 2 && other[0] < one[2] - 2 && one[1] < other[3] - 2 && other[1] < one[3] - 2) wrong.push(`${a} covers ${b}`);
+            const apart = one[0] > other[2] - 2 || other[0] > one[2] - 2 || one[1] > other[3] - 2 || other[1] > one[3] - 2;
+            if (!apart) wrong.push(`${a} covers ${b}`);
           }
           for (const frame of visible(".frame.folded")) {
             const edge = frame.querySelector(".edge").getBBox();
             for (const pin of frame.querySelectorAll("text")) {
               const own = pin.getBBox();
-              if (own.width && (own.x < edge.x || own.x + own.width > edge.x + edge.width + 1)) wrong.push(`${frame.dataset.path}: ${pin.textContent} sticks out`);
+              const out = own.x < edge.x || own.x + own.width > edge.x + edge.width + 1;
+              if (own.width && out) wrong.push(`${frame.dataset.path}: ${pin.textContent} sticks out`);
             }
           }
           const ends = new Set();
@@ -124,8 +140,8 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
             const at = box.transform.baseVal[0].matrix;
             ends.add(`${Math.round(at.e + +dot.getAttribute("cx"))} ${Math.round(at.f + +dot.getAttribute("cy"))}`);
           }
-          const pins = drawing.frames.flatMap((frame) => frame.pins.map((pin) => `${Math.round(map.x(pin.x))} ${Math.round(map.y(pin.y))}`));
-          pins.forEach((pin) => ends.add(pin));
+          const pins = drawing.frames.flatMap((frame) => frame.pins);
+          pins.forEach((pin) => ends.add(`${Math.round(map.x(pin.x))} ${Math.round(map.y(pin.y))}`));
           for (const line of visible(".line")) {
             const end = line.getPointAtLength(line.getTotalLength());
             if (!ends.has(`${Math.round(end.x)} ${Math.round(end.y)}`)) wrong.push(`${line.dataset.signal} ends nowhere`);
@@ -140,12 +156,16 @@ def test_going_to_a_block_unfolds_what_holds_it_and_brings_it_into_view(ask):
         foldAll(true);
         choose("left/hip/limiter", true);
         const seen = find("box", "left/hip/limiter").getBoundingClientRect();
-        return { folded: [...folded], inside: seen.left > 0 && seen.top > 0 && seen.right < innerWidth - panel.offsetWidth && seen.bottom < innerHeight };""")
+        const inside = seen.left > 0 && seen.top > 0 && seen.right < innerWidth - panel.offsetWidth && seen.bottom < innerHeight;
+        return { folded: [...folded], inside };""")
     assert "left" not in told["folded"] and "left/hip" not in told["folded"] and "right" in told["folded"] and told["inside"]
 
 
 def test_what_moves_arrives_where_what_jumps_does(ask):
-    script = 'fold("left", true); fold("left", false); fold("left", true); await wait(600); return [map.x(drawing.width), map.y(drawing.height)];'
+    script = """
+        for (const shut of [true, false, true]) fold("left", shut);
+        await wait(600);
+        return [map.x(drawing.width), map.y(drawing.height)];"""
     assert ask(nested(), script, motion=True) == ask(nested(), script)
 
 
@@ -156,7 +176,9 @@ def test_the_wheel_zooms_about_the_pointer_and_dragging_moves(ask):
         canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, clientX: 500, clientY: 400, cancelable: true }));
         const after = under(500, 400), zoomed = view.k / k, at = view.x;
         const pointer = (name, x) => new PointerEvent(name, { pointerId: 1, clientX: x, clientY: 300, bubbles: true });
-        canvas.dispatchEvent(pointer("pointerdown", 300)); window.dispatchEvent(pointer("pointermove", 380)); window.dispatchEvent(pointer("pointerup", 380));
+        canvas.dispatchEvent(pointer("pointerdown", 300));
+        window.dispatchEvent(pointer("pointermove", 380));
+        window.dispatchEvent(pointer("pointerup", 380));
         const moved = view.x - at;
         window.dispatchEvent(pointer("pointermove", 500));
         return { before, after, zoomed, moved, later: view.x - at };""")
@@ -168,7 +190,9 @@ def test_dragging_across_a_block_does_not_open_its_card(ask):
     assert ask(leg(), """
         const box = find("box", "left/knee");
         const pointer = (name, x) => new PointerEvent(name, { pointerId: 1, clientX: x, clientY: 300, bubbles: true });
-        box.dispatchEvent(pointer("pointerdown", 300)); window.dispatchEvent(pointer("pointermove", 340)); window.dispatchEvent(pointer("pointerup", 340));
+        box.dispatchEvent(pointer("pointerdown", 300));
+        window.dispatchEvent(pointer("pointermove", 340));
+        window.dispatchEvent(pointer("pointerup", 340));
         box.dispatchEvent(new MouseEvent("click", { bubbles: true }));
         return panel.hidden;""") is True
 
@@ -184,5 +208,5 @@ def test_pointing_at_a_line_lights_the_whole_signal(ask):
 
 
 def test_nothing_in_a_diagram_is_read_as_html(ask):
-    diagram = leg("<img src=x onerror=alert(1)>")
-    assert ask(diagram, 'return [document.title, document.querySelectorAll("img").length, document.scripts.length];') == ["<img src=x onerror=alert(1)>", 0, 3]
+    name = "<img src=x onerror=alert(1)>"
+    assert ask(leg(name), 'return [document.title, document.querySelectorAll("img").length, document.scripts.length];') == [name, 0, 3]

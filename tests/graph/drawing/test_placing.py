@@ -18,7 +18,9 @@ def test_a_column_stands_where_linear_programming_says_it_bends_least(seed):
     linprog = pytest.importorskip("scipy.optimize", reason="needs SciPy (extra test)").linprog
     chance = random.Random(seed)
     nodes = column(chance, 7)
-    wishes = {node: [(float(chance.randint(-200, 200)), chance.choice((1.0, 2.0, 8.0))) for _ in range(chance.randint(1, 4))] for node in nodes}
+    wishes = {
+        node: [(float(chance.randint(-200, 200)), chance.choice((1.0, 2.0, 8.0))) for _ in range(chance.randint(1, 4))] for node in nodes
+    }
     stack(nodes, {node: 0.0 for node in nodes}, wishes)
     bends = sum(weight * abs(node.y - y) for node in nodes for y, weight in wishes[node])
     assert all(a.y + a.height + gap(a, b) <= b.y + 1e-9 for a, b in zip(nodes, nodes[1:]))
@@ -36,7 +38,8 @@ def test_a_column_stands_where_linear_programming_says_it_bends_least(seed):
         row[index], row[index + 1] = 1.0, -1.0
         rows.append(row)
         limits.append(-a.height - gap(a, b))
-    best = linprog([0.0] * len(nodes) + [weight for *_, weight in flat], np.array(rows), limits, bounds=[(None, None)] * len(nodes) + [(0, None)] * len(flat))
+    costs = [0.0] * len(nodes) + [weight for *_, weight in flat]
+    best = linprog(costs, np.array(rows), limits, bounds=[(None, None)] * len(nodes) + [(0, None)] * len(flat))
     assert bends == pytest.approx(best.fun, abs=1e-6)
 
 

@@ -20,9 +20,11 @@ def texts(root):
 
 def test_it_is_xml_with_a_size_and_names_what_is_drawn():
     root = parse(leg())
-    assert root.tag == f"{SPACE}svg" and float(root.get("width")) > 400 and root.get("viewBox") == f"0 0 {root.get('width')} {root.get('height')}"
+    assert root.tag == f"{SPACE}svg" and float(root.get("width")) > 400
+    assert root.get("viewBox") == f"0 0 {root.get('width')} {root.get('height')}"
     found = texts(root)
-    for words in ("left", "knee", "CubeMars", "Butterworth", "TorqueLimiter", "torque_command", "position", "limit 12 N·m", "leg, 200 Hz", "takes every port"):
+    for words in ("left", "knee", "CubeMars", "Butterworth", "TorqueLimiter", "torque_command", "position", "limit 12 N·m", "leg, 200 Hz",
+                  "takes every port"):
         assert words in found
 
 
@@ -46,7 +48,8 @@ def test_feedback_is_dashed_and_units_and_ranges_are_told_on_hover():
 
 def test_the_legend_names_the_families_that_are_there_and_no_others():
     found = texts(parse(leg()))
-    assert {family.title for family in FAMILIES.values()} & set(found) == {"actuator", "filter", "controller", "limiter", "recorder or viewer"}
+    titles = {family.title for family in FAMILIES.values()}
+    assert titles & set(found) == {"actuator", "filter", "controller", "limiter", "recorder or viewer"}
     assert "feedback" in found
 
 
