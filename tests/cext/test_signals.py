@@ -50,6 +50,7 @@ print(json.dumps({
     "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "ticks": rig.tick.tolist(),
     "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during, "after": heard[len(during):], "state": rig.page.state,
     "statistics": rig.page.statistics()}))
+sys.stdin.read()                        # a signal that comes late finds Python's handlers still there
 """
 
 
@@ -58,7 +59,7 @@ def robot(*actions, ticks=-1, options=(), state="running", frames=20):
     page = Page(1 << 22)
     child = subprocess.Popen(
         [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, pass_fds=[page.fd],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 30
     while page.state != state or page.statistics()["frames"]["sent"] < frames:
         assert child.poll() is None and time.monotonic() < deadline, child.stderr.read() if child.poll() is not None else "never came up"
