@@ -125,3 +125,28 @@ def test_a_process_that_was_stopped_and_continued_goes_on_where_time_is():
 
     told = robot(pause, sends(signal.SIGINT))
     assert told["statistics"]["missed"] >= 15 and stopped_safely(told)
+
+
+EARLY = """
+import ctypes, gc
+from tests.cext.rigs import one_drive
+
+# Ctrl-C just before the handlers change hands: the destructor runs inside run()'s own garbage collection, where Python looks at no signal.
+new = ctypes.pythonapi.PyCapsule_New
+new.restype, new.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+interrupt = ctypes.cast(ctypes.pythonapi.PyErr_SetInterrupt, ctypes.c_void_p).value
+rig = one_drive(lambda knee: 1.0, virtual=True)
+gc.disable()
+cycle = [new(1, b"interrupt", interrupt)]
+cycle.append(cycle)
+del cycle
+try:
+    rig.executor.run(10**6)
+except KeyboardInterrupt:
+    print("interrupted", rig.page.statistics()["frames"]["sent"], rig.page.state, gc.isenabled())
+"""
+
+
+def test_a_signal_just_before_the_run_is_not_lost():
+    child = subprocess.run([sys.executable, "-c", EARLY], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=60)
+    assert child.stdout == "interrupted 0 init False\n", child.stderr
