@@ -14,6 +14,7 @@ from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
 from cext.page import Page
 
 ROOT = Path(__file__).parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 ROBOT = """
 import json, os, signal, sys, time
@@ -47,18 +48,18 @@ during = list(heard)
 restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 os.kill(os.getpid(), signal.SIGINT)
 print(json.dumps({
-    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "ticks": rig.tick.tolist(),
-    "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during, "after": heard[len(during):], "state": rig.page.state,
-    "statistics": rig.page.statistics()}))
+    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "state": rig.page.state,
+    "ticks": rig.tick.tolist(), "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during,
+    "after": heard[len(during):], "statistics": rig.page.statistics()}))
 sys.stdin.read()                        # a signal that comes late finds Python's handlers still there
 """
 
 
 def robot(*actions, ticks=-1, options=(), state="running", frames=20):
-    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it. What it tells at the end."""
+    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it. What it tells."""
     page = Page(1 << 22)
     child = subprocess.Popen(
-        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, pass_fds=[page.fd],
+        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env=ENVIRONMENT, pass_fds=[page.fd],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 30
     while page.state != state or page.statistics()["frames"]["sent"] < frames:
@@ -148,5 +149,5 @@ except KeyboardInterrupt:
 
 
 def test_a_signal_just_before_the_run_is_not_lost():
-    child = subprocess.run([sys.executable, "-c", EARLY], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, timeout=60)
+    child = subprocess.run([sys.executable, "-c", EARLY], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
     assert child.stdout == "interrupted 0 init False\n", child.stderr
