@@ -14,6 +14,7 @@ its own: they set a flag that is read after every sleep, and are taken away agai
 import gc
 from dataclasses import dataclass
 
+from cpython.exc cimport PyErr_CheckSignals
 from libc.errno cimport EINTR
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 from libc.string cimport memset
@@ -161,6 +162,7 @@ cdef class Executor:
         for index in range(3):
             sigaction(SIGNALS[index], &install, &before[index])
         try:
+            PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
             with nogil:
                 prctl(PR_SET_TIMERSLACK, 1)
                 self.begin()

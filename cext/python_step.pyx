@@ -78,7 +78,8 @@ cdef class PythonStep:
             if kind == REAL:
                 number = PyFloat_FromDouble(value)
             elif not isfinite(value):
-                raise ArithmeticError("%s.%s is %r, which is neither a whole number nor a truth" % (self.name, self.input_names[index], value))
+                raise ArithmeticError("%s.%s is %r, which is neither a whole number nor a truth" % (
+                    self.name, self.input_names[index], value))
             elif kind == INTEGER:
                 number = PyLong_FromDouble(value)
             else:

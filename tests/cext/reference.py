@@ -1,7 +1,7 @@
 """A slow executor in plain Python: what every native kernel must agree with, bit for bit.
 
-A network is a list of nodes; node i gives one number and is called f"n{i:02}". Nodes without feedthrough may be read by any node, the others only by
-later ones.
+A network is a list of nodes; node i gives one number and is called f"n{i:02}". Nodes without feedthrough may be read by any node, the
+others only by later ones.
 """
 
 import math
@@ -96,7 +96,7 @@ class Cell:
     def __init__(self, node, rate):
         self.node, self.y = node, 0.0
         p = self.p = {name: param.default for name, param in node.block.parameters.items()} | node.parameters
-        self.state = p["initial"] if node.kind == "UnitDelay" else -math.inf if node.kind == "Largest" else 0.25 if node.kind == "Integral" else 0.0
+        self.state = {"UnitDelay": p.get("initial"), "Largest": -math.inf, "Integral": 0.25}.get(node.kind, 0.0)
         if node.kind == "Butterworth":
             self.sections = [(*section, [0.0, 0.0]) for section in butterworth(p["order"], p["cutoff"], "lowpass", node.every / rate)]
 

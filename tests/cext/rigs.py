@@ -95,7 +95,12 @@ def plant_of(robot, *, substeps=5, **parameters):
     return plant
 
 
-def one_drive(law, *, rate=200, ticks=None, virtual=True, plant=True, **parameters):
+def ends_in_the_safe_stop(rig, can_id=1):
+    """Whether the last that a drive heard is zero torque, then disable, behind the fence."""
+    return rig.sent(can_id)[-2:] == STOP and rig.page.fenced and rig.page.state == "safe"
+
+
+def one_drive(law, *, rate=200, virtual=True, plant=True, **parameters):
     """A rig with one drive. law(drive) : the signal that commands its torque."""
     with Diagram("robot", rate=rate) as robot:
         drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee", **parameters)

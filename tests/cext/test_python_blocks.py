@@ -174,8 +174,8 @@ def test_an_output_vector_may_be_a_list_or_the_input_itself():
 
 
 @pytest.mark.parametrize("value, stored", [
-    (3, 3.0), (True, 1.0), (np.float32(0.5), 0.5), (np.int16(-2), -2.0), (Fraction(1, 4), 0.25), (np.array(1.5), 1.5), (-0.0, 0.0), (1e308, 1e308),
-    (math.inf, math.inf), (-math.inf, -math.inf),
+    (3, 3.0), (True, 1.0), (np.float32(0.5), 0.5), (np.int16(-2), -2.0), (Fraction(1, 4), 0.25), (np.array(1.5), 1.5), (-0.0, 0.0),
+    (1e308, 1e308), (math.inf, math.inf), (-math.inf, -math.inf),
 ])
 def test_whatever_is_a_number_is_stored_as_one(value, stored):
     with Diagram("d", rate=50) as diagram:
@@ -381,8 +381,8 @@ def test_a_block_without_outputs_may_return_what_it_likes():
 
 
 def test_more_than_32_inputs_are_refused():
-    Wide = type("Wide", (Block,), {
-        "__doc__": "Many inputs.", **{f"u{i}": Input("1", default=0.0) for i in range(33)}, "y": Output("1"), "step": lambda self, *inputs: 0.0})
+    ports = {f"u{i}": Input("1", default=0.0) for i in range(33)}
+    Wide = type("Wide", (Block,), {"__doc__": "Many inputs.", **ports, "y": Output("1"), "step": lambda self, *inputs: 0.0})
     with Diagram("d", rate=10) as diagram:
         Wide(name="wide")
     with pytest.raises(ValueError, match="wide: a Python block has at most 32 inputs and 32 outputs"):

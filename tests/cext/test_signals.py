@@ -14,6 +14,7 @@ from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
 from cext.page import Page
 
 ROOT = Path(__file__).parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
 
 ROBOT = """
 import json, os, signal, sys, time
@@ -47,18 +48,19 @@ during = list(heard)
 restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 os.kill(os.getpid(), signal.SIGINT)
 print(json.dumps({
-    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "ticks": rig.tick.tolist(),
-    "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during, "after": heard[len(during):], "state": rig.page.state,
-    "statistics": rig.page.statistics()}))
+    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "state": rig.page.state,
+    "ticks": rig.tick.tolist(), "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during,
+    "after": heard[len(during):], "statistics": rig.page.statistics()}))
+sys.stdin.read()                        # a signal that comes late finds Python's handlers still there
 """
 
 
 def robot(*actions, ticks=-1, options=(), state="running", frames=20):
-    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it. What it tells at the end."""
+    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it. What it tells."""
     page = Page(1 << 22)
     child = subprocess.Popen(
-        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, pass_fds=[page.fd],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env=ENVIRONMENT, pass_fds=[page.fd],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 30
     while page.state != state or page.statistics()["frames"]["sent"] < frames:
         assert child.poll() is None and time.monotonic() < deadline, child.stderr.read() if child.poll() is not None else "never came up"
@@ -124,3 +126,28 @@ def test_a_process_that_was_stopped_and_continued_goes_on_where_time_is():
 
     told = robot(pause, sends(signal.SIGINT))
     assert told["statistics"]["missed"] >= 15 and stopped_safely(told)
+
+
+EARLY = """
+import ctypes, gc
+from tests.cext.rigs import one_drive
+
+# Ctrl-C just before the handlers change hands: the destructor runs inside run()'s own garbage collection, where Python looks at no signal.
+new = ctypes.pythonapi.PyCapsule_New
+new.restype, new.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
+interrupt = ctypes.cast(ctypes.pythonapi.PyErr_SetInterrupt, ctypes.c_void_p).value
+rig = one_drive(lambda knee: 1.0, virtual=True)
+gc.disable()
+cycle = [new(1, b"interrupt", interrupt)]
+cycle.append(cycle)
+del cycle
+try:
+    rig.executor.run(10**6)
+except KeyboardInterrupt:
+    print("interrupted", rig.page.statistics()["frames"]["sent"], rig.page.state, gc.isenabled())
+"""
+
+
+def test_a_signal_just_before_the_run_is_not_lost():
+    child = subprocess.run([sys.executable, "-c", EARLY], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert child.stdout == "interrupted 0 init False\n", child.stderr

@@ -366,7 +366,8 @@ def test_a_device_of_someone_elses_has_no_limits_frames_or_emulator_until_it_say
         level_command = Input("1", default=0.0)
 
     lamp = Lamp()
-    assert lamp.command_limits() == {} and lamp.rating() == "" and lamp.addresses() == [] and lamp.limit_interval(2.0) == Interval(-2.0, 2.0)
+    assert lamp.command_limits() == {} and lamp.rating() == "" and lamp.addresses() == []
+    assert lamp.limit_interval(2.0) == Interval(-2.0, 2.0)
     assert lamp.enable_frames() == lamp.zero_frames() == lamp.disable_frames() == []
     with pytest.raises(TypeError, match="Lamp has no emulator"):
         lamp.emulator()

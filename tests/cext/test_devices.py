@@ -1,0 +1,131 @@
+"""Devices that report faults, fall silent, or send what is no answer; and sensors that are never asked."""
+
+import ctypes
+
+import pytest
+
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.sources import StepSource
+from graph import Device, Diagram, Output, Param
+from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive
+
+
+def test_a_fault_that_a_drive_reports_ends_the_run():
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+    with Diagram("plant", rate=200) as plant:
+        EmulatedCubeMars.of(robot["knee"], name="knee")(0.0, 0.0, fault=StepSource(0.0, 2.0, 0.1).y)
+    rig = Rig(robot, plant)
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit) == ("device fault", "knee") and 20 <= outcome.tick <= 22
+    assert ends_in_the_safe_stop(rig)
+
+
+def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
+    """Someone pulls the plug: the plant no longer hears or answers."""
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.05)(torque_command=1.0)
+    rig = Rig(robot)
+    host = rig.buses["can"].device
+    reply = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])
+    for tick in range(30):
+        host.send(1, reply, time=0)
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", 11)       # more than 0.05 s after the answer
+    assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == ("knee",) and len(rig.commands()) == 11
+    assert rig["knee.age"] == pytest.approx([tick / 200 for tick in range(11)], abs=1e-9)
+
+
+def test_a_timeout_of_zero_waits_for_ever():
+    rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
+    rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
+    assert rig.run(1000).status == "ok"
+
+
+BAD = {
+    "short": (1, b"\x01\x80\x00\x80\x08\x00\x00", False, "malformed"),
+    "empty": (1, b"", False, "malformed"),
+    "long": (1, bytes(64), False, "malformed"),
+    "of another id inside": (1, b"\x02\x90\x00\x90\x08\x00\x46\x00", False, "malformed"),
+    "extended": (1, b"\x01\x90\x00\x90\x08\x00\x46\x00", True, "foreign"),
+    "of another device": (9, b"\x09\x90\x00\x90\x08\x00\x46\x00", False, "foreign"),
+    "from id 0 for another": (0, b"\x09\x90\x00\x90\x08\x00\x46\x00", False, "foreign"),
+    "a remote request": (1 | 0x40000000, b"\x01\x90\x00\x90\x08\x00\x46\x00", False, "foreign"),
+    "an error frame": (1 | 0x20000000, b"\x01\x90\x00\x90\x08\x00\x46\x00", False, "foreign"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_frames_that_are_no_answer_change_nothing_and_are_counted(kind):
+    identifier, data, extended, counted = BAD[kind]
+    rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
+    device = rig.buses["can"].device
+    device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
+    for _ in range(5):
+        device.send(identifier, data, extended)
+    assert rig.run(10).status == "ok"
+    frames = rig.statistics()["frames"]
+    other = {"malformed": "foreign", "foreign": "malformed"}[counted]
+    assert (frames["received"], frames[counted], frames[other]) == (6, 5, 0)
+    assert set(rig["knee.temperature"]) == {30.0} and len(set(rig["knee.position"])) == 1
+
+
+@pytest.mark.parametrize("kind", BAD)
+def test_frames_that_are_no_answer_do_not_arm(kind):
+    identifier, data, extended, _ = BAD[kind]
+    rig = one_drive(lambda knee: 0.0, plant=False)
+    rig.buses["can"].device.send(identifier, data, extended)
+    assert rig.run(10, arming_timeout=0.05).status == "no answer"
+
+
+def test_a_flood_of_foreign_frames_is_taken_64_a_tick():
+    rig = one_drive(lambda knee: 0.0)
+    for _ in range(500):
+        rig.buses["can"].device.send(9, b"\x00")
+    assert rig.run(20).status == "ok"
+    frames = rig.statistics()["frames"]
+    assert frames["foreign"] == 500
+
+
+DOUBLES, SLOTS, FRAME = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int64)
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
+def sensor_decode(arena, slots, sizes, frame):
+    """Takes every frame: the reading is its identifier."""
+    arena[slots[0]] = float(frame[1] & 0x7FF)
+    return 1
+
+
+@ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+def sensor_encode(arena, slots, sizes, frames):
+    """Asks for nothing."""
+    return 0
+
+
+class Sensor(Device):
+    """Speaks by itself and is never asked."""
+
+    timeout = Param(0.05, "s", min=0.0)
+    reading = Output("1")
+    bus = "can"
+    decode, encode = sensor_decode, sensor_encode
+
+
+def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
+    with Diagram("robot", rate=200) as robot:
+        Sensor(name="sensor")
+    rig = Rig(robot)
+    outcome = rig.run(20, arming_timeout=0.1)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("sensor",)) and rig.frames == []
+    rig = Rig(robot)
+    rig.buses["can"].device.send(42, b"")
+    outcome = rig.run(20)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "sensor", 11) and set(rig["sensor.reading"]) == {42.0}
+    assert outcome.unconfirmed == ()
+
+
+def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
+    with Diagram("robot", rate=200) as robot:
+        Sensor(name="sensor", timeout=0.0)
+    assert Rig(robot).run(20).status == "ok"
