@@ -6,7 +6,6 @@ The bilinear transform with prewarping keeps the frequencies that are asked for;
 
 import cmath
 import math
-from fractions import Fraction
 
 from blocks.response import reach_of_cascade
 
@@ -93,18 +92,17 @@ def reach(sections):
 
 
 def at_rest(sections):
-    """For each biquad: its gain at frequency 0, and its two delays, having seen an input of 1 for ever; exact before one rounding.
+    """For each biquad: its gain at frequency 0, and its two delays, having seen an input of 1 for ever.
 
-    Zeros for an integrator, which has no such state, and for what differs from one by rounding only.
+    The sums are exact before one rounding, as 1 + a1 + a2 all but cancels. Zeros for an integrator, which has no such state, and for what
+    differs from one by rounding only.
     """
     found = []
-    for section in sections:
-        b0, b1, b2, a1, a2 = map(Fraction, section)
-        below = 1 + a1 + a2
-        if abs(below) <= 1e-14 * (1 + abs(a1) + abs(a2)):
+    for b0, b1, b2, a1, a2 in sections:
+        below = math.fsum((1.0, a1, a2))
+        if abs(below) <= 1e-14 * (1.0 + abs(a1) + abs(a2)):
             found += [0.0, 0.0, 0.0]
             continue
-        gain = (b0 + b1 + b2) / below
-        second = b2 - a2 * gain
-        found += [float(gain), float(b1 - a1 * gain + second), float(second)]
+        gain = math.fsum((b0, b1, b2)) / below
+        found += [gain, (b1 + b2) - gain * (a1 + a2), b2 - gain * a2]
     return found

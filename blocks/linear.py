@@ -102,19 +102,14 @@ def tustin(coefficients, dt):
 
 
 def delays_at_rest(b, a):
-    """Delays of the transposed direct form II that has seen an input of 1 for ever, exact before one rounding.
+    """Delays of the transposed direct form II that has seen an input of 1 for ever, from sums that are exact before one rounding.
 
     Zeros for an integrator, which has no such state, and for what differs from one by rounding only.
     """
     if abs(math.fsum(a)) <= 1e-12 * math.fsum(map(abs, a)):
         return [0.0] * (len(b) - 1)
-    b, a = [Fraction(value) for value in b], [Fraction(value) for value in a]
-    gain = sum(b) / sum(a)
-    found, below = [], Fraction(0)
-    for k in range(len(b) - 1, 0, -1):
-        below += b[k] - a[k] * gain
-        found.append(float(below))
-    return found[::-1]
+    gain = math.fsum(b) / math.fsum(a)
+    return [math.fsum(b[k:]) - gain * math.fsum(a[k:]) for k in range(1, len(b))]
 
 
 class BiquadCascade(Block):
