@@ -8,6 +8,7 @@ cdef extern from "<time.h>" nogil:
     int clock_nanosleep(int clock, int flags, const timespec *request, timespec *remain)
     const int CLOCK_MONOTONIC
     const int CLOCK_REALTIME
+    const int CLOCK_THREAD_CPUTIME_ID
     const int TIMER_ABSTIME
 
 cdef extern from "<poll.h>" nogil:

@@ -119,6 +119,10 @@ cdef class Program:
         cdef Step *step
         cdef Segment *segment = NULL
         cdef int index
+        # The tables of all steps lie in one run of memory, in the order of the tick, so that the cache gets them ahead of time.
+        cdef const int32_t *table = self.hold(np.array(
+            [word for entry in steps if entry.kernel is not None for word in (*entry.table.counts, *entry.table.slots, *entry.table.sizes)] or [0],
+            dtype=np.int32))
         phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
         phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
         phase.step_count = len(steps)
@@ -129,7 +133,9 @@ cdef class Program:
             if entry.kernel is not None:
                 step.kernel = <kernel_t><uintptr_t>address(entry.kernel)
                 self.keep.append(entry.kernel)
-                step.slots, step.sizes = self.hold(slot_words(entry.table)) + 4, self.hold(words(entry.table.sizes))
+                step.slots = table + 4
+                step.sizes = step.slots + len(entry.table.slots)
+                table = step.sizes + len(entry.table.sizes)
             else:
                 call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory)
                 self.keep.append(call)
@@ -237,14 +243,18 @@ cdef class Program:
         return OK
 
     cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil:
-        cdef int step, status
+        cdef int status
+        cdef double *arena = self.arena
+        cdef const Step *step = phase.steps + segment.first
+        cdef const Step *last = phase.steps + segment.last
         if segment.python:
             return self.run_python(phase, segment)
-        for step in range(segment.first, segment.last):
-            status = phase.steps[step].kernel(self.arena, phase.steps[step].slots, phase.steps[step].sizes)
+        while step < last:
+            status = step.kernel(arena, step.slots, step.sizes)
             if status != OK:
-                self.blame_step(phase, step)
+                self.blame_step(phase, <int>(step - phase.steps))
                 return status
+            step += 1
         return OK
 
     cdef bint enabled(self, Segment *segment) noexcept nogil:

@@ -15,4 +15,5 @@ cdef class PythonStep:
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int refuse(self, int index, value) except -1
+    cdef int store_array(self, int index, object value, double *arena) except -1
     cdef int store(self, int index, object value, double *arena) except -1

@@ -4,11 +4,12 @@
 import numpy as np
 
 from cpython.bool cimport PyBool_FromLong
-from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExact, PyFloat_FromDouble
+from cpython.buffer cimport PyBUF_C_CONTIGUOUS, PyBuffer_Release, PyObject_GetBuffer
+from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExact
 from cpython.long cimport PyLong_FromDouble
 from cpython.ref cimport Py_DECREF, Py_XDECREF
 from libc.math cimport isfinite
-from libc.string cimport memset
+from libc.string cimport memmove, memset
 
 cdef extern from "Python.h":
     PyObject *PyObject_Vectorcall(PyObject *callable, PyObject **arguments, size_t flags, PyObject *names)
@@ -18,9 +19,24 @@ cdef extern from *:
     """
     static inline void tw_incref(PyObject *object) { Py_INCREF(object); }
     static inline int tw_reraise(void) { return -1; }
+
+    /* Put a float into a place. The one that is there is used again while nobody else has it. */
+    static inline int tw_put_float(PyObject **place, double value) {
+        PyObject *old = *place;
+    #ifndef Py_GIL_DISABLED
+        if (old != NULL && Py_REFCNT(old) == 1 && PyFloat_CheckExact(old)) {
+            ((PyFloatObject *)old)->ob_fval = value;
+            return 0;
+        }
+    #endif
+        *place = PyFloat_FromDouble(value);
+        Py_XDECREF(old);
+        return *place == NULL ? -1 : 0;
+    }
     """
     void incref "tw_incref"(object value)
     int raise_current "tw_reraise"() except -1
+    int put_float "tw_put_float"(PyObject **place, double value) except -1
 
 cdef enum:
     REAL
@@ -28,6 +44,7 @@ cdef enum:
     TRUTH
     ARRAY
 
+FLOAT = np.dtype(np.float64)
 KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
 
 
@@ -76,11 +93,12 @@ cdef class PythonStep:
                 continue
             value = arena[self.input_slots[index]]
             if kind == REAL:
-                number = PyFloat_FromDouble(value)
-            elif not isfinite(value):
+                put_float(&self.arguments[index + 1], value)
+                continue
+            if not isfinite(value):
                 raise ArithmeticError("%s.%s is %r, which is neither a whole number nor a truth" % (
                     self.name, self.input_names[index], value))
-            elif kind == INTEGER:
+            if kind == INTEGER:
                 number = PyLong_FromDouble(value)
             else:
                 number = PyBool_FromLong(value != 0.0)
@@ -116,12 +134,7 @@ cdef class PythonStep:
         cdef double number
         try:
             if kind == ARRAY:
-                view = self.output_views[index]
-                if np.shape(value) != view.shape:
-                    raise ValueError("shape %s where %s is declared" % (np.shape(value), view.shape))
-                view[...] = value
-                if np.any(view < self.output_lows[index]) or np.any(view > self.output_highs[index]):
-                    self.refuse(index, value)
+                self.store_array(index, value, arena)
             else:
                 number = value.__index__() if kind == INTEGER else PyFloat_AsDouble(value)
                 if kind == TRUTH:
@@ -133,6 +146,26 @@ cdef class PythonStep:
                 arena[self.output_slots[index]] = number
         except (TypeError, ValueError, AttributeError) as error:
             raise TypeError("%s.step returned %r for %s: %s" % (self.name, value, self.output_names[index], error)) from None
+        return 0
+
+    cdef int store_array(self, int index, object value, double *arena) except -1:
+        cdef double *run = arena + self.output_slots[index]
+        cdef Py_buffer buffer
+        cdef Py_ssize_t i
+        view = self.output_views[index]
+        if type(value) is not np.ndarray or value.dtype is not FLOAT:
+            value = np.asarray(value, dtype=FLOAT)
+        if value.shape != view.shape:
+            raise ValueError("shape %s where %s is declared" % (value.shape, view.shape))
+        if value.flags.c_contiguous:
+            PyObject_GetBuffer(value, &buffer, PyBUF_C_CONTIGUOUS)
+            memmove(run, buffer.buf, buffer.len)
+            PyBuffer_Release(&buffer)
+        else:
+            view[...] = value
+        for i in range(view.size):
+            if run[i] < self.output_lows[index] or run[i] > self.output_highs[index]:
+                self.refuse(index, value)
         return 0
 
     cdef int refuse(self, int index, value) except -1:

@@ -9,16 +9,20 @@ from cext.kernels.limits cimport clip
 
 cdef int unit_delay_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # u, y, initial, held[n]
+    cdef double *y = arena + slots[1]
+    cdef double *held = arena + slots[3]
     cdef int i
     for i in range(sizes[1]):
-        arena[slots[1] + i] = arena[slots[3] + i]
+        y[i] = held[i]
     return OK
 
 
 cdef int unit_delay_update(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    cdef double *u = arena + slots[0]
+    cdef double *held = arena + slots[3]
     cdef int i
     for i in range(sizes[1]):
-        arena[slots[3] + i] = arena[slots[0] + i]
+        held[i] = u[i]
     return OK
 
 

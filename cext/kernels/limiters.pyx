@@ -11,11 +11,13 @@ from cext.kernels.sums cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
 
 cdef int saturation_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # u, y, lower, upper
+    cdef double *u = arena + slots[0]
+    cdef double *y = arena + slots[1]
     cdef double low = arena[slots[2]]
     cdef double high = arena[slots[3]]
     cdef int i
     for i in range(sizes[1]):
-        arena[slots[1] + i] = clip(arena[slots[0] + i], low, high)
+        y[i] = clip(u[i], low, high)
     return OK
 
 

@@ -24,13 +24,26 @@ cdef int sum_kernel(double *arena, const int32_t *slots, const int32_t *sizes) n
     cdef int count = slots[INPUTS]
     cdef double *y = arena + slots[count]
     cdef double *weights = arena + slots[count + 1]
-    cdef double total
+    cdef double *a = arena + slots[0]
+    cdef double *b = arena + slots[1]
+    cdef double *c = arena + slots[2]
+    cdef double p = weights[0]
+    cdef double q, r, total
     cdef int i, k
-    for i in range(sizes[count]):
-        total = weights[0] * arena[slots[0] + i]
-        for k in range(1, count):
-            total += weights[k] * arena[slots[k] + i]
-        y[i] = total
+    if count == 2:
+        q = weights[1]
+        for i in range(sizes[count]):
+            y[i] = p * a[i] + q * b[i]
+    elif count == 3:
+        q, r = weights[1], weights[2]
+        for i in range(sizes[count]):
+            y[i] = p * a[i] + q * b[i] + r * c[i]
+    else:
+        for i in range(sizes[count]):
+            total = p * a[i]
+            for k in range(1, count):
+                total += weights[k] * arena[slots[k] + i]
+            y[i] = total
     return OK
 
 
