@@ -43,9 +43,9 @@ def take_out_loops(graph):
     """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output, block, input)."""
     cycles = []
     for component in list(nx.strongly_connected_components(graph)):
-        inside = graph.subgraph(component)
-        if not inside.number_of_edges():
+        if len(component) == 1 and not graph.has_edge(*component, *component):
             continue
+        inside = graph.subgraph(component)
         first = min(component, key=lambda block: block.path)
         first = next((block for block in [first, *inside] if inside.has_edge(block, block)), first)
         cycles.append([(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)])
@@ -64,12 +64,18 @@ def shortest_cycle(graph, first):
 
 
 def cluster(graph):
-    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can."""
+    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can.
+
+    Among these it goes level by level from the sources, and blocks of one class come in a row: the processor then guesses right which
+    kernel is next, and need not wait for a result that the step before has only just begun to compute.
+    """
     waiting = dict(graph.in_degree())
-    ready = {}                                  # kind: heap of (path, block)
+    depth = dict.fromkeys(graph, 0)             # steps between a block and the sources, by the longest way
+    ready = {}                                  # kind: heap of (depth, class, path, block)
 
     def release(block):
-        heapq.heappush(ready.setdefault(kind(block), []), (block.path, block))
+        own = type(block)
+        heapq.heappush(ready.setdefault(kind(block), []), (depth[block], own.__module__, own.__qualname__, block.path, block))
 
     for block, count in waiting.items():
         if count == 0:
@@ -77,12 +83,13 @@ def cluster(graph):
     order, current = [], None
     while ready:
         current = current if current in ready else min(ready)
-        _, block = heapq.heappop(ready[current])
+        *_, block = heapq.heappop(ready[current])
         if not ready[current]:
             del ready[current]
         order.append(block)
         for follower in graph.successors(block):
             waiting[follower] -= 1
+            depth[follower] = max(depth[follower], depth[block] + 1)
             if waiting[follower] == 0:
                 release(follower)
     return order

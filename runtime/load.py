@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
 
-from graph import Diagram, DiagramError, compile
+from graph import Block, Diagram, DiagramError, compile
 from graph.block import suggestion
 from runtime.errors import BadInput
 from runtime.settings import set_block_parameter, share_out
@@ -179,7 +179,7 @@ def syntax_error(error):
 def exception(path, error):
     """Where in the user's own code an exception came from, and what it says."""
     frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
-    hint = import_hint(path, error) if isinstance(error, ImportError) else ""
+    hint = import_hint(path, error) if isinstance(error, ImportError) else port_hint(error) if isinstance(error, AttributeError) else ""
     line = f"\n    {frames[-1].line}" if frames[-1].line else ""
     return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
 
@@ -207,3 +207,9 @@ def import_hint(path, error):
         return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
     wanted = re.match(r"cannot import name '(\w+)'", str(error))
     return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""
+
+
+def port_hint(error):
+    """The port or parameter meant, where a block has none of that name."""
+    block = error.obj
+    return suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""

@@ -171,6 +171,13 @@ def test_an_exception_of_ours_has_the_users_line(tmp_path, refused):
     assert refused("robot.py") == f"robot.py:{line}: KeyError: knee has no block 'kne': did you mean 'knee'?\n    return robot['kne']"
 
 
+def test_a_misspelt_port_has_the_users_line_and_a_suggestion(tmp_path, refused):
+    path = write(tmp_path, WAVE.format(before="", amplitude=1.0) + "    diagram['sine'].amplitud\n")
+    line = line_of(path, "].amplitud")
+    told = "AttributeError: 'Sine' object has no attribute 'amplitud'; did you mean 'amplitude'?"
+    assert refused("robot.py") == f"robot.py:{line}: {told}\n    diagram['sine'].amplitud"
+
+
 def test_an_exception_in_plant_has_its_line(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    raise RuntimeError('not today')\n")
     line = line_of(path, "not today")
