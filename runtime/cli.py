@@ -228,12 +228,6 @@ def blocks_command(arguments):
 
 
 def bench_command(arguments):
-    from runtime.bench import bench
+    from runtime.bench.command import main
 
-    parser = Parser("bench", "Measure ticks and blocks on this machine.")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.2, metavar="S",
-                        help="of each measurement (default 0.2)")
-    parser.add_argument("--repeats", type=count("--repeats"), default=9, metavar="N", help="measurements of each row (default 9)")
-    options = parser.parse_args(arguments)
-    tell(bench(options.seconds, options.repeats))
-    return OK
+    return main(arguments)

@@ -1,0 +1,58 @@
+"""What the project wants to be true of its speed, compared with what was measured."""
+
+from dataclasses import dataclass
+
+NATIVE = {"knee": 0.15, "wide": 0.8, "wide6": 1.8}          # µs a tick
+OVER_DRAKE = {"knee": 90.0, "wide": 200.0, "wide6": 100.0}
+OVER_C = 1.5                                                # for fused schedules, which are to come
+PYTHON_BLOCK = 90.0                                         # ns
+CHAIN = {"native": 5.0, "python": 150.0}                    # ns a block
+COMPILE = 20.0                                              # ms, 200 blocks
+START = 450.0                                               # ms
+MEMORY = 60.0                                               # MB
+
+
+@dataclass(frozen=True)
+class Goal:
+    """value and bound in `unit`; at_least : whether more is better"""
+
+    what: str
+    value: float
+    bound: float
+    unit: str
+    at_least: bool = False
+
+    @property
+    def reached(self):
+        return self.value >= self.bound if self.at_least else self.value <= self.bound
+
+
+def of_ticks(netlist, times):
+    """Goals that the rows of one diagram decide. times : {name: Times}"""
+    native, python = times["Tickwork, native blocks"], times["Tickwork, Python blocks"]
+    a_block = python.median * 1e3 / netlist.blocks
+    if netlist.name == "chain":
+        return [
+            Goal("chain, a native block", native.median * 1e3 / netlist.blocks, CHAIN["native"], "ns"),
+            Goal("chain, a Python block", a_block, CHAIN["python"], "ns"),
+        ]
+    goals = [Goal(f"{netlist.name}, native blocks", native.median, NATIVE[netlist.name], "µs a tick")]
+    if netlist.width == 1:
+        goals.append(Goal(f"{netlist.name}, a Python block", a_block, PYTHON_BLOCK, "ns"))
+    if "Drake, C++ systems" in times:
+        goals.append(Goal(f"{netlist.name}, faster than Drake's C++ systems", times["Drake, C++ systems"].over(native), OVER_DRAKE[netlist.name], "times", True))
+    if "C, one straight line" in times:
+        goals.append(Goal(f"{netlist.name}, slower than straight C", native.over(times["C, one straight line"]), OVER_C, "times"))
+    return goals
+
+
+def of_compiles(compiles, exponent, n_log_n):
+    return [
+        Goal(f"compile {compiles[0].blocks} blocks", compiles[0].compile.median, COMPILE, "ms"),
+        Goal("growth of the compile, p of blocks^p", exponent, n_log_n, ""),
+    ]
+
+
+def of_start(found):
+    times, memory = found["run"]
+    return [Goal("from process start to the first tick", times.median, START, "ms"), Goal("resident memory of the control process", memory.median, MEMORY, "MB")]

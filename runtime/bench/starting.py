@@ -1,0 +1,90 @@
+"""From the start of a process to its first tick, and what memory it then has: the real command line, looked at from outside."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from cext.page import Page
+from runtime.bench.measure import Times
+from runtime.errors import BadInput
+
+IMPORTS = "numpy, networkx, can"
+BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
+TIMEOUT = 60.0              # s
+
+# The peak of this program alone: what wait4 tells has the memory of the parent in it, as it was before exec.
+TELL_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM:')))"
+
+
+def measure(file, repeats):
+    """{what: (Times in ms, Times of resident memory in MB)} of bare imports and of a run of a diagram file, taken in turn."""
+    found = {what: ([], []) for what in (*BARE, "run")}
+    for _ in range(repeats):
+        for what, (times, memory) in found.items():
+            seconds, kilobytes = first_tick(file) if what == "run" else bare(BARE[what])
+            times.append(seconds * 1e3)
+            memory.append(kilobytes / 1024)
+    return {what: (Times(times), Times(memory)) for what, (times, memory) in found.items()}
+
+
+def bare(program):
+    """(s from start to end, largest resident memory in kB) of a Python that runs a short program and tells its own memory at the end."""
+    began = time.monotonic()
+    child = subprocess.run([sys.executable, "-c", f"{program}\n{TELL_MEMORY}"], stdout=subprocess.PIPE, text=True)
+    took = time.monotonic() - began
+    if child.returncode != 0:
+        raise BadInput(f"`{sys.executable} -c {program!r}` fails: exit code {child.returncode}")
+    return took, int(child.stdout)
+
+
+def first_tick(file):
+    """(s from start to first tick, resident memory in kB right after it) of a run."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.time_ns()
+        child = subprocess.Popen(
+            [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            cwd=Path(__file__).parents[2])
+        try:
+            page = wait_for(child, lambda: page_of(child.pid))
+            wait_for(child, lambda: page.statistics()["ticks"] > 0)
+            seconds, kilobytes = (page.wall + page.first_tick - began) * 1e-9, resident(child.pid)
+        finally:
+            _, complaint = child.communicate(timeout=TIMEOUT)
+    return seconds, kilobytes
+
+
+def wait_for(child, look):
+    """What `look` gives once it is something. BadInput if the process ends before."""
+    deadline = time.monotonic() + TIMEOUT
+    while child.poll() is None and time.monotonic() < deadline:
+        found = look()
+        if found:
+            return found
+        time.sleep(0.001)
+    complaint = child.stderr.read().decode().strip() if child.poll() is not None else f"nothing within {TIMEOUT:g} s"
+    raise BadInput(f"the run did not come to its first tick: {complaint}")
+
+
+def page_of(pid):
+    """The shared page of another process, None while it has none."""
+    folder = Path("/proc", str(pid), "fd")
+    try:
+        for entry in folder.iterdir():
+            if os.readlink(entry).startswith("/memfd:tickwork"):
+                descriptor = os.open(entry, os.O_RDWR)
+                try:
+                    return Page(fd=descriptor)
+                except ValueError:                  # made, but not yet filled
+                    os.close(descriptor)
+    except OSError:
+        pass
+    return None
+
+
+def resident(pid):
+    """Resident memory of a process in kB."""
+    status = Path("/proc", str(pid), "status").read_text()
+    return int(next(line.split()[1] for line in status.splitlines() if line.startswith("VmRSS:")))
