@@ -3,6 +3,9 @@
 Every check adds what it finds to one list; all of it is raised together.
 """
 
+import gc
+from contextlib import contextmanager
+
 import numpy as np
 
 from graph import units
@@ -22,10 +25,23 @@ NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before
 
 def compile(diagram):
     """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
-    compilation = examine(diagram)
-    if compilation.errors:
-        raise DiagramError(compilation.errors)
-    return assemble(compilation)
+    with uncollected():
+        compilation = examine(diagram)
+        if compilation.errors:
+            raise DiagramError(compilation.errors)
+        return assemble(compilation)
+
+
+@contextmanager
+def uncollected():
+    """No collection of garbage meanwhile: nothing here becomes any, and to look for it takes longer the more there is."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def examine(diagram):

@@ -1,5 +1,7 @@
 """The compiler: everything that is wrong, at once, with the block, the port, the line and the cure."""
 
+import gc
+
 import pytest
 
 from blocks.actuators import CubeMars
@@ -9,7 +11,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from graph import Actuator, Block, Diagram, Input, Interval, Memory, Output, Sink, compile, subsystem
+from graph import Actuator, Block, Diagram, DiagramError, Input, Interval, Memory, Output, Sink, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -398,3 +400,32 @@ def test_a_sink_with_inputs_of_its_own_must_be_wired():
         Gauge(name="open")
         Gauge(name="wrong")(GaitPhase()(0.0, 0.0).phase)
     assert [(d.code, d.path) for d in complaints(diagram)] == [("TW001", "open"), ("TW002", "wrong")]
+
+
+@pytest.mark.parametrize("collecting", [True, False])
+def test_the_garbage_collector_rests_while_compiling_and_is_then_as_it_was(collecting):
+    seen = []
+
+    class Watcher(Block):
+        y = Output("1")
+
+        def prepare(self, dt):
+            seen.append(gc.isenabled())
+
+        def step(self):
+            return 0.0
+
+    with Diagram("d", rate=100) as diagram:
+        Gain()(Watcher().y)
+        CsvRecorder()
+    with Diagram("wrong", rate=100) as wrong:
+        Gain()
+    before = gc.isenabled()
+    try:
+        (gc.enable if collecting else gc.disable)()
+        compile(diagram)
+        with pytest.raises(DiagramError):
+            compile(wrong)
+        assert gc.isenabled() == collecting and seen[-1] is False
+    finally:
+        (gc.enable if before else gc.disable)()
