@@ -10,8 +10,9 @@ import pytest
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.executor import Executor
+from cext.handover import address, call_kernel
 from cext.kernels import cubemars, mathematics
-from cext.program import Program, address, call_kernel
+from cext.program import Program
 from graph import Block, Diagram, Input, Memory, Output, Param, compile
 from graph.layout import KernelTable
 from tests.cext.rigs import Rig

@@ -96,7 +96,7 @@ class Elementary(Block):
 def test_elementary_functions_are_within_two_units_in_the_last_place():
     block = Elementary()
     jit.compile_block(block)
-    from cext.program import call_kernel
+    from cext.handover import call_kernel
     from graph.layout import KernelTable
 
     random.seed(3)

@@ -1,0 +1,57 @@
+from libc.stdint cimport int32_t, int64_t
+
+from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.buses cimport BusEnd
+from cext.page cimport PageLayout
+
+cdef struct Batch:               # frames encoded at compile time
+    Frame frames[FRAMES_PER_DEVICE]
+    int count
+
+cdef struct Device:
+    decode_t decode
+    encode_t encode
+    const int32_t *slots
+    const int32_t *sizes
+    int bus
+    int age                      # slot, -1 if it has none
+    int fault                    # slot, -1 if it has none
+    double timeout               # s
+    Batch enable
+    Batch zero
+    Batch disable
+    int64_t heard                # ns, when the newest sample arrived
+    int64_t replies
+    int64_t replies_wanted       # before it counts as answered
+
+cdef struct Blame:               # what failed last, -1 where it was something else
+    int device
+    int bus
+
+cdef class Devices:
+    """The devices of one schedule, ready for the executor."""
+    cdef double *arena
+    cdef object schedule, memory
+    cdef list keep
+    cdef list ends               # BusEnd, one a bus
+    cdef int bus_count
+    cdef void **bus_ends         # the same, borrowed
+    cdef Device *devices
+    cdef int count
+    cdef Frame[FRAMES_PER_TICK] received
+    cdef Frame *outgoing
+    cdef int32_t *outgoing_count # a bus
+    cdef Blame failed
+    cdef bint ran
+
+    cdef int load(self) except -1
+    cdef void reset(self)
+    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int watch(self, int64_t now) noexcept nogil
+    cdef int command(self) noexcept nogil
+    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
+    cdef bint all_answered(self) noexcept nogil
+    cdef void want_replies(self, bint zero, bint disable) noexcept nogil
+    cdef void discard(self) noexcept nogil

@@ -1,0 +1,257 @@
+# cython: freethreading_compatible=True
+"""The devices of a schedule and the buses they are on: what of a tick goes over wires.
+
+    receive    every bus drained, each frame offered to the devices on it
+    watch      who is silent for too long, or reports a fault?
+    command    each device encodes its frames; nothing is sent if one of them refuses
+    transmit   the frames go out
+
+and for arming and the safe stop, frames that were encoded at compile time, with a count of the replies to them.
+"""
+
+from libc.stdint cimport uint8_t, uint32_t, uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FOREIGN, MALFORMED, OK, SILENT, TAKEN
+from cext.page cimport FRAME, commit, reserve
+
+from cext.handover import address, slot_words, words
+
+
+cdef class Devices:
+    """Those of a `graph.Schedule`.
+
+    Parameters
+    ----------
+    schedule : graph.Schedule
+    ends : BusEnd, one for each of schedule.buses
+    memory : the arena, an array of doubles that outlives this
+    """
+
+    def __init__(self, schedule, ends, memory):
+        if len(ends) != len(schedule.buses):
+            raise ValueError("the schedule has %d buses, and %d ends were given" % (len(schedule.buses), len(ends)))
+        self.schedule, self.memory, self.keep = schedule, memory, []
+        self.arena = <double *><uintptr_t>memory.ctypes.data
+        self.ends = list(ends)
+        self.bus_count = len(ends)
+        self.bus_ends = <void **>calloc(max(1, len(ends)), sizeof(void *))
+        for index, end in enumerate(self.ends):
+            self.bus_ends[index] = <void *>(<BusEnd?>end)
+        self.load()
+
+    def __dealloc__(self):
+        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends)
+
+    cdef void reset(self):
+        """As before the first arming. What buses heard in an earlier run is forgotten: an answer to that is none."""
+        cdef int index
+        if self.ran:
+            self.discard()
+        self.ran = True
+        for index in range(self.count):
+            self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
+        self.failed.device = self.failed.bus = -1
+
+    @property
+    def culprit(self):
+        """Path of the device or bus that failed last, or None."""
+        if self.failed.device >= 0:
+            return self.schedule.devices[self.failed.device].name
+        return self.schedule.buses[self.failed.bus] if self.failed.bus >= 0 else None
+
+    def silent(self):
+        """Paths of the devices that have sent fewer replies than were wanted of them."""
+        return [
+            self.schedule.devices[index].name
+            for index in range(self.count)
+            if self.devices[index].replies < self.devices[index].replies_wanted
+        ]
+
+    cdef int load(self) except -1:
+        cdef Device *device
+        cdef int index
+        devices = self.schedule.devices
+        self.count = len(devices)
+        self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
+        self.outgoing = <Frame *>calloc(max(1, len(devices)) * FRAMES_PER_DEVICE, sizeof(Frame))
+        self.outgoing_count = <int32_t *>calloc(max(1, self.bus_count), sizeof(int32_t))
+        for index, entry in enumerate(devices):              # the schedule lists them bus by bus
+            device = &self.devices[index]
+            device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
+            device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
+            self.keep += [entry.decode, entry.encode]
+            slots, sizes = slot_words(entry.table), words(entry.table.sizes)
+            self.keep += [slots, sizes]
+            device.slots = <int32_t *><uintptr_t>slots.ctypes.data + 4
+            device.sizes = <int32_t *><uintptr_t>sizes.ctypes.data
+            device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+            load_batch(&device.enable, entry.enable)
+            load_batch(&device.zero, entry.zero)
+            load_batch(&device.disable, entry.disable)
+        return 0
+
+    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
+        """Drain every bus, at most FRAMES_PER_TICK each; offer each frame to the devices on it. `page` may be NULL."""
+        cdef int bus, count, index, number
+        cdef Frame *frame
+        cdef Device *device
+        cdef int answer = FOREIGN
+        for bus in range(self.bus_count):
+            count = (<BusEnd>self.bus_ends[bus]).bus.receive(
+                (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+            if count < 0:
+                self.failed.bus = bus
+                return BUS_ERROR
+            for index in range(count):
+                frame = &self.received[index]
+                frame.bus = <uint8_t>bus
+                frame.sent = 0
+                answer = FOREIGN
+                for number in range(self.count):
+                    device = &self.devices[number]
+                    if device.bus != bus:
+                        continue
+                    answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                    if answer == TAKEN:
+                        device.heard = frame.time
+                        device.replies += 1
+                    if answer != FOREIGN:
+                        break
+                if page != NULL:
+                    page.frames_received += 1
+                    page.frames_foreign += answer == FOREIGN
+                    page.frames_malformed += answer == MALFORMED
+                    log_frame(page, frame)
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.age >= 0:
+                self.arena[device.age] = (now - device.heard) * 1e-9
+        return OK
+
+    cdef int watch(self, int64_t now) noexcept nogil:
+        """A device that is silent past its timeout, or reports a fault, ends the run."""
+        cdef int number
+        cdef Device *device
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.timeout > 0.0 and (now - device.heard) * 1e-9 > device.timeout:
+                self.failed.device = number
+                return SILENT
+            if device.fault >= 0 and self.arena[device.fault] != 0.0:
+                self.failed.device = number
+                return DEVICE_FAULT
+        return OK
+
+    cdef int command(self) noexcept nogil:
+        """Each device encodes into `outgoing`, bus by bus. If one refuses, nothing of the tick is sent."""
+        cdef int number, count
+        cdef int total = 0
+        cdef Device *device
+        memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
+        for number in range(self.count):
+            device = &self.devices[number]
+            count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
+            if count < 0:
+                memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
+                self.failed.device = number
+                return -count
+            total += count
+            self.outgoing_count[device.bus] += count
+        return OK
+
+    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int bus, status
+        cdef int first = 0
+        for bus in range(self.bus_count):
+            status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page)
+            if status != OK:
+                return status
+            first += self.outgoing_count[bus]
+        return OK
+
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int index
+        if count == 0:
+            return OK
+        for index in range(count):
+            frames[index].time = now
+            frames[index].bus = <uint8_t>bus
+            frames[index].sent = 1
+        count = (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count)
+        if count < 0:
+            self.failed.bus = bus
+            return BUS_ERROR
+        if page != NULL:                        # a full queue takes fewer than all: what it took is what was sent
+            page.frames_sent += count
+            for index in range(count):
+                log_frame(page, &frames[index])
+        return OK
+
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil:
+        """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered."""
+        cdef int number
+        cdef Device *device
+        cdef int status = OK
+        for number in range(self.count):
+            device = &self.devices[number]
+            if enable and device.replies < device.replies_wanted:
+                status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
+            if zero:
+                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+            if disable:
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+        return BUS_ERROR if status != OK else OK
+
+    cdef bint all_answered(self) noexcept nogil:
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].replies < self.devices[number].replies_wanted:
+                return False
+        return True
+
+    cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
+        cdef int number
+        cdef Device *device
+        for number in range(self.count):
+            device = &self.devices[number]
+            device.replies = 0
+            device.replies_wanted = 0
+            if zero:
+                device.replies_wanted += device.zero.count
+            if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
+                device.replies_wanted = 1                          # a sensor that is never asked, and is missed when it is silent
+            if disable:
+                device.replies_wanted += device.disable.count
+
+    cdef void discard(self) noexcept nogil:
+        cdef int bus, rounds
+        for bus in range(self.bus_count):
+            for rounds in range(64):
+                if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
+                    break
+
+
+cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
+    cdef void *room = reserve(page, FRAME, sizeof(Frame))
+    if room == NULL:
+        page.dropped += 1
+        return
+    memcpy(room, frame, sizeof(Frame))
+    commit(page)
+
+
+cdef int load_batch(Batch *batch, frames) except -1:
+    """frames: a list of (arbitration id, is extended, data)."""
+    cdef Frame *frame
+    if len(frames) > FRAMES_PER_DEVICE:
+        raise ValueError("at most %d frames a device, not %d" % (FRAMES_PER_DEVICE, len(frames)))
+    batch.count = len(frames)
+    for index, (identifier, extended, data) in enumerate(frames):
+        frame = &batch.frames[index]
+        frame.id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
+        frame.length = <uint8_t>len(data)
+        for position, byte in enumerate(data):
+            frame.data[position] = byte
+    return 0

@@ -1,0 +1,21 @@
+from libc.stdint cimport int32_t, int64_t, uint64_t
+
+from cext.page cimport Page, PageLayout
+from cext.program cimport Program
+
+cdef class Journal:
+    cdef Page page
+    cdef PageLayout *layout          # NULL without a page
+    cdef Program program
+    cdef bint virtual
+    cdef int reader
+    cdef const int32_t *caught
+    cdef uint64_t most               # bytes that one tick pushes at most
+
+    cdef void clear(self)
+    cdef void set_state(self, int32_t state) noexcept nogil
+    cdef bint fenced(self) noexcept nogil
+    cdef void raise_fence(self) noexcept nogil
+    cdef bint push_row(self, int64_t tick) noexcept nogil
+    cdef bint make_room(self, bint stopping) noexcept nogil
+    cdef bint wait_for_reader(self) noexcept nogil

@@ -1,0 +1,107 @@
+# cython: freethreading_compatible=True
+"""What a run puts on the shared page: its state, its rows, and the waiting for a reader in virtual time."""
+
+from libc.string cimport memset
+
+from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, TIME, Frame
+from cext.histogram cimport Histogram
+from cext.pace cimport monotonic
+from cext.page cimport ROW, commit, load_i32, load_u64, reserve, store_i32
+from cext.posix cimport POLLIN, poll, pollfd
+from cext.signals cimport Signals
+
+
+cdef class Journal:
+    """The page from the side of the loop.
+
+    Parameters
+    ----------
+    page : Page or None; without one, nothing is told
+    program : Program whose columns make a row
+    virtual : a full ring makes the loop wait instead of dropping
+    reader : a pidfd of the process that drains the page, or -1; its end frees a loop that waits for it
+    """
+
+    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals):
+        if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
+            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
+        self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
+        self.layout = NULL if page is None else page.layout
+        self.most = 8 * (3 + program.column_count)
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
+        if page is not None:
+            self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
+
+    cdef void clear(self):
+        """Forget an earlier run on the same page; the ring keeps what has not been read."""
+        cdef PageLayout *page = self.layout
+        if page == NULL:
+            return
+        page.tick = -1
+        page.ticks = page.missed = page.dropped = page.busy = page.waited = 0
+        page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
+        page.status = page.closed = 0
+        if page.began != 0:
+            page.fence = 0              # of the run before; one that was raised ahead of the first run holds
+        memset(&page.lateness, 0, sizeof(Histogram))
+        memset(&page.execution, 0, sizeof(Histogram))
+
+    cdef void set_state(self, int32_t state) noexcept nogil:
+        if self.layout != NULL:
+            store_i32(&self.layout.state, state)
+
+    cdef bint fenced(self) noexcept nogil:
+        return self.layout != NULL and load_i32(&self.layout.fence) != 0
+
+    cdef void raise_fence(self) noexcept nogil:
+        if self.layout != NULL:
+            store_i32(&self.layout.fence, 1)
+
+    cdef bint push_row(self, int64_t tick) noexcept nogil:
+        """The recorded signals of this tick into the ring. False: a signal came while waiting for room."""
+        cdef PageLayout *page = self.layout
+        cdef double *row = <double *>reserve(page, ROW, 8 * (2 + self.program.column_count))
+        cdef int64_t since
+        while row == NULL:
+            if not self.virtual:
+                page.dropped += 1
+                return True
+            since = monotonic()
+            if not self.wait_for_reader():
+                page.dropped += 1
+                return True
+            page.waited += monotonic() - since
+            if self.caught[0]:
+                return False
+            row = <double *>reserve(page, ROW, 8 * (2 + self.program.column_count))
+        row[0] = <double>tick
+        row[1] = self.program.arena[TIME]
+        self.program.record(row + 2)
+        commit(page)
+        return True
+
+    cdef bint make_room(self, bint stopping) noexcept nogil:
+        """In virtual time: wait until the ring can take all that one tick pushes, so that nothing is dropped.
+
+        False: a signal came. `stopping` waits through signals, for a second at most.
+        """
+        cdef PageLayout *page = self.layout
+        cdef int64_t since
+        cdef int patience = 1000
+        if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:
+            return True
+        since = monotonic()
+        while page.capacity - (page.head - load_u64(&page.tail)) < self.most and self.wait_for_reader():
+            patience -= 1
+            if (stopping and patience == 0) or (not stopping and self.caught[0] != 0):
+                break
+        page.waited += monotonic() - since
+        return stopping or not self.caught[0]
+
+    cdef bint wait_for_reader(self) noexcept nogil:
+        """A millisecond for the recorder to make room. False: there is no recorder, or it has ended."""
+        cdef pollfd ended
+        if self.reader < 0:
+            return False
+        ended.fd, ended.events, ended.revents = self.reader, POLLIN, 0
+        return poll(&ended, 1, 1) <= 0

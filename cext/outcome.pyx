@@ -1,0 +1,51 @@
+# cython: freethreading_compatible=True
+"""How a run ended, and the names of the faults."""
+
+from dataclasses import dataclass
+
+from cext.abi cimport (
+    BUS_ERROR, DEVICE_FAULT, FENCED, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, PYTHON_ERROR, SILENT,
+)
+
+STATUS = {
+    OK: "ok",
+    NOT_FINITE: "not finite",
+    OUT_OF_LIMITS: "out of limits",
+    PYTHON_ERROR: "exception",
+    NO_ANSWER: "no answer",
+    SILENT: "silent",
+    DEVICE_FAULT: "device fault",
+    BUS_ERROR: "bus error",
+    FENCED: "fenced",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    status : "ok", or the fault: one of the values of STATUS, or "kernel status N"
+    culprit : path of the block, device or bus the fault came from, or None
+    tick : the grid point it happened at; -1 while arming
+    signal : number of the signal that ended the run, 0 if none
+    error : the exception of a Python block, or None
+    unconfirmed : paths of the devices that did not confirm the safe stop
+    unanswered : paths of the devices that did not answer while arming
+    """
+
+    status: str
+    culprit: str | None
+    tick: int
+    signal: int
+    error: BaseException | None
+    unconfirmed: tuple
+    unanswered: tuple
+
+    @property
+    def faulted(self):
+        return self.status != "ok"
+
+
+def name_of(int status):
+    """The word for a status of the tick."""
+    return STATUS.get(status, "kernel status %d" % status)

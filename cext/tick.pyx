@@ -1,0 +1,99 @@
+# cython: freethreading_compatible=True
+"""One tick of a robot, and the share of its period that its plant has."""
+
+from libc.stdlib cimport calloc, free
+
+from cext.abi cimport DT, FENCED, LATENESS, OK, PERIOD, TICK, TIME, WAKE
+from cext.pace cimport clock
+from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
+
+
+cdef class Tick:
+    """The programs that a tick runs, in their order. plant : Program or None, run `substeps` times at the tick's end"""
+
+    def __init__(self, Program control, Program plant, int substeps, Pace pace, Journal journal):
+        if substeps < 1:
+            raise ValueError("the plant's rate must be a whole multiple of the diagram's")
+        self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
+
+    cdef void reset(self):
+        self.control.reset()
+        if self.plant is not None:
+            self.plant.reset()
+        self.plant_tick = 0
+
+    cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil:
+        write_clock(self.control.arena, tick, previous, self.pace.rate, late)
+
+    cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
+        """From the first frame received to the last state updated. now : ns from the run's begin"""
+        cdef int status = self.control.devices.receive(now, self.journal.layout)
+        if status == OK:
+            status = self.control.devices.watch(now)
+        if status == OK:
+            status = self.control.run(&self.control.output, tick, previous)
+        if status == OK:
+            status = self.control.devices.command()
+        if status == OK:
+            status = FENCED if self.journal.fenced() else self.control.devices.transmit(now, self.journal.layout)
+        if status == OK:
+            status = self.control.run(&self.control.update, tick, previous)
+        if status == OK:
+            status = self.advance_plant(now)
+        return status
+
+    cdef int advance_plant(self, int64_t now) noexcept nogil:
+        """The plant's share of a period: it hears what was sent, moves, and answers."""
+        cdef int index, status
+        cdef double rate = self.pace.rate * self.substeps
+        cdef int64_t instant
+        if self.plant is None:
+            return OK
+        for index in range(self.substeps):
+            instant = now + index * self.pace.period / self.substeps
+            write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, rate, 0)
+            status = self.plant.devices.receive(instant, NULL)
+            if status == OK:
+                status = self.plant.run(&self.plant.output, self.plant_tick, self.plant_tick - 1)
+            if status == OK:
+                status = self.plant.devices.command()
+            if status == OK:
+                status = self.plant.devices.transmit(instant, NULL)
+            if status == OK:
+                status = self.plant.run(&self.plant.update, self.plant_tick, self.plant_tick - 1)
+            self.plant_tick += 1
+            if status != OK:
+                return status
+        return OK
+
+    def spin(self, int64_t ticks):
+        """Run bare ticks as fast as possible: no devices, no clock, no plant, and what is recorded goes nowhere.
+
+        Returns the status, and the ns of this thread's processor time that they took.
+        """
+        cdef int64_t start, tick
+        cdef int status = OK
+        cdef double *row = <double *>calloc(max(1, self.control.column_count), sizeof(double))
+        self.control.reset()
+        with nogil:
+            start = clock(CLOCK_THREAD_CPUTIME_ID)
+            for tick in range(ticks):
+                self.set_clock(tick, tick - 1, 0)
+                status = self.control.run(&self.control.output, tick, tick - 1)
+                if status == OK:
+                    status = self.control.run(&self.control.update, tick, tick - 1)
+                if status != OK:
+                    break
+                self.control.record(row)
+            start = clock(CLOCK_THREAD_CPUTIME_ID) - start
+        free(row)
+        return status, start
+
+
+cdef inline void write_clock(double *arena, int64_t tick, int64_t previous, double rate, int64_t late) noexcept nogil:
+    arena[TIME] = tick / rate
+    arena[TICK] = <double>tick
+    arena[DT] = (tick - previous) / rate
+    arena[PERIOD] = 1.0 / rate
+    arena[LATENESS] = late * 1e-9
+    arena[WAKE] = arena[TIME] + late * 1e-9
