@@ -3,7 +3,7 @@
 
 from libc.string cimport memset
 
-from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, TIME, Frame
+from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, Frame
 from cext.histogram cimport Histogram
 from cext.pace cimport monotonic
 from cext.page cimport ROW, commit, load_i32, load_u64, reserve, store_i32
@@ -75,7 +75,7 @@ cdef class Journal:
                 return False
             row = <double *>reserve(page, ROW, 8 * (2 + self.program.column_count))
         row[0] = <double>tick
-        row[1] = self.program.arena[TIME]
+        row[1] = self.program.arena[LATENESS]
         self.program.record(row + 2)
         commit(page)
         return True

@@ -30,7 +30,7 @@ cdef enum:
 
 cdef enum: # of a record in the ring
     PADDING = 0                 # the rest of the ring, up to its end
-    ROW = 1                     # doubles: tick, time, then the recorded signals
+    ROW = 1                     # doubles: tick, lateness in s, then the recorded signals
     FRAME = 2                   # a struct Frame
     EVENT = 3                   # JSON
 

@@ -107,7 +107,7 @@ class Assembly:
         seen = upstream(settle, facts.sources)                  # no other step is called before its first tick
         look = [step for block, step in zip(facts.order, output) if block in seen for step in (settle.get(block), step) if step is not None]
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
-        columns, sinks = self.recorded()
+        columns, recorded, sinks = self.recorded()
         return Schedule(
             name=facts.diagram.name,
             rate=facts.diagram.rate,
@@ -121,6 +121,7 @@ class Assembly:
             buses=buses,
             signals={place.path: place for place in self.places.values()},
             columns=columns,
+            recorded=recorded,
             sinks=sinks,
             python_blocks=[block for block in self.blocks if block.is_python or block.has_python_update],
             inputs={
@@ -144,8 +145,8 @@ class Assembly:
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()))
 
     def recorded(self):
-        """Slots of everything that some sink takes, and each sink's columns among them."""
-        slots, index_of, sinks = [], {}, []
+        """Slots of everything that some sink takes, what each is, and each sink's columns among them."""
+        slots, index_of, sinks, recorded = [], {}, [], []
         everything = [(place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)]
         for block in self.blocks:
             if not isinstance(block, Sink):
@@ -155,10 +156,11 @@ class Assembly:
                 place = self.places[signal]
                 for offset in range(place.size):
                     slot = place.slot + offset
+                    where = "".join(f"[{i}]" for i in np.unravel_index(offset, place.shape)) if place.shape else ""
                     if slot not in index_of:
                         index_of[slot] = len(slots)
                         slots.append(slot)
-                    where = "".join(f"[{i}]" for i in np.unravel_index(offset, place.shape)) if place.shape else ""
+                        recorded.append(Column(index_of[slot], place.path + where, place.dtype, place.unit))
                     columns.append(Column(index_of[slot], label + where, place.dtype, place.unit))
             sinks.append(SinkColumns(block, tuple(columns)))
-        return np.array(slots, dtype=np.int32), sinks
+        return np.array(slots, dtype=np.int32), recorded, sinks

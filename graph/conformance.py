@@ -14,7 +14,7 @@ from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
-from graph.store import from_json, loadable, to_json
+from graph.store import from_json, loadable, registered, to_json
 
 RATE = 200.0
 STEPS = 50
@@ -174,7 +174,7 @@ def check_range(kind, parameters):
 
 
 def check_json(kind, parameters):
-    if not loadable(kind):
+    if not loadable(kind, registered()):
         return
     with Diagram("conformance", RATE) as diagram:
         kind(**parameters)

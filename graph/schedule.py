@@ -102,6 +102,7 @@ class Schedule:
     buses: list
     signals: dict               # path: SignalPlace
     columns: np.ndarray         # slots of the recorded numbers
+    recorded: list              # Column of each of them, by the path of its signal
     sinks: list
     python_blocks: list
     inputs: dict                # path: {input name: slot}, scalars only

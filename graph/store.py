@@ -36,22 +36,24 @@ def content_hash(diagram):
 def describe(diagram):
     """A diagram as a dict of plain data."""
     blocks = sorted(diagram, key=lambda block: block.path)
+    known = registered()
+    sources = {kind: source_hash(kind) for kind in {type(block) for block in blocks}}
     order = {id(wire): index for index, wire in enumerate(diagram.wires)}
     wires = sorted(diagram.wires, key=lambda w: (w.block.path, "" if w.block.variadic else w.port, order[id(w)] if w.block.variadic else 0))
     return {
         "format": FORMAT,
         "name": diagram.name,
         "rate": diagram.rate,
-        "libraries": dict(sorted({library(type(block)) for block in blocks})),
-        "blocks": [describe_block(block) for block in blocks],
+        "libraries": dict(sorted({library(type(block), known) for block in blocks})),
+        "blocks": [describe_block(block, known, sources[type(block)]) for block in blocks],
         "wires": [describe_wire(wire) for wire in wires],
     }
 
 
-def describe_block(block):
+def describe_block(block, known, source):
     kind = type(block)
-    data = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source_hash(kind)}
-    if not loadable(kind):
+    data = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source}
+    if not loadable(kind, known):
         data["local"] = True
     parameters = {}
     for name in block.parameters:
@@ -112,9 +114,9 @@ def source_hash(kind):
     return hashlib.sha256(source.encode()).hexdigest()[:16]
 
 
-def loadable(kind):
-    """Whether a class can be found again by its module and name, in a library."""
-    return kind.__module__.split(".")[0] in registered() and "<locals>" not in kind.__qualname__
+def loadable(kind, known):
+    """Whether a class can be found again by its module and name, in a library. known : what `registered` gives"""
+    return kind.__module__.split(".")[0] in known and "<locals>" not in kind.__qualname__
 
 
 def registered():
@@ -125,9 +127,9 @@ def registered():
     return found
 
 
-def library(kind):
+def library(kind, known):
     """(distribution, version) that a class comes from; (file, "local") for one from a user's own file."""
-    distribution = registered().get(kind.__module__.split(".")[0])
+    distribution = known.get(kind.__module__.split(".")[0])
     if distribution is None:
         return Path(getattr(inspect.getmodule(kind), "__file__", kind.__module__)).name, "local"
     try:

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import sys
 from pathlib import Path
 
@@ -123,13 +124,15 @@ def parse_run(arguments):
     where = parser.add_mutually_exclusive_group()
     where.add_argument("--record", type=folder, metavar="DIR", help="folder of the recording (default: recordings)")
     where.add_argument("--no-record", action="store_true", help="write no files")
+    parser.add_argument("--trial", nargs="+", default=[], metavar="NAME=VALUE",
+                        help="what this trial is: subject=S03 condition=assist notes='new shoes'")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
     options = parser.parse_args(arguments)
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
     return Request(
         file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
-        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler)
+        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial))
 
 
 def add_diagram(parser):
@@ -168,6 +171,19 @@ def folder(text):
     if not text:
         raise BadInput("--record: expected a folder, and got nothing")
     return Path(text).expanduser()
+
+
+def trial(texts):
+    """Fields of a trial, as a dict of texts."""
+    fields = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not re.fullmatch(r"[^\W\d]\w*", name):
+            raise BadInput(f"--trial {text}: expected NAME=VALUE, as in subject=S03")
+        if name in fields:
+            raise BadInput(f"--trial: {name} was given twice")
+        fields[name] = value
+    return fields
 
 
 def setting(text):

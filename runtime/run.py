@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import time
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from cext.page import RECORD_EVENT, Page
 from cext.program import Program
 
 from graph import Sink
+from graph.store import to_json
 from runtime.errors import BadInput
 from runtime.load import compiled, load
 from runtime.recorder import RecorderProcess
@@ -20,6 +22,7 @@ from runtime.simulation import Simulation
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
+LONGEST_WORD = 40               # characters of a trial's field in the names of files
 FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
 
 
@@ -35,6 +38,7 @@ class Request:
     record: Path | None = None          # None: recordings/ if the diagram has a recorder
     no_record: bool = False
     plotjuggler: tuple | None = None    # (host, port)
+    trial: dict = field(default_factory=dict)
 
 
 @dataclass
@@ -89,7 +93,7 @@ def run(prepared):
     page = Page(ring_bytes(schedule))
     recorder = RecorderProcess(page)
     try:
-        recorder.configure(plan(request, schedule, simulation))
+        recorder.configure(plan(prepared))
         control = Program(schedule, simulation.ends())
         executor = Executor(
             control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
@@ -145,10 +149,11 @@ def ring_bytes(schedule):
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
-def plan(request, schedule, simulation):
+def plan(prepared):
     """What the recorder process has to do."""
     from blocks.recorders import CsvRecorder
 
+    request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
     sinks = [
         {
             "service": sink.block.service,
@@ -163,17 +168,25 @@ def plan(request, schedule, simulation):
     return {
         "name": schedule.name,
         "folder": str(request.record or "recordings") if records else None,
-        "stem": f"{Path(request.file).stem}_{time.strftime('%Y-%m-%d_%H-%M-%S')}",
+        "stem": stem(request),
         "rate": schedule.rate,
         "duration": request.duration,
         "virtual": request.fast,
         "simulated": simulation.program is not None,
-        "columns": len(schedule.columns),
+        "signals": [vars(column) for column in schedule.recorded],
         "buses": schedule.buses,
         "sinks": sinks,
         "status_line": True,
-        "metadata": {"diagram_file": str(request.file), "settings": dict(request.settings), "control_pid": os.getpid()},
+        "diagram_json": to_json(prepared.diagram) if records else None,
+        "control_pid": os.getpid(),
+        "metadata": {"diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial},
     }
+
+
+def stem(request):
+    """What the files of a recording are called: the diagram, the trial without its notes, the time."""
+    words = [re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD] for name, value in request.trial.items() if name != "notes"]
+    return "_".join([Path(request.file).stem, *filter(None, words), time.strftime("%Y-%m-%d_%H-%M-%S")])
 
 
 def writes_files(sink):

@@ -13,7 +13,9 @@ The plan is a dict that JSON can carry:
     rate, duration  Hz; s or None
     virtual         whether time is: files of two runs are then byte-identical
     simulated       whether a plant stands behind the buses
-    columns, buses  how many numbers a row has; the names of the buses
+    signals, buses  what each number of a row is (index, path, dtype, unit); the names of the buses
+    diagram_json    the diagram as JSON text, or None
+    control_pid     number of the control process
     sinks           of each: service ("module:class"), path, parameters, columns (index, path, dtype, unit)
     status_line     whether the terminal may be used
     metadata        what else the sidecar file shall carry

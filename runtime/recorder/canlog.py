@@ -9,7 +9,7 @@ the control process handled them, which is what a replay needs.
 import os
 from struct import Struct
 
-from runtime.recorder.files import LineFile, create
+from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
 
 FRAME = Struct("=qIBBBB64s")                # struct Frame of cext/abi.pxd
@@ -25,12 +25,12 @@ class CanLog(Service):
         self.page = page
 
     def open(self):
-        self.file = LineFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
+        self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
         self.files[self.file.path] = ""
         self.frames = 0
         self.began = None
 
-    def begin(self):
+    def begin(self, about):
         """Import python-can, which takes a tenth of a second."""
         from can import Message
         from can.io.canutils import CanutilsLogWriter

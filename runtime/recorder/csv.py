@@ -11,7 +11,7 @@ from math import isfinite
 
 from msgspec.json import encode
 
-from runtime.recorder.files import LineFile, create
+from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
 
 WITHOUT_UNIT = ("1", "any")
@@ -32,7 +32,7 @@ class CsvWriter(Service):
         if self.plan["folder"] is None:
             return
         stem = os.path.join(self.plan["folder"], parameters.get("file") or self.plan["stem"])
-        self.file = LineFile(*create(stem, ".csv"))
+        self.file = WholeFile(*create(stem, ".csv"))
         self.files[self.file.path] = ""
         self.file.write(header(columns, delimiter))
         self.file.flush()
@@ -47,7 +47,7 @@ class CsvWriter(Service):
         line = encode(cells)[1:-1]                  # JSON writes numbers as CSV does, and ten times faster than repr
         if NOT_A_NUMBER in line:
             line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
-        self.file.write_bytes(line.replace(b",", self.delimiter) + b"\n")
+        self.file.write(line.replace(b",", self.delimiter) + b"\n")
         self.rows += 1
         if self.rows % self.flush_rows == 0:
             self.file.flush()

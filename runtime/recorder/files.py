@@ -1,7 +1,7 @@
-"""Files of a recording: never overwritten, always ending in a whole line."""
+"""Files of a recording: never overwritten, always ending in a whole piece."""
 
 import os
-from itertools import count
+from itertools import accumulate, count
 
 SIDECAR = ".json"
 
@@ -40,33 +40,40 @@ def reserve(folder, stem):
             pass
 
 
-class LineFile:
-    """A text file, written in whole lines. What is written waits in memory until `flush`.
+class WholeFile:
+    """A file that is written in whole pieces: lines, or records. What is written waits in memory until `flush`.
 
-    A flush hands the lines to the kernel, so that they outlive this process; `close` waits for the disk.
+    A flush hands the pieces to the kernel, so that they outlive this process; `close` waits for the disk.
     """
 
     def __init__(self, path, descriptor):
         self.path, self.descriptor = path, descriptor
-        self.lines = []
-        self.size = 0               # bytes of whole lines in the file
+        self.pieces = []
+        self.size = 0               # bytes of whole pieces in the file
+        self.waiting = 0            # bytes in memory
 
-    def write(self, text):
-        self.lines.append(text.encode())
+    def write(self, piece):
+        """piece : bytes, or text"""
+        if isinstance(piece, str):
+            piece = piece.encode()
+        self.pieces.append(piece)
+        self.waiting += len(piece)
+        return len(piece)
 
-    def write_bytes(self, line):
-        self.lines.append(line)
+    def tell(self):
+        return self.size + self.waiting
 
     def flush(self):
-        data = b"".join(self.lines)
-        self.lines.clear()
+        pieces, self.pieces, self.waiting = self.pieces, [], 0
+        data = b"".join(pieces)
         written = 0
         try:
             while written < len(data):
                 written += os.write(self.descriptor, data[written:])
         except OSError:
-            self.size += data.rfind(b"\n", 0, written) + 1
-            os.ftruncate(self.descriptor, self.size)        # a full disk cuts in the middle of a line
+            whole = accumulate(map(len, pieces))
+            self.size += max((end for end in whole if end <= written), default=0)
+            os.ftruncate(self.descriptor, self.size)        # a full disk cuts in the middle of a piece
             raise
         self.size += written
 

@@ -1,4 +1,4 @@
-"""One recording: what comes out of the ring goes to the services of the sinks, the CAN log and the sidecar.
+"""One recording: what comes out of the ring goes to the services of the sinks, the logs and the sidecar.
 
 A service that fails is stopped and told about; the rest goes on.
 """
@@ -13,8 +13,9 @@ from struct import Struct
 
 from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_ROW
 
-from runtime.recorder import files
+from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog
+from runtime.recorder.mcap import FlightLog
 from runtime.recorder.service import find
 
 KEPT_EVENTS = 10_000
@@ -34,12 +35,14 @@ class Recording:
 
     def __init__(self, plan, page):
         self.plan, self.page = plan, page
-        self.row = Struct(f"={2 + plan['columns']}d")
+        self.row = Struct(f"={2 + len(plan['signals'])}d")
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.end = [], None
         self.services = []                      # (path, service), those that live
         self.pickers = []                       # (what picks the columns out of a row, service)
-        self.can_log = None
+        self.about = {}
+        self.logs = []                          # that take frames
+        self.flight_log = None
         self.sidecar = None
         self.files, self.folders = {}, []
         self.sinks, self.problems = {}, []
@@ -56,12 +59,14 @@ class Recording:
                 service = find(sink["service"])(self.plan, sink)
                 self.services.append((sink["path"], service))
                 service.open()
-                self.pickers.append((picker([column["index"] for column in sink["columns"]], self.plan["columns"]), service))
-            if self.plan["folder"] is not None and self.plan["buses"]:
-                doing = "the CAN log cannot start"
-                self.can_log = CanLog(self.plan, self.page)
-                self.services.append(("CAN log", self.can_log))
-                self.can_log.open()
+                self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+            if self.plan["folder"] is not None:
+                self.flight_log = FlightLog(self.plan, self.page)
+                self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if self.plan["buses"] else [])]
+            for log in self.logs:
+                doing = f"the {log.sink['path']} cannot start"
+                self.services.append((log.sink["path"], log))
+                log.open()
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
@@ -76,15 +81,24 @@ class Recording:
 
     def begin(self):
         """What may take its time, once the control process need not wait for it."""
-        if self.can_log is not None:
-            self.attempt("CAN log", self.can_log, self.can_log.begin)
+        self.about = about.gather(self.plan)
+        if self.sidecar is not None:
+            write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
+        for log in list(self.logs):
+            self.attempt(log.sink["path"], log, lambda: log.begin(self.about))
 
     def take(self, records):
         """Records as the page's `drain` returns them."""
         for kind, payload in records:
             if kind == RECORD_ROW:
                 row = self.row.unpack(payload)
-                tick, time = int(row[0]), row[1]
+                tick, lateness = int(row[0]), row[1]
+                time = tick / self.plan["rate"]
+                if self.flight_log is not None:
+                    try:
+                        self.flight_log.row(tick, time, row[2:], lateness)
+                    except Exception as error:
+                        self.stop(self.flight_log, error)
                 for pick, service in self.pickers:
                     try:
                         service.row(tick, time, pick(row))
@@ -95,11 +109,11 @@ class Recording:
                 self.ticks += 1
                 self.last_tick, self.time = tick, time
             elif kind == RECORD_FRAME:
-                if self.can_log is not None:
+                for log in list(self.logs):
                     try:
-                        self.can_log.frame(payload)
+                        log.frame(payload)
                     except Exception as error:
-                        self.stop(self.can_log, error)
+                        self.stop(log, error)
             elif kind == RECORD_EVENT:
                 self.take_event(json.loads(payload))
 
@@ -108,6 +122,8 @@ class Recording:
             self.end = event
         elif len(self.events) < KEPT_EVENTS:
             self.events.append(event)
+        if self.flight_log is not None:
+            self.attempt("flight log", self.flight_log, lambda: self.flight_log.event(event))
 
     def flush(self):
         for path, service in list(self.services):
@@ -128,8 +144,9 @@ class Recording:
         path = next(path for path, other in self.services if other is service)
         self.services = [entry for entry in self.services if entry[1] is not service]
         self.pickers = [entry for entry in self.pickers if entry[1] is not service]
-        if service is self.can_log:
-            self.can_log = None
+        self.logs = [log for log in self.logs if log is not service]
+        if service is self.flight_log:
+            self.flight_log = None
         problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
         try:
             service.close()
@@ -142,6 +159,8 @@ class Recording:
 
     def finish(self, orphaned):
         """Close everything, write the sidecar. Returns the report."""
+        if self.flight_log is not None:
+            self.attempt("flight log", self.flight_log, lambda: self.flight_log.end(self.outcome(orphaned)))
         for path, service in list(self.services):
             result = self.attempt(path, service, service.close)
             if path not in self.sinks:
@@ -165,6 +184,13 @@ class Recording:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
         return report
 
+    def outcome(self, orphaned):
+        """How it went, for the flight log: in virtual time nothing that another run of the same would not say, too."""
+        facts = {
+            "ended": ending(self.end, orphaned), "end": self.end, "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
+            "events": self.events, "problems": self.problems}
+        return facts if self.plan["virtual"] else {**facts, "statistics": self.page.statistics(), "wall": self.page.wall}
+
     def describe(self, orphaned):
         """Everything the report says besides what the services made."""
         plan, statistics = self.plan, self.page.statistics()
@@ -177,7 +203,7 @@ class Recording:
             "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
             "missed": statistics["missed"], "dropped": statistics["dropped"], "statistics": statistics,
             "events": self.events, "sinks": self.sinks, "files": self.list_files(), "problems": self.problems,
-            "metadata": plan.get("metadata", {}),
+            **self.about, "control_pid": plan.get("control_pid"),
         }
 
     def list_files(self):

@@ -16,9 +16,9 @@ from graph import Block, Diagram, Output, compile
 class Recording:
     """What a run left behind: `recording["left/knee.position"]` is an array over the ticks; elements of vectors are `"imu.rate[1]"`."""
 
-    def __init__(self, columns, rows, outcome, statistics, buses):
+    def __init__(self, columns, rows, rate, outcome, statistics, buses):
         self.outcome, self.statistics, self.buses = outcome, statistics, buses
-        self.time, self.tick = rows[:, 1], rows[:, 0]
+        self.time, self.tick = rows[:, 0] / rate, rows[:, 0]
         self.signals = {column.path: rows[:, 2 + column.index] for column in columns}
 
     def __getitem__(self, path):
@@ -46,7 +46,7 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
     records = page.drain(1 << 30)
     assert page.statistics()["dropped"] == 0
     rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(-1, 2 + len(schedule.columns))
-    return Recording(schedule.sinks[0].columns, rows, outcome, page.statistics(), buses)
+    return Recording(schedule.sinks[0].columns, rows, schedule.rate, outcome, page.statistics(), buses)
 
 
 def player(values, unit="any", dtype=float):

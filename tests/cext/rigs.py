@@ -59,7 +59,7 @@ class Rig:
                 time, identifier, length, _, bus, sent, data = FRAME.unpack(record)
                 self.frames.append(Frame(time, identifier, bus, bool(sent), data[:length]))
         rows = np.array(rows).reshape(-1, width)
-        self.tick, self.time = rows[:, 0].astype(int), rows[:, 1]
+        self.tick, self.time = rows[:, 0].astype(int), rows[:, 0] / self.schedule.rate
         self.signals = {column.path: rows[:, 2 + column.index] for sink in self.schedule.sinks for column in sink.columns}
         return outcome
 

@@ -307,7 +307,7 @@ def test_a_reader_that_goes_away_does_no_harm(tmp_path):
     error = process.stderr.read()
     process.stderr.close()
     assert (process.wait(60), error) == (OK, "")
-    assert len(list((tmp_path / "recordings").iterdir())) == 3
+    assert len(list((tmp_path / "recordings").iterdir())) == 4
 
 
 def test_a_reader_that_goes_away_does_not_hide_a_fault(tmp_path):
@@ -334,7 +334,7 @@ def test_closed_standard_streams_do_no_harm(tmp_path):
         ["sh", "-c", f"exec {sys.executable} -m runtime robot.py --fast --duration 1 0<&- 1>&- 2>&-"], cwd=tmp_path, env=environment(),
         timeout=60)
     assert process.returncode == OK
-    assert len(list((tmp_path / "recordings").iterdir())) == 3
+    assert len(list((tmp_path / "recordings").iterdir())) == 4
 
 
 def test_a_terminal_of_another_encoding_shows_what_it_can(tmp_path):

@@ -107,7 +107,7 @@ def test_a_pipe_gets_plain_lines(walked):
 
 def test_nothing_is_left_but_the_recording(walked):
     names = walked[1].names
-    assert len(names) == 3 and {name.partition(".")[2] for name in names} == {"csv", "can.log", "json"}
+    assert len(names) == 4 and {name.partition(".")[2] for name in names} == {"csv", "mcap", "can.log", "json"}
     assert len({name.partition(".")[0] for name in names}) == 1
     assert re.fullmatch(r"knee_exo_\d{4}-\d\d-\d\d_\d\d-\d\d-\d\d", names[0].partition(".")[0])
 
@@ -157,7 +157,7 @@ def test_kill_9_loses_no_tick_and_leaves_no_process(tmp_path):
     files = Files(tmp_path / "recordings")
     table, sidecar = files.table, files.sidecar
     assert process.returncode == -signal.SIGKILL and out == ""
-    assert {name.partition(".")[2] for name in files.names} == {"csv", "can.log", "json"}
+    assert {name.partition(".")[2] for name in files.names} == {"csv", "mcap", "can.log", "json"}
     assert list(table["time [s]"]) == [datagram["timestamp"] for datagram in seen]
     assert sidecar["ended"] == "the control process died"
     assert sidecar["ticks"] == len(table["tick"]) == sidecar["statistics"]["ticks"]
@@ -253,7 +253,7 @@ def test_plotjuggler_adds_a_viewer_to_a_diagram_without_one(command_line):
 def test_record_names_the_folder(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "1", "--record", "a/b", cwd=tmp_path)
     assert process.returncode == 0, process.stderr
-    assert len(list((tmp_path / "a" / "b").iterdir())) == 3 and not (tmp_path / "recordings").exists()
+    assert len(list((tmp_path / "a" / "b").iterdir())) == 4 and not (tmp_path / "recordings").exists()
 
 
 def test_record_adds_a_recorder_to_a_diagram_without_one(tmp_path):

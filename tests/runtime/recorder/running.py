@@ -36,15 +36,20 @@ def sink(service, path, columns, **parameters):
 
 def plan(folder, *sinks, **changed):
     """A plan whose rows are as wide as its widest sink asks for."""
+    known = {column["index"]: column for entry in sinks for column in entry["columns"]}
+    wide = max(known, default=-1) + 1
+    unknown = {"unit": "1", "ascii_unit": "1", "dtype": "float"}
+    signals = [known.get(index) or {"index": index, "path": f"other.x{index}", **unknown} for index in range(wide)]
     return {
         "name": "bench", "folder": None if folder is None else str(folder), "stem": "bench_1", "rate": 200.0, "duration": None,
         "virtual": True, "simulated": True, "buses": [], "status_line": False, "metadata": {}, "sinks": list(sinks),
-        "columns": max((c["index"] + 1 for s in sinks for c in s["columns"]), default=0), **changed,
+        "signals": signals, **changed,
     }
 
 
-def row(tick, *values, rate=200.0):
-    return RECORD_ROW, array("d", [tick, tick / rate, *values]).tobytes()
+def row(tick, *values, lateness=0.0):
+    """lateness in s"""
+    return RECORD_ROW, array("d", [tick, lateness, *values]).tobytes()
 
 
 def frame(time, identifier, data, *, sent=0, bus=0, flags=0):
@@ -105,7 +110,7 @@ def plan_of(schedule, folder, **changed):
         for entry in schedule.sinks
     ]
     return plan(folder, *sinks, **{
-        "name": schedule.name, "stem": schedule.name, "rate": schedule.rate, "columns": len(schedule.columns),
+        "name": schedule.name, "stem": schedule.name, "rate": schedule.rate, "signals": [vars(column) for column in schedule.recorded],
         "buses": list(schedule.buses), **changed})
 
 

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from runtime.recorder.csv import CsvWriter
-from runtime.recorder.files import LineFile, create
+from runtime.recorder.files import WholeFile, create
 from tests.runtime.recorder.running import CSV, columns, plan, read_csv, record, row, sink
 
 
@@ -53,7 +53,7 @@ def test_a_recorder_takes_its_own_columns_in_its_own_order(tmp_path):
     report = record(plan(tmp_path, sink(CSV, "all", signals), some, one), [row(0, 1.0, 2.0, 3.0)])
     assert read_csv(tmp_path / "some.csv") == (["time [s]", "tick", "a.z [rad]", "a.x [m]"], [["0.0", "0", "3.0", "1.0"]])
     assert read_csv(tmp_path / "one.csv")[1] == [["0.0", "0", "2.0"]]
-    files = ["bench_1.csv", "some.csv", "one.csv", "bench_1.json"]
+    files = ["bench_1.csv", "some.csv", "one.csv", "bench_1.mcap", "bench_1.json"]
     assert [file["path"] for file in report["files"]] == [str(tmp_path / name) for name in files]
 
 
@@ -70,7 +70,8 @@ def test_nothing_is_ever_overwritten(tmp_path):
         record(plan(tmp_path, sink(CSV, "a", signals), sink(CSV, "b", signals, file="mine")), [row(0, 1.0)])
     assert (tmp_path / "bench_1.csv").read_text() == "dear data\n" and (tmp_path / "mine.csv").read_text() == "dearer data\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "bench_1-2.csv", "bench_1-2.json", "bench_1-3.csv", "bench_1-3.json", "bench_1.csv", "mine-2.csv", "mine-3.csv", "mine.csv"]
+        "bench_1-2.csv", "bench_1-2.json", "bench_1-2.mcap", "bench_1-3.csv", "bench_1-3.json", "bench_1-3.mcap", "bench_1.csv", "mine-2.csv",
+        "mine-3.csv", "mine.csv"]
 
 
 def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(tmp_path, monkeypatch):
@@ -105,10 +106,11 @@ def test_rows_reach_the_file_every_flush_rows_rows_and_only_whole_ones(tmp_path)
 
 
 def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
-    file = LineFile(*create(str(tmp_path / "x"), ".csv"))
+    file = WholeFile(*create(str(tmp_path / "x"), ".csv"))
     file.write("first\n")
     file.flush()
-    file.write("second\nthird\n")
+    file.write("second\n")
+    file.write("third\n")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (15, hard))               # the kernel takes 15 bytes and then says EFBIG
     try:

@@ -1,0 +1,76 @@
+"""What a recording says of where it came from: the diagram and its settings, versions, the state of the user's repository, the machine."""
+
+import json
+import os
+import platform
+import subprocess
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+PACKAGES = ("tickwork", "numpy", "networkx", "python-can")
+GIT_TIMEOUT = 2.0           # s, for a repository on a slow disk
+
+
+def gather(plan):
+    """A dict that JSON can carry: the plan's own words and what the machine adds."""
+    metadata = plan.get("metadata", {})
+    return {
+        "name": plan["name"], "rate": plan["rate"], "virtual": plan["virtual"], "simulated": plan["simulated"], "buses": plan["buses"],
+        "metadata": metadata,
+        "hash": json.loads(plan["diagram_json"])["hash"] if plan.get("diagram_json") else None,
+        "versions": versions(),
+        "repository": repository(metadata.get("diagram_file")),
+        "machine": machine(),
+    }
+
+
+def versions():
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            pass
+    return found
+
+
+def machine():
+    return {
+        "node": platform.node(), "system": f"{platform.system()} {platform.release()}", "architecture": platform.machine(),
+        "processor": processor(), "processors": os.cpu_count()}
+
+
+def processor():
+    """The model of the processor, or of the board."""
+    board = Path("/proc/device-tree/model")
+    try:
+        if board.exists():
+            return board.read_text().strip("\0\n ")
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), None)
+    except OSError:
+        return None
+
+
+def repository(file):
+    """Revision of the git repository that a file stands in, and whether it holds changes that are in no revision; None without one."""
+    if not file:
+        return None
+    folder = os.path.dirname(os.path.abspath(file))
+    revision = git(folder, "rev-parse", "HEAD")
+    if revision is None:
+        return None
+    changes = git(folder, "status", "--porcelain", "--untracked-files=no")
+    tracked = git(folder, "ls-files", "--error-unmatch", os.path.abspath(file)) is not None
+    return {"revision": revision.strip(), "dirty": None if changes is None else bool(changes.strip()), "tracked": tracked}
+
+
+def git(folder, *words):
+    """What git prints, or None where it cannot."""
+    environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
+    try:
+        done = subprocess.run(
+            ["git", "-C", folder, *words], capture_output=True, text=True, timeout=GIT_TIMEOUT, env=environment, stdin=subprocess.DEVNULL)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout if done.returncode == 0 else None

@@ -1,0 +1,112 @@
+"""The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay runs on.
+
+    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double
+    /tick                   closes the row of a tick: number, time and lateness in s
+    /can/legs, ...          every CAN frame, received or sent, in the order in which the control process handled them
+    /events                 what happened besides: live changes, marks, the end
+
+Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0. Records are written
+as they come, without chunks, so that a file which was cut off anywhere holds all that is complete before the cut. What was known before the
+first tick stands in front, as the attachments `diagram.json` and `about.json`; what is known at the end as `end.json`.
+"""
+
+import json
+import os
+from struct import Struct
+
+from runtime.recorder import messages
+from runtime.recorder.files import WholeFile, create
+from runtime.recorder.service import Service
+
+FRAME_HEAD = Struct("=qIBBBB")              # struct Frame of cext/abi.pxd, before its data
+EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
+RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4        # struct canfd_frame's flags
+CLASSIC_BYTES = 8
+FORMAT = "1"
+JSON = "application/json"
+
+
+class FlightLog(Service):
+    def __init__(self, plan, page):
+        super().__init__(plan, {"path": "flight log", "columns": plan["signals"], "parameters": {}})
+        self.page = page
+
+    def open(self):
+        self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
+        self.files[self.file.path] = ""
+        self.rows = self.frames = 0
+        self.heads = {}                     # what a frame's message begins with, and its channel
+        self.writer = None
+        self.began = 0
+
+    def begin(self, about):
+        """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
+        from mcap.writer import CompressionType, Writer
+
+        self.writer = Writer(self.file, use_chunking=False, compression=CompressionType.NONE)
+        self.writer.start(profile="", library="tickwork")
+        if self.plan.get("diagram_json"):
+            self.attach("diagram.json", self.plan["diagram_json"].encode())
+        self.attach("about.json", json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode())
+        self.subsystems = [
+            (subsystem, self.channel(subsystem.topic, *subsystem.descriptor()))
+            for subsystem in messages.subsystems(self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])])]
+        self.tick = self.channel("/tick", *messages.simple("Tick", messages.TICK))
+        self.buses = [self.channel(f"/can/{bus}", *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
+        self.events = self.channel("/events", *messages.simple("Event", messages.EVENT))
+
+    def attach(self, name, data):
+        self.writer.add_attachment(create_time=0, log_time=0, name=name, media_type=JSON, data=data)
+
+    def channel(self, topic, descriptor, name):
+        schema = self.writer.register_schema(name=name, encoding="protobuf", data=descriptor)
+        return self.writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema)
+
+    def wall(self, time):
+        """ns in the file of ns since the run's begin."""
+        if not self.began and not self.plan["virtual"]:
+            self.began = self.page.wall
+        return self.began + time
+
+    def row(self, tick, time, values, lateness=0.0):
+        at = self.wall(self.page.first_tick + round(time * 1e9))
+        write = self.writer.add_message
+        for subsystem, channel in self.subsystems:
+            write(channel, at, subsystem.encode([values[place] for place in subsystem.columns]), at, tick)
+        write(self.tick, at, messages.tick(tick, time, lateness), at, tick)
+        self.rows += 1
+
+    def frame(self, payload):
+        key = payload[8:16]
+        head = self.heads.get(key)
+        if head is None:
+            head = self.heads[key] = self.frame_head(payload)
+        channel, begin, length = head
+        at = self.wall(int.from_bytes(payload[:8], "little"))
+        self.writer.add_message(channel, at, begin + payload[16 : 16 + length], at, self.frames)
+        self.frames += 1
+
+    def frame_head(self, payload):
+        _, identifier, length, flags, bus, sent = FRAME_HEAD.unpack_from(payload)
+        truths = (
+            identifier & EXTENDED, identifier & REMOTE, identifier & ERROR, length > CLASSIC_BYTES or flags & FLEXIBLE, flags & RATE_SWITCH,
+            flags & ERROR_STATE, sent)
+        return self.buses[bus], messages.frame_head(identifier & ID_MASK, truths) + messages.varint(length), length
+
+    def event(self, event):
+        at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
+        self.writer.add_message(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
+
+    def flush(self):
+        self.file.flush()
+
+    def end(self, report):
+        """What is known at the end, and the file's own summary."""
+        if self.writer is not None:
+            self.attach("end.json", json.dumps(report).encode())
+            self.writer.finish()
+
+    def close(self):
+        self.file.close()
+        self.files[self.file.path] = f"{self.rows} ticks of {len(self.plan['signals'])} signals, {self.frames} CAN frames"
+        return {"file": self.file.path, "rows": self.rows, "frames": self.frames, "bytes": self.file.size}

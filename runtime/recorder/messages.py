@@ -1,0 +1,148 @@
+"""Protobuf messages of the flight log: what a row, a tick, a CAN frame and an event look like to a viewer, and how they become bytes.
+
+A row is one message a subsystem, with a message a block in it and a double a signal, `repeated` where the signal has elements. All of it has a
+fixed size, so that one call of struct.pack makes the message.
+"""
+
+import re
+from itertools import count, groupby
+from struct import Struct
+
+PACKAGE = "tickwork"
+DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11        # FieldDescriptorProto.Type
+OPTIONAL, REPEATED = 1, 3                                                               # FieldDescriptorProto.Label
+WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32, WIRE_VARINT = 1, 2, 5, 0
+
+TICK = (("tick", SFIXED64), ("time", DOUBLE), ("lateness", DOUBLE))
+FRAME = (("id", FIXED32), *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")), ("data", BYTES))
+EVENT = (("event", STRING), ("tick", SFIXED64), ("json", STRING))
+TICK_BYTES = Struct("<BqBdBd")
+
+
+def varint(value):
+    data = bytearray()
+    while value > 127:
+        data.append(value & 127 | 128)
+        value >>= 7
+    return bytes([*data, value])
+
+
+def tag(number, wire):
+    return varint(number << 3 | wire)
+
+
+def tick(number, time, lateness):
+    """time, lateness : s"""
+    return TICK_BYTES.pack(1 << 3 | WIRE_FIXED64, number, 2 << 3 | WIRE_FIXED64, time, 3 << 3 | WIRE_FIXED64, lateness)
+
+
+def frame_head(identifier, flags):
+    """All of a frame but its data, whose length and bytes follow. flags : a truth for each of the names in FRAME"""
+    head = tag(1, WIRE_FIXED32) + identifier.to_bytes(4, "little")
+    head += b"".join(tag(number, WIRE_VARINT) + b"\1" for number, flag in enumerate(flags, 2) if flag)
+    return head + tag(len(FRAME), WIRE_LENGTH)
+
+
+def event(kind, at, text):
+    kind, text = kind.encode(), text.encode()
+    return b"".join((
+        tag(1, WIRE_LENGTH), varint(len(kind)), kind, tag(2, WIRE_FIXED64), at.to_bytes(8, "little", signed=True),
+        tag(3, WIRE_LENGTH), varint(len(text)), text))
+
+
+class Subsystem:
+    """The message of one subsystem.
+
+    topic : "/left", or "/" and the diagram's name for blocks in none
+    columns : places of its values among those of a row
+    """
+
+    def __init__(self, topic, columns):
+        self.topic = topic
+        self.name = identifier(topic.strip("/").replace("/", "_"))
+        self.columns = [index for index, _ in columns]
+        self.blocks = []                            # (message name, [(field name, elements)])
+        names = Names()
+        for block, own in groupby(columns, key=lambda column: split(column[1])[1]):
+            fields = Names()
+            signals = [(fields.free(signal), len(list(run))) for signal, run in groupby(own, key=lambda column: split(column[1])[2])]
+            self.blocks.append((names.free(block or "signals"), signals))
+        pieces = []                                 # the bytes in front of every value
+        for number, (_, signals) in enumerate(self.blocks, 1):
+            inside = [(tag(place, WIRE_FIXED64), 1) if size == 1 else (tag(place, WIRE_LENGTH) + varint(8 * size), size)
+                      for place, (_, size) in enumerate(signals, 1)]
+            head = tag(number, WIRE_LENGTH) + varint(sum(len(text) + 8 * size for text, size in inside))
+            for text, size in inside:
+                pieces += [head + text, *[b""] * (size - 1)]
+                head = b""
+        self._items = [item for text in pieces for item in (text, 0.0)]
+        self._pack = Struct("<" + "".join(f"{len(text)}sd" for text in pieces)).pack
+
+    def encode(self, values):
+        self._items[1::2] = values
+        return self._pack(*self._items)
+
+    def descriptor(self):
+        """A serialised FileDescriptorSet, and the name of the message in it."""
+        outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]
+        nested = {
+            message(field): [(signal, DOUBLE, REPEATED if size > 1 else OPTIONAL, "") for signal, size in signals] for field, signals in self.blocks}
+        return descriptor(self.name, outer, nested)
+
+
+def subsystems(name, columns):
+    """[Subsystem] of the columns (index, path) of a row, in order of their first column. name : of the diagram"""
+    grouped = {}
+    for index, path in columns:
+        grouped.setdefault(split(path)[0] or name, []).append((index, path))
+    return [Subsystem(f"/{topic}", sorted(own, key=lambda column: split(column[1])[1])) for topic, own in grouped.items()]
+
+
+def split(path):
+    """("left", "shank_imu", "gyro") of "left/shank_imu.gyro[1]"; the block is "" where a path has no port."""
+    folder, _, rest = path.rpartition("/")
+    block, _, signal = re.sub(r"(\[\d+(, ?\d+)*\])+$", "", rest).rpartition(".")
+    return folder, block, signal
+
+
+class Names:
+    """Names that protobuf takes, each once."""
+
+    def __init__(self):
+        self.taken = set()
+
+    def free(self, text):
+        name = identifier(text)
+        chosen = next(candidate for number in count(1) if (candidate := name if number == 1 else f"{name}_{number}") not in self.taken)
+        self.taken.add(chosen)
+        return chosen
+
+
+def identifier(text):
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    return name if re.match("[A-Za-z]", name) else f"x{name}"
+
+
+def message(field):
+    """The name of the nested message type, which must not be that of its field."""
+    return f"{field}_t"
+
+
+def simple(name, fields):
+    """A serialised FileDescriptorSet of a flat message, and the name of the message in it."""
+    return descriptor(name, [(field, kind, OPTIONAL, "") for field, kind in fields], {})
+
+
+def descriptor(name, fields, nested):
+    from google.protobuf.descriptor_pb2 import DescriptorProto, FileDescriptorProto, FileDescriptorSet
+
+    def describe(into, fields):
+        for number, (field, kind, label, of) in enumerate(fields, 1):
+            into.field.add(name=field, number=number, type=kind, label=label, type_name=f".{PACKAGE}.{of}" if of else None)
+
+    outer = DescriptorProto(name=name)
+    describe(outer, fields)
+    for inner, inner_fields in nested.items():
+        describe(outer.nested_type.add(name=inner), inner_fields)
+    file = FileDescriptorProto(name=f"{PACKAGE}/{name}.proto", package=PACKAGE, syntax="proto3", message_type=[outer])
+    return FileDescriptorSet(file=[file]).SerializeToString(), f"{PACKAGE}.{name}"

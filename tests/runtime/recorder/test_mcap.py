@@ -1,0 +1,197 @@
+"""The flight log, as independent readers find it: the mcap package, and protobuf's own decoder."""
+
+import io
+import json
+import math
+import struct
+
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, Message, Schema
+from mcap.stream_reader import StreamReader
+
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Block, Diagram, Input, Output, subsystem
+from tests.runtime.recorder.running import CSV, columns, counting, frame, leg, plan, read_csv, record, row, run, sink
+
+EXTENDED, REMOTE = 0x80000000, 0x40000000
+
+
+class Log:
+    """channels : {topic: [(log time in ns, decoded message)]}, attachments : {name: decoded JSON}, order : topics as they come"""
+
+    def __init__(self, data):
+        self.channels, self.attachments, self.order = {}, {}, []
+        schemas, channels = {}, {}
+        try:
+            for item in StreamReader(io.BytesIO(data), record_size_limit=None).records:
+                if isinstance(item, Schema):
+                    schemas[item.id] = decoder(item)
+                elif isinstance(item, Channel):
+                    channels[item.id] = item
+                    self.channels.setdefault(item.topic, [])
+                elif isinstance(item, Attachment):
+                    self.attachments[item.name] = json.loads(item.data)
+                elif isinstance(item, Message):
+                    channel = channels[item.channel_id]
+                    self.channels[channel.topic].append((item.log_time, schemas[channel.schema_id](item.data)))
+                    self.order.append(channel.topic)
+        except (McapError, EOFError, struct.error):
+            self.cut = True
+        else:
+            self.cut = False
+
+    def signal(self, path):
+        """"/left knee position" over the ticks."""
+        topic, *names = path.split()
+        found = []
+        for _, message in self.channels[topic]:
+            for name in names:
+                message = getattr(message, name)
+            found.append(message if isinstance(message, (int, float)) else list(message))
+        return found
+
+
+def decoder(schema):
+    files = descriptor_pb2.FileDescriptorSet.FromString(schema.data)
+    pool = descriptor_pool.DescriptorPool()
+    for file in files.file:
+        pool.Add(file)
+    return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name)).FromString
+
+
+def log(path):
+    found = Log(path.read_bytes())
+    assert not found.cut
+    return found
+
+
+def test_every_signal_of_every_tick_is_there_under_its_subsystem_and_block(tmp_path):
+    class Rates(Block):
+        """A vector, and a name that protobuf would not take."""
+
+        rate = Output("rad/s", shape=(3,))
+        öffnung = Output("1")
+
+        def step(self, t):
+            return [t, 2.0 * t, math.nan], 0.5
+
+    with Diagram("robot", rate=200) as diagram:
+        Sine(frequency=1.0, name="wave")
+        with subsystem("left"), subsystem("foot"):
+            Rates(name="imu")
+        CsvRecorder()
+    run(diagram, tmp_path, 100)
+    found = log(tmp_path / "robot.mcap")
+    header, rows = read_csv(tmp_path / "robot.csv")
+    assert found.signal("/robot wave y") == [float(cells[header.index("wave.y")]) for cells in rows]
+    rates = found.signal("/left/foot imu rate")
+    assert [rate[:2] for rate in rates] == [[k / 200, 2 * k / 200] for k in range(100)] and all(math.isnan(rate[2]) for rate in rates)
+    assert found.signal("/left/foot imu x_ffnung") == [0.5] * 100
+    assert found.signal("/tick tick") == list(range(100)) and found.signal("/tick time") == [k / 200 for k in range(100)]
+    assert [time for time, _ in found.channels["/tick"]] == [5_000_000 * k for k in range(100)]
+    assert [signal["path"] for signal in found.attachments["about.json"]["signals"]] == [
+        "left/foot/imu.rate[0]", "left/foot/imu.rate[1]", "left/foot/imu.rate[2]", "left/foot/imu.öffnung", "wave.y"]
+    assert found.order[:3] == ["/left/foot", "/robot", "/tick"]                     # the row is whole when /tick has come
+
+
+def test_names_that_become_the_same_are_kept_apart(tmp_path):
+    record(plan(tmp_path, sink(CSV, "a", columns("é.x 1", "è.x 1", "a.b.x 1", "plain 1"))), [row(0, 1.0, 2.0, 3.0, 4.0)])
+    [(_, message)] = log(tmp_path / "bench_1.mcap").channels["/bench"]
+    assert sorted(field.name for field in message.DESCRIPTOR.fields) == ["a_b", "signals", "x_", "x__2"]
+    assert {message.x_.x, message.x__2.x} == {1.0, 2.0} and message.a_b.x == 3.0 and message.signals.plain == 4.0
+
+
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(values=st.lists(st.floats(), min_size=1, max_size=40))
+def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):
+    folder = tmp_path_factory.mktemp("bits")
+    record(plan(folder, sink(CSV, "a", columns(*(f"left/b{i // 5}.x{i} m" for i in range(len(values)))))), [row(3, *values, lateness=1.25e-5)])
+    found = log(folder / "bench_1.mcap")
+    got = [found.signal(f"/left b{i // 5} x{i}")[0] for i in range(len(values))]
+    assert [repr(value) for value in got] == [repr(value) for value in values]
+    assert found.signal("/tick lateness") == [1.25e-5] and found.signal("/tick tick") == [3]
+
+
+def test_frames_keep_order_bus_direction_kind_and_nanoseconds(tmp_path):
+    frames = [
+        frame(1, 0x123, b"\1\2"), frame(1_000_000_007, 0x801 | EXTENDED, b"", sent=1), frame(1_000_000_007, 5, bytes(range(64)), flags=5, bus=1),
+        frame(2_000_000_000, 0x7 | REMOTE, b"")]
+    record(plan(tmp_path, buses=["legs", "arms"]), frames)
+    found = log(tmp_path / "bench_1.mcap")
+    first, second, third = found.channels["/can/legs"]
+    assert first[0] == 1 and (first[1].id, first[1].data, first[1].sent, first[1].extended, first[1].fd) == (0x123, b"\1\2", False, False, False)
+    assert second[0] == 1_000_000_007 and (second[1].id, second[1].data, second[1].sent, second[1].extended) == (0x801, b"", True, True)
+    assert third[1].remote and third[1].id == 7
+    [(time, long)] = found.channels["/can/arms"]
+    assert (time, long.id, long.data, long.fd, long.rate_switch) == (1_000_000_007, 5, bytes(range(64)), True, True)
+    assert found.order == ["/can/legs", "/can/legs", "/can/arms", "/can/legs", "/events"]
+
+
+def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tmp_path):
+    outcome, report, page = run(counting(rate=500), tmp_path, 50, virtual=False)
+    found = log(tmp_path / "counting.mcap")
+    ticks, times = found.signal("/tick tick"), [time for time, _ in found.channels["/tick"]]
+    assert [time - page.wall for time in times] == [2_000_000 * tick for tick in ticks]
+    late = found.signal("/tick lateness")
+    assert max(late) == page.statistics()["lateness"]["max"] and min(late) > 0.0
+    assert found.attachments["end.json"]["statistics"]["ticks"] == len(ticks)
+
+
+def test_the_end_and_what_was_known_before_are_attached(tmp_path):
+    diagram, plant = leg()
+    run(diagram, tmp_path, 10, plant=plant, metadata={"trial": {"subject": "S03"}}, diagram_json='{"hash": "sha256:1"}')
+    found = log(tmp_path / "leg.mcap")
+    about, end = found.attachments["about.json"], found.attachments["end.json"]
+    assert found.attachments["diagram.json"] == {"hash": "sha256:1"} and about["hash"] == "sha256:1"
+    assert about["metadata"] == {"trial": {"subject": "S03"}} and about["versions"]["python"] and about["machine"]["processors"] > 0
+    assert (end["ended"], end["ticks"], end["last_tick"]) == ("ok", 10, 9)
+    assert json.loads((tmp_path / "leg.json").read_text())["machine"] == about["machine"]
+
+
+def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
+    diagram, plant = leg()
+    run(diagram, tmp_path, 30, plant=plant)
+    data = (tmp_path / "leg.mcap").read_bytes()
+    whole = Log(data)
+    positions, at = whole.signal("/left knee position"), 0
+    assert len(positions) == 30 and not whole.cut
+    for cut in range(0, len(data), 13):
+        found = Log(data[:cut])
+        ticks = found.signal("/tick tick") if "/tick" in found.channels else []
+        assert ticks == list(range(len(ticks))) and len(ticks) >= at
+        assert found.signal("/left knee position")[:len(ticks)] == positions[:len(ticks)] if ticks else True
+        at = len(ticks)
+    assert at == 30
+
+
+def test_a_block_in_several_subsystems_of_any_depth_has_a_topic_each(tmp_path):
+    class Through(Block):
+        u, y = Input("any"), Output("any")
+
+        def step(self, u):
+            return u
+
+    with Diagram("deep", rate=100) as diagram:
+        signal = Sine().y
+        for side in ("left", "right"):
+            with subsystem(side):
+                Through(name="a")(signal)
+                with subsystem("knee"):
+                    Through(name="a")(signal)
+        CsvRecorder()
+    run(diagram, tmp_path, 3)
+    found = log(tmp_path / "deep.mcap")
+    assert [topic for topic in found.channels if "can" not in topic] == ["/left", "/left/knee", "/right", "/right/knee", "/deep", "/tick", "/events"]
+    assert found.signal("/right/knee a y") == found.signal("/deep sine y")
+
+
+@pytest.mark.parametrize("count", [0, 1, 5000])
+def test_a_long_or_empty_recording_is_one_valid_file(tmp_path, count):
+    report = record(plan(tmp_path, sink(CSV, "a", columns("a.x m"))), [row(tick, 1.0) for tick in range(count)])
+    found = log(tmp_path / "bench_1.mcap")
+    assert len(found.channels["/tick"]) == count == report["sinks"]["flight log"]["rows"]
