@@ -12,7 +12,10 @@ from pathlib import Path
 BAD_INPUT = 2
 HERE = Path(__file__).parent.parent
 OLDEST_PYTHON = (3, 10)
-NEEDS = {"can": "python-can", "matplotlib": "matplotlib", "msgspec": "msgspec", "networkx": "networkx", "numpy": "numpy"}
+NEEDS = {
+    "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec", "networkx": "networkx",
+    "numpy": "numpy",
+}
 
 
 def trouble():
@@ -58,8 +61,15 @@ def unbuilt():
     return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", cure())
 
 
+def there(module):
+    try:
+        return find_spec(module) is not None
+    except ModuleNotFoundError:                 # not even the package that it is in
+        return False
+
+
 def missing():
-    absent = [distribution for module, distribution in NEEDS.items() if find_spec(module) is None]
+    absent = [distribution for module, distribution in NEEDS.items() if not there(module)]
     if not absent:
         return None
     return "%s %s missing in %s: %s" % (", ".join(absent), "is" if len(absent) == 1 else "are", sys.executable, cure())
