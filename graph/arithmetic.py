@@ -9,7 +9,8 @@ import operator
 from cext.kernels import mathematics as kernels
 from cext.kernels import vectors
 from graph import units
-from graph.block import Block, Input, Memory, Output, Param
+from graph.block import Block
+from graph.declarations import Input, Memory, Output, Param
 from graph.diagram import Signal
 from graph.interval import Interval
 from graph.units import canonical, divide, multiply

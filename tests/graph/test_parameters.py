@@ -9,7 +9,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.models import RecordedKnee
-from graph import Diagram, DiagramError, Interval, Live, compile
+from graph import Block, Diagram, DiagramError, Interval, Live, Param, compile
 from tests.graph.complaints import complaint, here, refusal
 
 
@@ -18,7 +18,7 @@ def test_a_live_parameter_is_narrowed_where_a_proof_rests_on_it():
         knee = CubeMars("AK10-9-V2.0", name="knee")
         knee(torque_command=TorqueLimiter(limit=Live(12.0, max=15.0))(knee.torque))
     (proof,) = [proof for proof in compile(diagram).proofs if proof.port == "torque_command"]
-    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0)
+    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0, math.inf)
     assert proof.interval == Interval(-15.0, 15.0)
 
 
@@ -29,7 +29,25 @@ def test_a_live_parameter_counts_with_its_largest_value():
     assert "can reach [-18.5, 18.5]" in complaint(diagram).message
 
 
+def test_a_live_parameter_says_how_fast_it_may_change():
+    class Assist(Block):
+        """A share of a torque."""
+
+        scale = Param(0.5, "1", "share", min=0.0, max=1.0, live=True, slew=0.1)
+        offset = Param(0.0, "N·m", "offset", min=-5.0, max=5.0)
+
+    assist = Assist(offset=Live(1.0, max=2.0, slew=3))
+    assert assist.live("scale") == (0.0, 1.0, 0.1) and assist.live("offset") == (-5.0, 2.0, 3.0)
+    assert Assist(scale=Live(0.5, max=0.75)).live("scale") == (0.0, 0.75, 0.1), "what is left out is the parameter's own"
+    assert Assist(scale=Live(0.5, slew=math.inf)).live("scale").slew == math.inf and Assist().live("offset") is None
+    for slew in (0.0, -1.0, math.nan):
+        with pytest.raises(TypeError, match="a slew is above 0"):
+            Param(0.5, min=0.0, max=1.0, live=True, slew=slew)
+
+
 @pytest.mark.parametrize("value, message", [
+    (Live(12.0, max=15.0, slew=0.0), "limit: a live parameter's slew must be above 0, in its unit per second, got 0.0"),
+    (Live(12.0, max=15.0, slew="1"), "limit: a live parameter's slew must be above 0, in its unit per second, got '1'"),
     (Live(12.0), "limit: a live parameter needs both bounds: write Live(value, min=..., max=...)"),
     (Live(12.0, max=math.inf), "limit: live bounds must be finite and in order, got 0 to inf"),
     (Live(12.0, min=15.0, max=13.0), "limit: live bounds must be finite and in order, got 15 to 13"),
