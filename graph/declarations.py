@@ -76,18 +76,22 @@ class Param(Declaration):
     min, max : inclusive bounds; above, below : exclusive ones
     choices : the values allowed
     live : may change while running; needs min and max
+    fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
     slew : how fast it may change while running, in its unit per second
     required : there is no default
     """
 
     def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
-                 live=False, slew=None, required=False, dtype=None):
+                 live=False, fixed=False, slew=None, required=False, dtype=None):
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.live, self.slew, self.required = live, math.inf if slew is None else slew, required
         self.dtype = dtype or (float if default is None else type(default))
+        self.fixed = fixed or not self.numeric
         if live and (min is None or max is None):
             raise TypeError("a live parameter needs both bounds, min and max")
+        if self.fixed and (live or slew is not None):
+            raise TypeError("a fixed parameter does not change while running, so it is not live and has no slew")
         if not self.slew > 0.0:
             raise TypeError(f"a slew is above 0, in the parameter's unit per second, not {slew!r}")
 
@@ -172,10 +176,13 @@ class Live:
 
     def bounds(self, param):
         """The LiveBounds for a Param. ValueError where they are none."""
+        if param.fixed:
+            raise ValueError("cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
+                             "--set chooses another for the next run")
         low = param.min if self.min is None else param.check(self.min)
         high = param.max if self.max is None else param.check(self.max)
         slew = param.slew if self.slew is None else self.slew
-        if low is None or high is None or not param.numeric:
+        if low is None or high is None:
             raise ValueError("a live parameter needs both bounds: write Live(value, min=..., max=...)")
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise ValueError(f"live bounds must be finite and in order, got {low:g} to {high:g}")

@@ -5,10 +5,11 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.filters import Butterworth
+from blocks.filters import Butterworth, Notch
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.models import RecordedKnee
+from blocks.windows import MovingRMS
 from graph import Block, Diagram, DiagramError, Interval, Live, Param, compile
 from tests.graph.complaints import complaint, here, refusal
 
@@ -65,9 +66,26 @@ def test_live_bounds_are_finite_in_order_and_hold_the_value(value, message):
     assert (found.code, found.message) == ("TW010", message)
 
 
-def test_text_is_not_live():
+@pytest.mark.parametrize("kind, parameters, name", [
+    (Notch, {"frequency": Live(50.0, min=45.0, max=65.0)}, "frequency"), (MovingRMS, {"window": Live(1.0, min=0.5, max=2.0)}, "window"),
+    (Butterworth, {"cutoff": Live(10.0, min=5.0, max=20.0)}, "cutoff"), (CubeMars, {"model": Live("AK80-9")}, "model"),
+    (CubeMars, {"model": "AK80-9", "can_id": Live(1, min=1, max=8)}, "can_id"),
+])
+def test_a_parameter_that_is_read_before_the_run_alone_cannot_be_live(kind, parameters, name):
     with Diagram("d", rate=200):
-        assert "both bounds" in refusal(CubeMars, Live("AK80-9")).message
+        found = refusal(kind, **parameters)
+    assert (found.code, found.path) == ("TW010", kind.__name__) and found.message == (
+        f"{name}: cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
+        "--set chooses another for the next run")
+
+
+@pytest.mark.parametrize("declared", [
+    lambda: Param(1.0, min=0.0, max=2.0, live=True, fixed=True), lambda: Param(1.0, fixed=True, slew=1.0), lambda: Param("text", slew=1.0),
+    lambda: Param("text", min=0, max=1, live=True),
+])
+def test_a_fixed_parameter_is_not_declared_live(declared):
+    with pytest.raises(TypeError, match="a fixed parameter does not change while running"):
+        declared()
 
 
 def test_the_command_line_sets_parameters_by_text():
