@@ -14,7 +14,7 @@ class UnitDelay(Block):
     No direct feedthrough, so it may close a loop. NaN comes out a tick later and is not held.
     """
 
-    initial = Param(0.0, "any", "output at the first tick")
+    initial = Param(0.0, "any", "output at the first tick", fixed=True)
 
     u = Input("any", "input", shape=...)
     y = Output("any", "input of the tick before", shape=...)
@@ -37,8 +37,8 @@ class Delay(Block):
     No direct feedthrough, so it may close a loop. NaN comes out n steps later and is not held.
     """
 
-    samples = Param(1, "1", "n", min=1, max=1_000_000)
-    initial = Param(0.0, "any", "output at the first n ticks")
+    samples = Param(1, "1", "n", min=1, max=1_000_000, fixed=True)
+    initial = Param(0.0, "any", "output at the first n ticks", fixed=True)
 
     u = Input("any", "input", shape=...)
     y = Output("any", "input of n steps before", shape=...)
@@ -67,7 +67,7 @@ class Integrator(Block):
     `initial`. dt is the true time since the step before, also after missed ticks. NaN stays until a restart.
     """
 
-    initial = Param(0.0, "any", "output at the start and at a restart")
+    initial = Param(0.0, "any", "output at the start and at a restart", fixed=True)
     lower = Param(-math.inf, "any", "smallest output")
     upper = Param(math.inf, "any", "largest output")
     method = Param("forward", "1", "of integration", choices=("forward", "backward", "trapezoidal"))

@@ -58,7 +58,7 @@ class Butterworth(_Biquads):
     the next reset. Its output can overshoot its input: the range is that of the 1-norm of the impulse response.
     """
 
-    order = Param(2, "1", "number of poles, and half of them for a band", min=1, max=8)
+    order = Param(2, "1", "number of poles, and half of them for a band", min=1, max=8, fixed=True)
     cutoff = _Edges(10.0, "Hz", "frequency where the gain is 1/√2, or a pair of them", dtype=object)
     btype = Param("lowpass", "1", "what passes", choices=("lowpass", "highpass", "bandpass", "bandstop"))
 
@@ -80,8 +80,8 @@ class Notch(_Biquads):
     Direct feedthrough. Starts at zero, or at its present input when a robot has been armed. NaN passes and stays until the next reset.
     """
 
-    frequency = Param(50.0, "Hz", "what is removed: 50 or 60 Hz for mains hum", above=0.0)
-    q = Param(30.0, "1", "quality: the frequency over the bandwidth at -3 dB", above=0.0)
+    frequency = Param(50.0, "Hz", "what is removed: 50 or 60 Hz for mains hum", above=0.0, fixed=True)
+    q = Param(30.0, "1", "quality: the frequency over the bandwidth at -3 dB", above=0.0, fixed=True)
 
     def design(self, dt):
         check_frequency("a frequency", self.frequency, dt)
@@ -124,7 +124,7 @@ class Median(Block):
     is even. Direct feedthrough. A NaN gives NaN for as long as it is in the window.
     """
 
-    samples = Param(3, "1", "how many inputs: an odd number", min=1, max=9999)
+    samples = Param(3, "1", "how many inputs: an odd number", min=1, max=9999, fixed=True)
 
     u = Input("any", "raw", shape=...)
     y = Output("any", "filtered", shape=...)

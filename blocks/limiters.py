@@ -165,8 +165,8 @@ class RMSTorqueLimiter(Block):
     """
 
     limit = Param(1.0, "N·m", "largest root mean square: the rated torque", min=0.0, max=1e6, required=True)
-    window = Param(20.0, "s", "over which it is taken", above=0.0)
-    fade = Param(1.0, "s", "how gently torque is taken back as the budget runs out; 0 cuts it", min=0.0)
+    window = Param(20.0, "s", "over which it is taken", above=0.0, fixed=True)
+    fade = Param(1.0, "s", "how gently torque is taken back as the budget runs out; 0 cuts it", min=0.0, fixed=True)
 
     torque = Input("N·m", "asked for")
     limited = Output("N·m", "let through")

@@ -30,7 +30,7 @@ class Compare(Block):
 class And(Block):
     """Whether all of several signals are true. Direct feedthrough; element by element."""
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     y = Output("1", "whether all are true", shape=..., dtype=bool)
 
@@ -46,7 +46,7 @@ class And(Block):
 class Or(Block):
     """Whether one of several signals is true. Direct feedthrough; element by element."""
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     y = Output("1", "whether one is true", shape=..., dtype=bool)
 
@@ -62,7 +62,7 @@ class Or(Block):
 class Xor(Block):
     """Whether an odd number of signals are true: of two, whether they differ. Direct feedthrough; element by element."""
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     y = Output("1", "whether an odd number is true", shape=..., dtype=bool)
 
@@ -115,7 +115,7 @@ class Latch(Block):
     Direct feedthrough. A NaN at either input passes, and what is remembered stays as it was.
     """
 
-    initial = Param(False, "1", "what it remembers at the start")
+    initial = Param(False, "1", "what it remembers at the start", fixed=True)
 
     on = Input("1", "sets it", dtype=bool)
     off = Input("1", "resets it", dtype=bool, default=False)
@@ -211,7 +211,7 @@ class Selector(Block):
     Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the chosen one, or from the index.
     """
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     index = Input("1", "which one, from 0", dtype=int)
     y = Output("any", "the chosen one", shape=...)

@@ -37,7 +37,7 @@ class Sign(Block):
 class Min(Block):
     """The smallest of several signals: y = min(u1, u2, ...). NaN at one of them passes."""
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     y = Output("any", "the smallest", shape=...)
 
@@ -53,7 +53,7 @@ class Min(Block):
 class Max(Block):
     """The largest of several signals: y = max(u1, u2, ...). NaN at one of them passes."""
 
-    count = Param(2, "1", "how many inputs", min=2)
+    count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
     y = Output("any", "the largest", shape=...)
 

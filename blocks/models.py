@@ -26,7 +26,7 @@ class Limb(Block):
     damping = Param(1.0, "N·m·s/rad", "of the tissue, d", min=0.0)
     stiffness = Param(120.0, "N·m/rad", "of the wearer, K", min=0.0)
     reflex = Param(8.0, "N·m·s/rad", "of the wearer, B", min=0.0)
-    start = Param(0.0, "rad", "angle at the start")
+    start = Param(0.0, "rad", "angle at the start", fixed=True)
     lower = Param(-math.inf, "rad", "where the ligaments begin to pull")
     ligament = Param(500.0, "N·m/rad", "how stiff they are", min=0.0)
 
@@ -51,7 +51,7 @@ class WalkingKnee(Block):
 
     stride_time = Param(1.1, "s", "duration of a stride", above=0.0)
     start = Param(0.0, "1", "gait phase at t = 0: 0 for one leg, 0.5 for the other")
-    harmonics = Param(6, "1", "of the stride frequency", min=1, max=9)
+    harmonics = Param(6, "1", "of the stride frequency", min=1, max=9, fixed=True)
 
     angle = Output("rad", "knee flexion")
     velocity = Output("rad/s", "its derivative")

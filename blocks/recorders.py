@@ -7,7 +7,7 @@ class CsvRecorder(Sink):
     """Writes its signals as a CSV file: time, tick, and one column a signal, named by block path and port with its unit in ASCII."""
 
     delimiter = Param(",", "1", "between columns", choices=(",", ";", "\t"))
-    flush_rows = Param(200, "1", "rows between flushes to the disk", min=1)
+    flush_rows = Param(200, "1", "rows between flushes to the disk", min=1, fixed=True)
     file = Param("", "1", "name of the file without its ending; the diagram's name and the time by default")
 
     service = "runtime.recorder.csv:CsvWriter"

@@ -10,6 +10,6 @@ class PlotJuggler(Sink):
     """
 
     host = Param("127.0.0.1", "1", "where PlotJuggler runs")
-    port = Param(9870, "1", "its UDP port", min=1, max=65535)
+    port = Param(9870, "1", "its UDP port", min=1, max=65535, fixed=True)
 
     service = "runtime.recorder.plotjuggler:PlotJugglerSender"

@@ -25,13 +25,14 @@ class ThermalModel(Block):
     """
 
     actuator = Param("", "1", "CubeMars model, for its rated torque")
-    rated = Param(None, "N·m", "torque that can be held for ever", above=0.0)
-    loss = Param(None, "W/N²/m²", "heat of the winding at 25 °C for a torque of 1 N·m: R / k², k the torque constant at the joint", min=0.0)
+    rated = Param(None, "N·m", "torque that can be held for ever", above=0.0, fixed=True)
+    loss = Param(None, "W/N²/m²", "heat of the winding at 25 °C for a torque of 1 N·m: R / k², k the torque constant at the joint", min=0.0,
+                 fixed=True)
     winding_capacity = Param(16.3, "J/K", "C_w", above=0.0)
-    winding_resistance = Param(1.07, "K/W", "R_wc, winding to case", above=0.0)
+    winding_resistance = Param(1.07, "K/W", "R_wc, winding to case", above=0.0, fixed=True)
     case_capacity = Param(512.0, "J/K", "C_c", above=0.0)
-    case_resistance = Param(1.94, "K/W", "R_ca, case to ambient", above=0.0)
-    start = Param(None, "°C", "temperature of both nodes at the start; the ambient's if left out", min=-50.0, max=200.0)
+    case_resistance = Param(1.94, "K/W", "R_ca, case to ambient", above=0.0, fixed=True)
+    start = Param(None, "°C", "temperature of both nodes at the start; the ambient's if left out", min=-50.0, max=200.0, fixed=True)
 
     torque = Input("N·m", "of the joint, as measured")
     ambient = Input("°C", "T_a", default=25.0)

@@ -21,7 +21,7 @@ def samples_in(window, dt):
 
 
 class _Sums(Block):
-    window = Param(1.0, "s", "how far it looks back: the nearest whole number of samples", above=0.0)
+    window = Param(1.0, "s", "how far it looks back: the nearest whole number of samples", above=0.0, fixed=True)
 
     u = Input("any", "input", shape=...)
 
@@ -75,7 +75,7 @@ class MovingRMS(_Sums):
 
 
 class _Extreme(Block):
-    window = Param(1.0, "s", "how far it looks back: the nearest whole number of samples", above=0.0)
+    window = Param(1.0, "s", "how far it looks back: the nearest whole number of samples", above=0.0, fixed=True)
 
     u = Input("any", "input", shape=...)
 

@@ -4,8 +4,9 @@
 """
 
 from graph.arithmetic import stack
-from graph.block import Block, Input, Live, Memory, Output, Param, Sink
+from graph.block import Block, Sink
 from graph.compiler import compile
+from graph.declarations import Input, Live, Memory, Output, Param
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Signal, subsystem

@@ -9,7 +9,8 @@ import operator
 from cext.kernels import mathematics as kernels
 from cext.kernels import vectors
 from graph import units
-from graph.block import Block, Input, Memory, Output, Param
+from graph.block import Block
+from graph.declarations import Input, Memory, Output, Param
 from graph.diagram import Signal
 from graph.interval import Interval
 from graph.units import canonical, divide, multiply
@@ -117,7 +118,7 @@ class UnitConversion(Block):
 class Stack(Block):
     """Stacks signals of one shape along a new first axis, as numpy.stack does: three scalars make a vector (3,)."""
 
-    count = Param(2, "1", "how many inputs", min=1)
+    count = Param(2, "1", "how many inputs", min=1, fixed=True)
     shape = Param((), "1", "shape of each input, () for scalars")
 
     y = Output("any", "all of them")

@@ -1,177 +1,15 @@
-"""Blocks: a class with declared ports and parameters, and a step in Python or a native kernel.
-
-A declaration carries its documentation: the reference page, the drawing, the CSV header and the error messages are made
-from it. Within a block each name is used once.
-"""
+"""Blocks: a class with declared ports and parameters, and a step in Python or a native kernel."""
 
 import inspect
 import math
 import re
 
-import numpy as np
-
-from graph import units
+from graph.declarations import Declaration, Input, Live, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import Outputs, Signal, current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 
-DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 CLOCK = {"t": 0, "tick": 1, "dt": 2}          # arguments that every step may ask for, and their slots in the arena
-
-
-class _Declaration:
-    name = ""
-
-    def __set_name__(self, owner, name):
-        self.name = name
-
-    def named(self, name):
-        """The declaration itself, for ports that a block makes while it is configured."""
-        self.name = name
-        return self
-
-
-class _Port(_Declaration):
-    def __init__(self, unit, description="", *, shape=(), dtype=float):
-        if shape is not ... and not (isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)):
-            raise TypeError(f"a shape is a tuple of lengths, as in (3,), or ..., not {shape!r}")
-        if dtype not in DTYPES:
-            raise TypeError(f"a dtype is float, int or bool, not {dtype!r}")
-        self.unit = units.canonical(unit)
-        self.description = description
-        self.shape = shape
-        self.dtype = DTYPES[dtype]
-
-    def __repr__(self):
-        return f"{type(self).__name__}({self.name!r}, {self.unit!r})"
-
-
-class Input(_Port):
-    """An input port.
-
-    unit : canonical SI string, or "any": all "any" ports of a block share one unit
-    shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
-    dtype : float, int or bool
-    default : value of an unwired input; without one, leaving it unwired is an error
-    """
-
-    def __init__(self, unit, description="", *, shape=(), dtype=float, default=None):
-        super().__init__(unit, description, shape=shape, dtype=dtype)
-        self.default = default
-
-
-class Output(_Port):
-    """An output port. range : (low, high) that the output never leaves, if the block can promise one."""
-
-    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None):
-        super().__init__(unit, description, shape=shape, dtype=dtype)
-        self.range = Interval(*range) if range is not None else None
-
-    def __get__(self, block, owner=None):
-        return self if block is None else Signal(block, self.name)
-
-
-class Param(_Declaration):
-    """A parameter, a plain attribute of the block once it is built.
-
-    default : its value when none is given; its type is the parameter's
-    unit : of the value
-    min, max : inclusive bounds; above, below : exclusive ones
-    choices : the values allowed
-    live : may change while running; needs min and max
-    required : there is no default
-    """
-
-    def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
-                 live=False, required=False, dtype=None):
-        self.default, self.unit, self.description = default, units.canonical(unit), description
-        self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
-        self.live, self.required = live, required
-        self.dtype = dtype or (float if default is None else type(default))
-        if live and (min is None or max is None):
-            raise TypeError("a live parameter needs both bounds, min and max")
-
-    @property
-    def numeric(self):
-        return self.dtype in (float, int, bool)
-
-    def check(self, value):
-        """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""
-        if value is None and (self.default is None and not self.required or self.dtype is object):
-            return None
-        if value is None:
-            raise ValueError("a value is wanted, got None")
-        if isinstance(value, str) and self.numeric:
-            raise ValueError(f"expected a number, got {value!r}")
-        if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
-            raise ValueError(f"expected True or False, got {value!r}")
-        if self.numeric and np.ndim(value):
-            raise ValueError(f"expected one number, got {value!r}")
-        if self.dtype is int and (isinstance(value, bool) or not math.isfinite(value) or value != int(value)):
-            raise ValueError(f"expected a whole number, got {value!r}")
-        if self.dtype is str and not isinstance(value, str):
-            raise ValueError(f"expected text, got {value!r}")
-        if self.numeric:
-            value = self.dtype(value)
-            if value != value:
-                raise ValueError("NaN is not allowed")
-            unit = "" if self.unit in (units.ONE, units.ANY) else f" {self.unit}"
-            for broken, words in (
-                (self.min is not None and value < self.min, f"at least {self.min}"),
-                (self.max is not None and value > self.max, f"at most {self.max}"),
-                (self.above is not None and value <= self.above, f"above {self.above}"),
-                (self.below is not None and value >= self.below, f"below {self.below}"),
-            ):
-                if broken:
-                    raise ValueError(f"must be {words}{unit}, got {value}")
-        if self.choices is not None and value not in self.choices:
-            raise ValueError(f"must be one of {', '.join(map(str, self.choices))}, got {value!r}")
-        return value
-
-    def parse(self, text):
-        """The value of a command-line text, '40', '60 deg', 'true'. ValueError if it is none."""
-        if self.dtype is bool:
-            truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-            if text.lower() not in truths:
-                raise ValueError(f"expected true or false, got {text!r}")
-            return truths[text.lower()]
-        if self.dtype is object:
-            try:
-                return self.check(float(text))
-            except ValueError:
-                return self.check(text)
-        if self.dtype is tuple:
-            raise ValueError("cannot be set from the command line")
-        if not self.numeric:
-            return self.check(text)
-        value = units.parse_quantity(text, self.unit)
-        return self.check(value)
-
-
-class Live:
-    """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0)`.
-
-    Bounds left out are the parameter's own; a live parameter needs both, and the proof takes it over all of them.
-    """
-
-    def __init__(self, value, *, min=None, max=None):
-        self.value, self.min, self.max = value, min, max
-
-    def bounds(self, param):
-        low = param.min if self.min is None else param.check(self.min)
-        high = param.max if self.max is None else param.check(self.max)
-        if low is None or high is None or not param.numeric:
-            raise ValueError("a live parameter needs both bounds: write Live(value, min=..., max=...)")
-        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise ValueError(f"live bounds must be finite and in order, got {low:g} to {high:g}")
-        return low, high
-
-
-class Memory(_Declaration):
-    """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another of any length."""
-
-    def __init__(self, initial=0.0, description=""):
-        self.initial, self.description = initial, description
 
 
 class Block:
@@ -211,7 +49,7 @@ class Block:
         declared = {}
         for base in reversed(cls.__mro__):
             names = vars(base) | vars(base).get("_own", {})
-            declared.update({n: d for n, d in names.items() if isinstance(d, _Declaration) or n in declared})
+            declared.update({n: d for n, d in names.items() if isinstance(d, Declaration) or n in declared})
         for kind, field in ((Input, "inputs"), (Output, "outputs"), (Param, "parameters"), (Memory, "memory")):
             setattr(cls, field, {n: d for n, d in declared.items() if isinstance(d, kind)})
         taken = next((name for name in declared if name in _WORDS), None)
@@ -386,20 +224,19 @@ class Block:
 
     def check_live(self, name, value):
         """The value, if the parameter may have it at the start of a run too: a proof rests on its live bounds."""
-        low, high = self.live_bounds.get(name, (-math.inf, math.inf))
-        if name in self.live_bounds and not low <= value <= high:
-            raise ValueError(f"must be between its live bounds {low:g} and {high:g}, got {value}")
+        bounds = self.live_bounds.get(name)
+        if bounds and not bounds.min <= value <= bounds.max:
+            raise ValueError(f"must be between its live bounds {bounds.min:g} and {bounds.max:g}, got {value}")
         return value
 
     def live(self, name):
-        """(smallest, largest) value that a parameter may take while running, or None if it is not live."""
-        param = self.parameters[name]
-        return self.live_bounds.get(name) or ((param.min, param.max) if param.live else None)
+        """LiveBounds (min, max, slew) that a parameter keeps while running, or None if it is not live."""
+        return self.live_bounds.get(name) or self.parameters[name].live_bounds
 
     def span(self, name):
         """Interval of a parameter: its value, or all it may become if it is live."""
         bounds = self.live(name)
-        return Interval(*map(float, bounds)) if bounds else Interval.point(getattr(self, name))
+        return Interval(float(bounds.min), float(bounds.max)) if bounds else Interval.point(getattr(self, name))
 
     def _attempt(self, method, *arguments):
         """Run one of the author's hooks; a ValueError becomes a diagnostic at the user's line."""

@@ -30,10 +30,11 @@ def check_block(kind, examples=None):
     5. a NaN on every input shows in an output
     6. no output leaves the range that `output_range` states, for inputs at the ends of theirs as well
     7. the block comes back from JSON as it was
+    8. a parameter that may be Live has its effect while running; one that has not is declared `fixed`
     """
     made = 0
     for parameters in examples or getattr(kind, "examples", ({},)):
-        for check in (check_declarations, check_bounds, check_outputs, check_reset, check_nan, check_range, check_json):
+        for check in (check_declarations, check_bounds, check_outputs, check_reset, check_nan, check_range, check_json, check_live):
             check(kind, dict(parameters))
             made += 1
     return made
@@ -82,12 +83,18 @@ class Drive:
         self.shape = (3,) if any(p.shape is ... for p in self.block.inputs.values()) and seed % 2 else ()
         self.block.width = int(np.prod(self.shape))
         self.random = random.Random(seed)
+        self.tick = 0
 
     def shape_of(self, port):
         return self.shape if port.shape is ... else port.shape
 
     def draw(self, intervals=None):
         return {name: self.value(port, (intervals or {}).get(name, Interval(-3.0, 3.0))) for name, port in self.block.inputs.items()}
+
+    def draw_around(self, bound, defaults):
+        """Inputs from -bound to bound, and where `defaults`, what an unwired one is."""
+        drawn = self.draw({name: Interval(-bound, bound) for name in self.block.inputs})
+        return drawn | {name: port.default for name, port in self.block.inputs.items() if defaults and port.default is not None}
 
     def value(self, port, interval):
         def one():
@@ -102,18 +109,28 @@ class Drive:
     def constant(self, value):
         return {name: np.full(self.shape_of(port), value) if self.shape_of(port) else value for name, port in self.block.inputs.items()}
 
+    def restart(self):
+        """Back to the start of a run, as a run does it: a native block is not prepared again."""
+        self.tick = 0
+        if self.block.is_python:
+            self.block.reset()
+        else:
+            self.block.scratch.restart()
+
     def step(self, inputs):
         """Outputs by name of one tick, updates included."""
         block = self.block
         if block.is_python:
-            clock = {"t": 0.0, "tick": 0, "dt": block.dt}
+            clock = {"t": self.tick * block.dt, "tick": self.tick, "dt": block.dt}
             values = block.step(*[inputs[n] if n in inputs else clock[n] for n in block.step_inputs()])
         else:
             values = block.step(**inputs)
         if block.has_python_update:
-            block.update(*[inputs[n] for n in block.update_inputs()])
+            clock = {"t": self.tick * block.dt, "tick": self.tick, "dt": block.dt}
+            block.update(*[inputs[n] if n in inputs else clock[n] for n in block.update_inputs()])
         elif block.update_kernel is not None:
             block.update(**inputs)
+        self.tick += 1
         names = list(block.outputs)
         return dict(zip(names, [values] if len(names) == 1 else values or ()))
 
@@ -140,7 +157,7 @@ def check_reset(kind, parameters):
         inputs = [drive.draw() for _ in range(STEPS)]
         first = [drive.step(values) for values in inputs]
         drive.step(drive.constant(math.nan))
-        drive.block.reset()
+        drive.restart()
         again = [drive.step(values) for values in inputs]
         for before, after in zip(first, again):
             for name in before:
@@ -180,3 +197,56 @@ def check_json(kind, parameters):
         kind(**parameters)
     text = to_json(diagram)
     assert to_json(from_json(text)) == text, f"{kind.__name__} does not come back from JSON as it was"
+
+
+def check_live(kind, parameters):
+    for name, param in kind.parameters.items():
+        if param.fixed or param.live and not computes(kind):
+            continue
+        assert computes(kind), f"{kind.__name__}.{name} is read before the run, as are those of all devices and sinks: declare it fixed=True"
+        values = [value for value in tried(param, getattr(make(kind, parameters), name)) if takes(kind, parameters, name, value)]
+        for before, after in zip(values, values[1:] + values[:1]):
+            if not has_effect(kind, parameters, name, before, after):
+                raise AssertionError(
+                    f"{kind.__name__}.{name} has no effect while running: changed from {before} to {after}, the block does not compute what "
+                    "one made with that value does; declare it fixed=True, or let the step read it")
+
+
+def tried(param, value):
+    """Some values of a parameter, the present one first."""
+    if param.dtype is bool:
+        return [value, not value]
+    base = value if value is not None and math.isfinite(value) else 1.0
+    found = [] if value is None else [value]
+    for other in (base + 1, base - 1, 0.4 * base, 1.7 * base):
+        try:
+            other = param.check(round(other) if param.dtype is int else other)
+        except ValueError:
+            continue
+        found += [other] if other not in found else []
+    return found
+
+
+def takes(kind, parameters, name, value):
+    try:
+        return bool(Drive(kind, parameters | {name: value}, 8))
+    except DiagramError:
+        return False
+
+
+def has_effect(kind, parameters, name, before, after):
+    """Whether a parameter that changes while running, from one value to another, does what it does from the start."""
+    for seed, bound, defaults in ((8, 3.0, False), (9, 100.0, True), (10, 3.0, True)):
+        changed, made = Drive(kind, parameters | {name: before}, seed), Drive(kind, parameters | {name: after}, seed)
+        if list(changed.block.inputs) != list(made.block.inputs) or list(changed.block.outputs) != list(made.block.outputs):
+            return False
+        inputs = [made.draw_around(bound, defaults) for _ in range(STEPS)]
+        changed.step(inputs[0])
+        setattr(changed.block, name, after)
+        changed.step(inputs[1])
+        changed.restart()
+        for values in inputs:
+            one, other = changed.step(values), made.step(values)
+            if not all(np.array_equal(one[port], other[port], equal_nan=True) for port in one):
+                return False
+    return True

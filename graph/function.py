@@ -10,7 +10,8 @@
 
 import inspect
 
-from graph.block import CLOCK, Block, Input, Output, Param
+from graph.block import CLOCK, Block
+from graph.declarations import Input, Output, Param
 
 
 def block(function):

@@ -15,7 +15,8 @@ import inspect
 import math
 import textwrap
 
-from graph.block import CLOCK, Memory
+from graph.block import CLOCK
+from graph.declarations import Memory
 
 
 class CannotCompile(ValueError):

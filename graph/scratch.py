@@ -34,15 +34,23 @@ class Scratch:
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
         self.slots_of = {n: layout.place(np.zeros(sizes[n])) for n in self.shapes}
         self.parameters = place_parameters(block, layout)
+        self.memory_start = len(layout)
         memory = place_memory(block, layout)
         self.table = kernel_table(
             [(self.slots_of[n], sizes[n]) for n in block.inputs], [(self.slots_of[n], sizes[n]) for n in block.outputs],
             list(self.parameters.values()), list(memory.values()))
         self.arena = layout.arena()
+        self.memory = self.arena[self.memory_start :].copy()
         period = block.dt if block.dt is not None else 1e-3
         self.arena[[2, 3, 6]] = period, period, 1.0
         self.rate = 1.0 / period
         self.tick = 0
+
+    def restart(self):
+        """Memory back to what it was at the start, as a run does it: what `prepare` made of the parameters stays."""
+        if self.arena is not None:
+            self.arena[self.memory_start :] = self.memory
+            self.tick = 0
 
     def load(self, values, named, needed):
         """Put the inputs into the arena; `needed` are those that the kernel reads."""

@@ -12,7 +12,8 @@ import json
 import math
 from pathlib import Path
 
-from graph.block import Block, Live
+from graph.block import Block
+from graph.declarations import Live
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Scope, Signal, _scope
 
@@ -182,8 +183,8 @@ def parameters_of(entry):
     parameters = {}
     for name, value in entry.get("parameters", {}).items():
         if isinstance(value, dict) and set(value) == {"live"}:
-            value, low, high = map(decode, value["live"])
-            parameters[name] = Live(value, min=low, max=high)
+            value, low, high, slew = map(decode, value["live"])
+            parameters[name] = Live(value, min=low, max=high, slew=slew)
         elif value is not None:
             parameters[name] = decode(value)
     return parameters

@@ -208,7 +208,8 @@ def describe(kind, home, sheet):
         lines += ["", sheet.bold("parameters")]
     for item in card["parameters"]:
         default = "required" if item["default"] == "required" else f"default {item['default']}"
-        words = [item["description"], default, item["bounds"], "live" if item["live"] else ""]
+        live = "live" if item["live"] else "" if kind.parameters[item["name"]].fixed else "may be Live"
+        words = [item["description"], default, item["bounds"], live]
         lines += sheet.hang(f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word))
     return [line.rstrip() for line in lines]
 

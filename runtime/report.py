@@ -144,6 +144,6 @@ def other_value(diagram):
             bounds = block.live(name)
             if bounds:
                 value = getattr(block, name)
-                half = value / 2 if bounds[0] <= value / 2 <= bounds[1] and value else sum(bounds) / 2
+                half = value / 2 if bounds.min <= value / 2 <= bounds.max and value else (bounds.min + bounds.max) / 2
                 return f"{block.path}.{name}={half:g}"
     return None

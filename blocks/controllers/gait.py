@@ -89,6 +89,7 @@ class GaitPhase(Block):
     armed = Memory(0.0, "whether the knee was extended since")
     mean = Memory(0.0, "mean stride time")
     valid = Memory(0.0, "strides in a row that were believed")
+    events = Memory(0.0, "since the start")
 
     kernel = kernels.gait_phase
 

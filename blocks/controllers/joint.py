@@ -40,9 +40,9 @@ class Admittance(Block):
     tick. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN stays until the next reset.
     """
 
-    inertia = Param(0.5, "kg·m²", "M, what the wearer feels as mass", above=0.0)
-    damping = Param(5.0, "N·m·s/rad", "B", min=0.0)
-    stiffness = Param(30.0, "N·m/rad", "K", min=0.0)
+    inertia = Param(0.5, "kg·m²", "M, what the wearer feels as mass", above=0.0, fixed=True)
+    damping = Param(5.0, "N·m·s/rad", "B", min=0.0, fixed=True)
+    stiffness = Param(30.0, "N·m/rad", "K", min=0.0, fixed=True)
 
     torque = Input("N·m", "of the interaction, τ: positive moves the joint up")
     equilibrium = Input("rad", "θ₀, where the joint rests without torque", default=0.0)

@@ -75,7 +75,7 @@ class _Integrating(_Controller):
         super().configure()
         if self.lower > self.upper:
             raise ValueError(f"lower, {self.lower:g}, is above upper, {self.upper:g}")
-        self.rule = self.anti_windup == "clamping", self.tracking_time or self.natural_tracking_time() or 1.0
+        self.clamps = float(self.anti_windup == "clamping")
 
     def output_range(self, **inputs):
         return self.span("lower") | self.span("upper")
@@ -103,13 +103,10 @@ class PI(_Integrating):
     manual = Input("1", "whether the command is given by hand", dtype=bool, default=False)
     manual_command = Input("any", "command while `manual` is true", shape=..., default=0.0)
     command = Output("any", "what is asked of the drive", shape=...)
-    rule = Memory((1.0, 1.0), "whether it clamps, and its tracking time in s")
+    clamps = Memory(1.0, "whether it clamps")
     integral = Memory(0.0, "I")
 
     kernel = kernels.pi
-
-    def natural_tracking_time(self):
-        return abs(self.kp / self.ki) if self.ki else 0.0
 
     def prepare(self, dt):
         self.integral = [0.0] * self.width
@@ -141,16 +138,11 @@ class PID(_Integrating):
     manual = Input("1", "whether the command is given by hand", dtype=bool, default=False)
     manual_command = Input("any", "command while `manual` is true", shape=..., default=0.0)
     command = Output("any", "what is asked of the drive", shape=...)
-    rule = Memory((1.0, 1.0), "whether it clamps, and its tracking time in s")
+    clamps = Memory(1.0, "whether it clamps")
     integral = Memory(0.0, "I")
     follower = Memory(math.nan, "what the derivative's filter has reached")
 
     kernel = kernels.pid
-
-    def natural_tracking_time(self):
-        if not self.ki:
-            return 0.0
-        return math.sqrt(abs(self.kd / self.ki)) if self.kd else abs(self.kp / self.ki)
 
     def prepare(self, dt):
         self.integral, self.follower = [0.0] * self.width, [math.nan] * self.width

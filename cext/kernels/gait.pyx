@@ -9,7 +9,7 @@ from cext.abi cimport DT, OK, export
 
 cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # angle, velocity, phase, walking, stride_time, strides, threshold, event_phase, shortest, longest,
-    # memory: elapsed, armed, mean, valid
+    # memory: elapsed, armed, mean, valid, events
     cdef double angle = arena[slots[0]]
     cdef double velocity = arena[slots[1]]
     cdef double threshold = arena[slots[6]]
@@ -18,6 +18,7 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
     cdef double *armed = arena + slots[11]
     cdef double *mean = arena + slots[12]
     cdef double *valid = arena + slots[13]
+    cdef double *events = arena + slots[14]
     cdef double missing = angle + velocity
     cdef double phase
     elapsed[0] += arena[DT]
@@ -31,7 +32,7 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
             valid[0] += 1.0
         else:
             valid[0] = 0.0
-        arena[slots[5]] += 1.0
+        events[0] += 1.0
         elapsed[0] = 0.0
     if elapsed[0] > longest or (valid[0] > 0.0 and elapsed[0] > 1.5 * mean[0]):
         # 2. The wearer has stopped: what lies between this event and the next is no stride.
@@ -40,6 +41,7 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
     arena[slots[2]] = missing if missing != missing else 0.0
     arena[slots[3]] = 0.0
     arena[slots[4]] = 0.0
+    arena[slots[5]] = events[0]
     if valid[0] >= 2.0:
         # 3. Two strides in a row make a rhythm.
         arena[slots[4]] = mean[0]

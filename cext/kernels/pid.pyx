@@ -4,6 +4,7 @@
     u = kp (b r - y) + I + D        I += dt ki (r - y)        D = kd d(c r - y)/dt, filtered
 """
 
+from libc.math cimport fabs, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
@@ -23,6 +24,14 @@ cdef inline double derivative(const Gains *gains, double w, double h, double *fo
     slope = (w - follower[0]) / (gains.filter_time + h)
     follower[0] += h * slope
     return gains.kd * slope
+
+
+cdef inline double tracking_time(const Gains *gains) noexcept nogil:
+    """What is given; else √(Ti Td), or Ti without kd, of the gains as they are now; 1 s where these say nothing."""
+    cdef double found = gains.tracking_time
+    if found != found:
+        found = 0.0 if gains.ki == 0.0 else sqrt(fabs(gains.kd / gains.ki)) if gains.kd != 0.0 else fabs(gains.kp / gains.ki)
+    return found if found != 0.0 else 1.0
 
 
 cdef inline double control(const Gains *gains, double r, double y, double h, double manual, double by_hand, double *integral,
@@ -50,7 +59,7 @@ cdef inline double control(const Gains *gains, double r, double y, double h, dou
             integral[0] = before
             u = clip(others + before, gains.lower, gains.upper)
     elif u != raw:                      # or is led back.
-        share = h / gains.tracking_time
+        share = h / tracking_time(gains)
         integral[0] += (share if share < 1.0 else 1.0) * (u - raw)
     return u
 
@@ -82,12 +91,12 @@ cdef int pd_kernel(double *arena, const int32_t *slots, const int32_t *sizes) no
 
 cdef int pi_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # reference[n], measurement[n], manual, manual_command[n], command[n], kp, ki, b, lower, upper, tracking_time,
-    # rule[2]: whether it clamps, and its tracking time; integral[n]
+    # clamps, integral[n]
     cdef Gains gains
     cdef int i
-    gains.kp, gains.ki, gains.b = arena[slots[5]], arena[slots[6]], arena[slots[7]]
+    gains.kp, gains.ki, gains.kd, gains.b = arena[slots[5]], arena[slots[6]], 0.0, arena[slots[7]]
     gains.lower, gains.upper = arena[slots[8]], arena[slots[9]]
-    gains.clamping, gains.tracking_time = arena[slots[11]] != 0.0, arena[slots[11] + 1]
+    gains.tracking_time, gains.clamping = arena[slots[10]], arena[slots[11]] != 0.0
     for i in range(sizes[4]):
         arena[slots[4] + i] = control(&gains, arena[slots[0] + i], arena[slots[1] + i], arena[DT], arena[slots[2]], arena[slots[3] + i],
                                       arena + slots[12] + i, NULL)
@@ -96,13 +105,13 @@ cdef int pi_kernel(double *arena, const int32_t *slots, const int32_t *sizes) no
 
 cdef int pid_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # reference[n], measurement[n], manual, manual_command[n], command[n], kp, ki, kd, filter_time, b, c, lower, upper,
-    # tracking_time, rule[2] as above, integral[n], follower[n]
+    # tracking_time, clamps, integral[n], follower[n]
     cdef Gains gains
     cdef int i
     gains.kp, gains.ki, gains.kd, gains.filter_time = arena[slots[5]], arena[slots[6]], arena[slots[7]], arena[slots[8]]
     gains.b, gains.c = arena[slots[9]], arena[slots[10]]
     gains.lower, gains.upper = arena[slots[11]], arena[slots[12]]
-    gains.clamping, gains.tracking_time = arena[slots[14]] != 0.0, arena[slots[14] + 1]
+    gains.tracking_time, gains.clamping = arena[slots[13]], arena[slots[14]] != 0.0
     for i in range(sizes[4]):
         arena[slots[4] + i] = control(&gains, arena[slots[0] + i], arena[slots[1] + i], arena[DT], arena[slots[2]], arena[slots[3] + i],
                                       arena + slots[15] + i, arena + slots[16] + i)

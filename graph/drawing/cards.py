@@ -102,8 +102,8 @@ def parameter_cards(block):
             card["own"] = param.required or not same(getattr(block, name), param.default)
             if block.live(name):
                 card["live"] = True
-                low, high = block.live(name)
-                card["bounds"] = f"{low:g} to {high:g}"
+                bounds = block.live(name)
+                card["bounds"] = f"{bounds.min:g} to {bounds.max:g}"
         cards.append(card)
     return cards
 

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import PchipInterpolator
 
 from blocks.controllers import Impedance, TorqueProfile
-from graph import Diagram, DiagramError, Interval, compile
-from graph.block import Live
+from graph import Diagram, DiagramError, Interval, Live, compile
 from tests.blocks.running import both_ways, player
 
 ASSISTANCE = ((0.02, 0.0), (0.14, -9.0), (0.32, 0.0), (0.48, 0.0), (0.60, 7.0), (0.74, 0.0), (0.88, -5.0), (0.97, 0.0))

@@ -11,10 +11,15 @@ import blocks
 from graph import Block, Device, DiagramError, Sink
 from graph.conformance import check_block, check_declarations
 
-# Parameters for blocks that have no usable defaults and no `examples` of their own.
+# Parameters for blocks that have no usable defaults and no `examples`, and some with which every parameter of a block has its effect.
+TAMED = {"kp": 2.0, "ki": 9.0, "lower": -1.0, "upper": 1.0, "anti_windup": "back-calculation"}
 EXAMPLES = {
-    "TorqueLimiter": ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0}), "CubeMars": ({"model": "AK80-9"},),
-    "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "CubeMars": ({"model": "AK80-9"},), "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "TorqueLimiter": ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0}, {"limit": 1.5}), "PI": ({}, TAMED, TAMED | {"tracking_time": 0.2}),
+    "PID": ({}, TAMED | {"kd": 0.1, "filter_time": 0.01, "c": 0.5}), "PD": ({}, {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
+    "TorqueProfile": ({}, {"points": ((0.1, 3.0), (0.6, -8.0))}), "FeedForward": ({}, {"friction": 2.0}), "Limb": ({}, {"lower": 0.0}),
+    "StepSource": ({"time": 0.1},), "Pulse": ({}, {"period": 0.1}), "TimeTable": ({}, {"times": (0.0, 0.1), "values": (0.0, 1.0)}),
+    **{name: ({}, {"window": 0.05}) for name in ("MovingAverage", "MovingRMS", "MovingMaximum", "MovingMinimum")},
 }
 
 

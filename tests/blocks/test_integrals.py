@@ -13,8 +13,7 @@ from blocks.mathematics import Gain
 from blocks.sources import StepSource
 from cext.executor import Executor
 from cext.program import Program
-from graph import Diagram, DiagramError, Interval, compile
-from graph.block import Live
+from graph import Diagram, DiagramError, Interval, Live, compile
 from tests.blocks.playing import made, play, taker
 
 RATE = 250.0

@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
-from graph import Diagram, DiagramError, Interval
-from graph.block import Live
+from graph import Diagram, DiagramError, Interval, Live
 from tests.blocks.running import both_ways, by_hand
 
 RATE = 200.0

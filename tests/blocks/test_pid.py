@@ -13,8 +13,7 @@ from blocks.linear import TransferFunction
 from blocks.sources import Sine
 from cext.executor import Executor
 from cext.program import Program
-from graph import Diagram, DiagramError, Interval, compile
-from graph.block import Live
+from graph import Diagram, DiagramError, Interval, Live, compile
 from tests.blocks.playing import made, play, source, taker
 
 RATE = 200.0

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from blocks.limiters import DeadZone, PowerLimiter, RMSTorqueLimiter, SoftStart, SoftStop, TemperatureDerating
 from cext.executor import Executor
 from cext.program import Program
-from graph import Block, Diagram, DiagramError, Interval, Output, compile
-from graph.block import Live
+from graph import Block, Diagram, DiagramError, Interval, Live, Output, compile
 from tests.blocks.playing import made, play, taker
 
 RATE = 200.0

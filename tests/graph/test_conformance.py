@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from graph import Block, Input, Interval, Output, Param
+from cext.kernels import discrete as kernels
+from graph import Block, Input, Interval, Memory, Output, Param, Sink
 from graph.conformance import check_block
 
 
@@ -21,7 +22,7 @@ class Sound(Block):
 
 
 def test_a_sound_block_passes():
-    assert check_block(Sound) == 7
+    assert check_block(Sound) == 8
 
 
 def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_with():
@@ -37,7 +38,7 @@ def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_wi
         def step(self, u):
             return float(np.sum(u))
 
-    assert check_block(Total) == 7
+    assert check_block(Total) == 8
 
 
 class NoUnitSaid(Sound):
@@ -94,6 +95,80 @@ class Unbounded(Sound):
 
     def __init__(self, gain=2.0, **named):
         super().__init__(gain=min(max(gain, 0.0), 3.0) if gain == gain else 1.0, **named)
+
+
+class Deaf(Sound):
+    """Reads its gain before the run."""
+
+    def configure(self):
+        self.factor = self.gain
+
+    def step(self, u):
+        return self.factor * u
+
+
+class NativelyDeaf(Block):
+    """A delay whose kernel never looks at `initial`: its memory holds it from the start."""
+
+    initial = Param(2.0, "1", "first output", min=0.0, max=9.0)
+    u = Input("1", "in")
+    y = Output("1", "out")
+    held = Memory(0.0, "the input of the tick before")
+
+    kernel = kernels.unit_delay
+    update_kernel = kernels.unit_delay_next
+    feedthrough = ()
+
+    def prepare(self, dt):
+        self.held = [self.initial]
+
+
+class Wide(Sound):
+    """Its number of inputs is a parameter."""
+
+    count = Param(2, "1", "how many", min=1, max=4)
+
+    def configure(self):
+        self.inputs = {f"u{i}": Input("1", "in").named(f"u{i}") for i in range(self.count)}
+
+    def step(self, *inputs):
+        return sum(inputs)
+
+
+@pytest.mark.parametrize("kind, parameter", [(Deaf, "gain"), (NativelyDeaf, "initial"), (Wide, "count")])
+def test_a_parameter_that_has_no_effect_while_running_must_be_declared_fixed(kind, parameter):
+    with pytest.raises(AssertionError, match=f"{kind.__name__}.{parameter} has no effect while running: changed from 2") as caught:
+        check_block(kind)
+    assert "declare it fixed=True" in str(caught.value)
+    param = kind.parameters[parameter]
+    body = {"__doc__": kind.__doc__, parameter: Param(param.default, param.unit, param.description, min=param.min, max=param.max, fixed=True)}
+    assert check_block(type("Mended", (kind,), body)) == 8
+
+
+def test_a_parameter_that_reset_reads_has_its_effect_at_the_next_reset():
+    class Counter(Sound):
+        """Counts from a start."""
+
+        start = Param(1, "1", "first value", min=0, max=9)
+
+        def reset(self):
+            self.count = self.start
+
+        def step(self, u):
+            self.count += 1
+            return self.count + self.gain * u
+
+    assert check_block(Counter) == 8
+
+
+def test_parameters_of_devices_and_sinks_are_fixed():
+    class Printer(Sink):
+        """Prints."""
+
+        columns = Param(80, "1", "how many", min=1, max=200)
+
+    with pytest.raises(AssertionError, match="Printer.columns is read before the run"):
+        check_block(Printer)
 
 
 @pytest.mark.parametrize("kind, said", [

@@ -5,11 +5,12 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.filters import Butterworth
+from blocks.filters import Butterworth, Notch
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.models import RecordedKnee
-from graph import Diagram, DiagramError, Interval, Live, compile
+from blocks.windows import MovingRMS
+from graph import Block, Diagram, DiagramError, Interval, Live, Param, compile
 from tests.graph.complaints import complaint, here, refusal
 
 
@@ -18,7 +19,7 @@ def test_a_live_parameter_is_narrowed_where_a_proof_rests_on_it():
         knee = CubeMars("AK10-9-V2.0", name="knee")
         knee(torque_command=TorqueLimiter(limit=Live(12.0, max=15.0))(knee.torque))
     (proof,) = [proof for proof in compile(diagram).proofs if proof.port == "torque_command"]
-    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0)
+    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0, math.inf)
     assert proof.interval == Interval(-15.0, 15.0)
 
 
@@ -29,7 +30,25 @@ def test_a_live_parameter_counts_with_its_largest_value():
     assert "can reach [-18.5, 18.5]" in complaint(diagram).message
 
 
+def test_a_live_parameter_says_how_fast_it_may_change():
+    class Assist(Block):
+        """A share of a torque."""
+
+        scale = Param(0.5, "1", "share", min=0.0, max=1.0, live=True, slew=0.1)
+        offset = Param(0.0, "N·m", "offset", min=-5.0, max=5.0)
+
+    assist = Assist(offset=Live(1.0, max=2.0, slew=3))
+    assert assist.live("scale") == (0.0, 1.0, 0.1) and assist.live("offset") == (-5.0, 2.0, 3.0)
+    assert Assist(scale=Live(0.5, max=0.75)).live("scale") == (0.0, 0.75, 0.1), "what is left out is the parameter's own"
+    assert Assist(scale=Live(0.5, slew=math.inf)).live("scale").slew == math.inf and Assist().live("offset") is None
+    for slew in (0.0, -1.0, math.nan):
+        with pytest.raises(TypeError, match="a slew is above 0"):
+            Param(0.5, min=0.0, max=1.0, live=True, slew=slew)
+
+
 @pytest.mark.parametrize("value, message", [
+    (Live(12.0, max=15.0, slew=0.0), "limit: a live parameter's slew must be above 0, in its unit per second, got 0.0"),
+    (Live(12.0, max=15.0, slew="1"), "limit: a live parameter's slew must be above 0, in its unit per second, got '1'"),
     (Live(12.0), "limit: a live parameter needs both bounds: write Live(value, min=..., max=...)"),
     (Live(12.0, max=math.inf), "limit: live bounds must be finite and in order, got 0 to inf"),
     (Live(12.0, min=15.0, max=13.0), "limit: live bounds must be finite and in order, got 15 to 13"),
@@ -47,9 +66,26 @@ def test_live_bounds_are_finite_in_order_and_hold_the_value(value, message):
     assert (found.code, found.message) == ("TW010", message)
 
 
-def test_text_is_not_live():
+@pytest.mark.parametrize("kind, parameters, name", [
+    (Notch, {"frequency": Live(50.0, min=45.0, max=65.0)}, "frequency"), (MovingRMS, {"window": Live(1.0, min=0.5, max=2.0)}, "window"),
+    (Butterworth, {"cutoff": Live(10.0, min=5.0, max=20.0)}, "cutoff"), (CubeMars, {"model": Live("AK80-9")}, "model"),
+    (CubeMars, {"model": "AK80-9", "can_id": Live(1, min=1, max=8)}, "can_id"),
+])
+def test_a_parameter_that_is_read_before_the_run_alone_cannot_be_live(kind, parameters, name):
     with Diagram("d", rate=200):
-        assert "both bounds" in refusal(CubeMars, Live("AK80-9")).message
+        found = refusal(kind, **parameters)
+    assert (found.code, found.path) == ("TW010", kind.__name__) and found.message == (
+        f"{name}: cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
+        "--set chooses another for the next run")
+
+
+@pytest.mark.parametrize("declared", [
+    lambda: Param(1.0, min=0.0, max=2.0, live=True, fixed=True), lambda: Param(1.0, fixed=True, slew=1.0), lambda: Param("text", slew=1.0),
+    lambda: Param("text", min=0, max=1, live=True),
+])
+def test_a_fixed_parameter_is_not_declared_live(declared):
+    with pytest.raises(TypeError, match="a fixed parameter does not change while running"):
+        declared()
 
 
 def test_the_command_line_sets_parameters_by_text():

@@ -41,7 +41,7 @@ def left(stiffness):
     with subsystem("left", every=1):
         drive = CubeMars("AK80-9", bus="legs", can_id=3, invert=True, name="knee")
         torque = Impedance(stiffness=stiffness)(position=drive.position, velocity=drive.velocity)
-        drive(torque_command=TorqueLimiter(limit=Live(8.0, max=9.0))(torque))
+        drive(torque_command=TorqueLimiter(limit=Live(8.0, max=9.0, slew=2.0))(torque))
 
 
 def tail(stiffness):
@@ -58,7 +58,7 @@ def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
     first, second = compile(diagram), compile(again)
     assert [(s.name, s.every, s.conditions, s.table) for s in first.output] == [(s.name, s.every, s.conditions, s.table) for s in second.output]
     assert np.array_equal(first.arena, second.arena, equal_nan=True) and first.signals == second.signals and first.proofs == second.proofs
-    assert again["left/torque_limiter"].live("limit") == (0.0, 9.0)
+    assert again["left/torque_limiter"].live("limit") == (0.0, 9.0, 2.0)
 
 
 def test_the_hash_does_not_know_the_order_of_making_but_knows_parameters_wires_and_rate():

@@ -57,6 +57,12 @@ def test_a_name_tells_docstring_ports_and_parameters(command_line):
     assert row["torque"].startswith("N·m")
 
 
+def test_a_parameter_says_whether_it_may_change_while_running(command_line):
+    limit = next(line for line in command_line("blocks", "TorqueLimiter")[1].splitlines() if line.startswith("  limit  "))
+    frequency = next(line for line in command_line("blocks", "Notch")[1].splitlines() if line.startswith("  frequency  "))
+    assert limit.endswith("required; at least 0; may be Live") and frequency.endswith("default 50 Hz; above 0")
+
+
 @pytest.mark.parametrize("name", [
     "TorqueLimiter", "torque_limiter", "torquelimiter", "limiters.TorqueLimiter", "blocks.limiters:TorqueLimiter",
 ])

@@ -14,11 +14,12 @@ class EmulatedCubeMars(Device):
 
     model = Param("", "1", "as for CubeMars", required=True, dtype=str)
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
-    can_id = Param(1, "1", "its id", min=1, max=255)
-    invert = Param(False, "1", "whether the joint turns against the motor")
+    can_id = Param(1, "1", "its id", min=1, max=255, fixed=True)
+    invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
     offset = Param(
-        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION)
-    peak = Param(None, "N·m", "torque it gives at most; the model's peak by default", above=0.0, dtype=float)
+        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION,
+        fixed=True)
+    peak = Param(None, "N·m", "torque it gives at most; the model's peak by default", above=0.0, dtype=float, fixed=True)
 
     position = Input("rad", "of the joint")
     velocity = Input("rad/s", "of the joint")

@@ -26,12 +26,13 @@ class CubeMars(Actuator):
 
     model = Param("", "1", "as the vendor writes it: AK80-9, AK10-9-V2.0", required=True, dtype=str)
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
-    can_id = Param(1, "1", "id set in the drive", min=1, max=255)
+    can_id = Param(1, "1", "id set in the drive", min=1, max=255, fixed=True)
     limit = Param("rated", "N·m", "largest torque command: rated, peak, or a number up to the peak torque", dtype=object)
-    invert = Param(False, "1", "whether the joint turns against the motor")
+    invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
     offset = Param(
-        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION)
-    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0)
+        0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION,
+        fixed=True)
+    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
 
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)

@@ -1,0 +1,198 @@
+"""What a block declares: its ports, its parameters and its memory.
+
+A declaration carries its documentation: the reference page, the drawing, the CSV header and the error messages are made
+from it. Within a block each name is used once.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from graph import units
+from graph.diagram import Signal
+from graph.interval import Interval
+
+DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
+
+
+class Declaration:
+    name = ""
+
+    def __set_name__(self, owner, name):
+        self.name = name
+
+    def named(self, name):
+        """The declaration itself, for ports that a block makes while it is configured."""
+        self.name = name
+        return self
+
+
+class Port(Declaration):
+    def __init__(self, unit, description="", *, shape=(), dtype=float):
+        if shape is not ... and not (isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)):
+            raise TypeError(f"a shape is a tuple of lengths, as in (3,), or ..., not {shape!r}")
+        if dtype not in DTYPES:
+            raise TypeError(f"a dtype is float, int or bool, not {dtype!r}")
+        self.unit = units.canonical(unit)
+        self.description = description
+        self.shape = shape
+        self.dtype = DTYPES[dtype]
+
+    def __repr__(self):
+        return f"{type(self).__name__}({self.name!r}, {self.unit!r})"
+
+
+class Input(Port):
+    """An input port.
+
+    unit : canonical SI string, or "any": all "any" ports of a block share one unit
+    shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
+    dtype : float, int or bool
+    default : value of an unwired input; without one, leaving it unwired is an error
+    """
+
+    def __init__(self, unit, description="", *, shape=(), dtype=float, default=None):
+        super().__init__(unit, description, shape=shape, dtype=dtype)
+        self.default = default
+
+
+class Output(Port):
+    """An output port. range : (low, high) that the output never leaves, if the block can promise one."""
+
+    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None):
+        super().__init__(unit, description, shape=shape, dtype=dtype)
+        self.range = Interval(*range) if range is not None else None
+
+    def __get__(self, block, owner=None):
+        return self if block is None else Signal(block, self.name)
+
+
+class Param(Declaration):
+    """A parameter, a plain attribute of the block once it is built.
+
+    default : its value when none is given; its type is the parameter's
+    unit : of the value
+    min, max : inclusive bounds; above, below : exclusive ones
+    choices : the values allowed
+    live : may change while running; needs min and max
+    fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
+    slew : how fast it may change while running, in its unit per second
+    required : there is no default
+    """
+
+    def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
+                 live=False, fixed=False, slew=None, required=False, dtype=None):
+        self.default, self.unit, self.description = default, units.canonical(unit), description
+        self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
+        self.live, self.slew, self.required = live, math.inf if slew is None else slew, required
+        self.dtype = dtype or (float if default is None else type(default))
+        self.fixed = fixed or not self.numeric
+        if live and (min is None or max is None):
+            raise TypeError("a live parameter needs both bounds, min and max")
+        if self.fixed and (live or slew is not None):
+            raise TypeError("a fixed parameter does not change while running, so it is not live and has no slew")
+        if not self.slew > 0.0:
+            raise TypeError(f"a slew is above 0, in the parameter's unit per second, not {slew!r}")
+
+    @property
+    def live_bounds(self):
+        """LiveBounds of a parameter declared live, else None."""
+        return LiveBounds(self.min, self.max, self.slew) if self.live else None
+
+    @property
+    def numeric(self):
+        return self.dtype in (float, int, bool)
+
+    def check(self, value):
+        """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""
+        if value is None and (self.default is None and not self.required or self.dtype is object):
+            return None
+        if value is None:
+            raise ValueError("a value is wanted, got None")
+        if isinstance(value, str) and self.numeric:
+            raise ValueError(f"expected a number, got {value!r}")
+        if self.dtype is bool and not isinstance(value, (bool, np.bool_)):
+            raise ValueError(f"expected True or False, got {value!r}")
+        if self.numeric and np.ndim(value):
+            raise ValueError(f"expected one number, got {value!r}")
+        if self.dtype is int and (isinstance(value, bool) or not math.isfinite(value) or value != int(value)):
+            raise ValueError(f"expected a whole number, got {value!r}")
+        if self.dtype is str and not isinstance(value, str):
+            raise ValueError(f"expected text, got {value!r}")
+        if self.numeric:
+            value = self.dtype(value)
+            if value != value:
+                raise ValueError("NaN is not allowed")
+            unit = "" if self.unit in (units.ONE, units.ANY) else f" {self.unit}"
+            for broken, words in (
+                (self.min is not None and value < self.min, f"at least {self.min}"),
+                (self.max is not None and value > self.max, f"at most {self.max}"),
+                (self.above is not None and value <= self.above, f"above {self.above}"),
+                (self.below is not None and value >= self.below, f"below {self.below}"),
+            ):
+                if broken:
+                    raise ValueError(f"must be {words}{unit}, got {value}")
+        if self.choices is not None and value not in self.choices:
+            raise ValueError(f"must be one of {', '.join(map(str, self.choices))}, got {value!r}")
+        return value
+
+    def parse(self, text):
+        """The value of a command-line text, '40', '60 deg', 'true'. ValueError if it is none."""
+        if self.dtype is bool:
+            truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
+            if text.lower() not in truths:
+                raise ValueError(f"expected true or false, got {text!r}")
+            return truths[text.lower()]
+        if self.dtype is object:
+            try:
+                return self.check(float(text))
+            except ValueError:
+                return self.check(text)
+        if self.dtype is tuple:
+            raise ValueError("cannot be set from the command line")
+        if not self.numeric:
+            return self.check(text)
+        value = units.parse_quantity(text, self.unit)
+        return self.check(value)
+
+
+class LiveBounds(NamedTuple):
+    """What a parameter may do while running: stay between min and max, and change no faster than slew, in its unit per second."""
+
+    min: float
+    max: float
+    slew: float = math.inf
+
+
+class Live:
+    """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0, slew=2.0)`.
+
+    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over all of them.
+    """
+
+    def __init__(self, value, *, min=None, max=None, slew=None):
+        self.value, self.min, self.max, self.slew = value, min, max, slew
+
+    def bounds(self, param):
+        """The LiveBounds for a Param. ValueError where they are none."""
+        if param.fixed:
+            raise ValueError("cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
+                             "--set chooses another for the next run")
+        low = param.min if self.min is None else param.check(self.min)
+        high = param.max if self.max is None else param.check(self.max)
+        slew = param.slew if self.slew is None else self.slew
+        if low is None or high is None:
+            raise ValueError("a live parameter needs both bounds: write Live(value, min=..., max=...)")
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            raise ValueError(f"live bounds must be finite and in order, got {low:g} to {high:g}")
+        if not (isinstance(slew, (int, float)) and slew > 0.0):
+            raise ValueError(f"a live parameter's slew must be above 0, in its unit per second, got {slew!r}")
+        return LiveBounds(low, high, float(slew))
+
+
+class Memory(Declaration):
+    """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another of any length."""
+
+    def __init__(self, initial=0.0, description=""):
+        self.initial, self.description = initial, description
