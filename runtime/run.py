@@ -15,6 +15,7 @@ from cext.program import Program
 from graph import Sink
 from runtime.errors import BadInput
 from runtime.load import compiled, load
+from runtime.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess
 from runtime.simulation import Simulation
 
@@ -35,6 +36,9 @@ class Request:
     record: Path | None = None          # None: recordings/ if the diagram has a recorder
     no_record: bool = False
     plotjuggler: tuple | None = None    # (host, port)
+    realtime: str = "off"               # or "try", "require"
+    priority: int = PRIORITY            # of SCHED_FIFO
+    cpu: int | None = None              # number of the processor to stay on
 
 
 @dataclass
@@ -57,6 +61,7 @@ class Result(Prepared):
     recording : the recorder's report
     seconds : of the wall clock, from arming to the end of the safe stop
     control : the robot's Program, as the run has left it
+    realtime : what the system granted
     """
 
     outcome: object
@@ -64,6 +69,7 @@ class Result(Prepared):
     recording: dict
     seconds: float
     control: Program
+    realtime: Realtime
 
     @property
     def failed_in_plant(self):
@@ -83,18 +89,25 @@ def prepare(request):
     return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), ticks)
 
 
-def run(prepared):
-    """Carry out what `prepare` returned. Returns a Result; raises RecorderError before anything is armed."""
+def run(prepared, say=lambda lines: None):
+    """Carry out what `prepare` returned. Returns a Result; raises RecorderError or RealtimeRefused before anything is armed.
+
+    say : called with the lines that a person should read before the run
+    """
     request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
     page = Page(ring_bytes(schedule))
-    recorder = RecorderProcess(page)
+    recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
+    realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
-        recorder.configure(plan(request, schedule, simulation))
+        realtime.obtain()
+        say(realtime.lines())
+        recorder.configure(plan(request, schedule, simulation, realtime))
         control = Program(schedule, simulation.ends())
         executor = Executor(
             control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
             reader=recorder.pidfd)
     except BaseException:
+        realtime.release()
         recorder.abandon()
         raise
     outcome = None
@@ -104,11 +117,16 @@ def run(prepared):
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
+            realtime.release()
+            if realtime.spun:
+                tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
             if outcome is not None:
                 tell(page, ending(outcome), recorder)
             page.close()
             recording = recorder.finish()
-    return Result(**vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control)
+    return Result(
+        **vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control,
+        realtime=realtime)
 
 
 @contextmanager
@@ -145,7 +163,7 @@ def ring_bytes(schedule):
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
-def plan(request, schedule, simulation):
+def plan(request, schedule, simulation, realtime):
     """What the recorder process has to do."""
     from blocks.recorders import CsvRecorder
 
@@ -172,7 +190,9 @@ def plan(request, schedule, simulation):
         "buses": schedule.buses,
         "sinks": sinks,
         "status_line": True,
-        "metadata": {"diagram_file": str(request.file), "settings": dict(request.settings), "control_pid": os.getpid()},
+        "metadata": {
+            "diagram_file": str(request.file), "settings": dict(request.settings), "control_pid": os.getpid(), "realtime": realtime.metadata(),
+        },
     }
 
 
