@@ -1,4 +1,4 @@
-"""What the executor needs of Linux: clocks, sleeping, signals, polling."""
+"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays."""
 
 cdef extern from "<time.h>" nogil:
     cdef struct timespec:
@@ -31,7 +31,17 @@ cdef extern from "<signal.h>" nogil:
     const int SIGINT
     const int SIGTERM
     const int SIGHUP
+    const int SIGXCPU
+    const int SA_RESTART
 
 cdef extern from "<sys/prctl.h>" nogil:
     int prctl(int option, unsigned long argument)
     const int PR_SET_TIMERSLACK
+    const int PR_GET_TIMERSLACK
+
+cdef extern from "<sys/mman.h>" nogil:
+    int mlockall(int flags)
+    int munlockall()
+    const int MCL_CURRENT
+    const int MCL_FUTURE
+    const int MCL_ONFAULT

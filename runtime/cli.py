@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import os
 import re
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ COMMANDS = {
     "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
     "blocks": "list the blocks that are installed, or tell all about one",
     "bench": "measure ticks and blocks on this machine",
+    "doctor": "look whether this machine is fit to run a robot, and what to change",
 }
 LONGEST = 1e9                   # s: 30 years
 INTERRUPTED = 130
@@ -52,7 +54,10 @@ def command(arguments):
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run_command(arguments)
-    commands = {"run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command}
+    commands = {
+        "run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command,
+        "doctor": doctor_command,
+    }
     return commands[first](arguments[1:])
 
 
@@ -93,14 +98,15 @@ class Parser(argparse.ArgumentParser):
 
 def run_command(arguments):
     from runtime import fault, report
+    from runtime.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.run import prepare, run
 
     prepared = prepare(parse_run(arguments))
     complain(map(str, prepared.schedule.warnings))
     try:
-        result = run(prepared)
-    except RecorderError as error:
+        result = run(prepared, complain)
+    except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:
         complain(fault.explain(result))
@@ -114,6 +120,7 @@ def run_command(arguments):
 
 def parse_run(arguments):
     """Command-line words to a Request. BadInput says which is wrong."""
+    from runtime.realtime import HIGHEST, MODES, PRIORITY
     from runtime.run import Request
 
     parser = Parser("run", "Run a diagram in simulation.")
@@ -127,12 +134,23 @@ def parse_run(arguments):
     parser.add_argument("--trial", nargs="+", default=[], metavar="NAME=VALUE",
                         help="what this trial is: subject=S03 condition=assist notes='new shoes'")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
+    parser.add_argument("--realtime", choices=MODES, default="off",
+                        help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is granted "
+                             "and tells of the rest, require does not start without (default: off, as a simulation moves nobody)")
+    parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N", help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
+    parser.add_argument("--cpu", type=processor, metavar="N", help="stay on this processor (default: the last isolated one, if one is isolated)")
     options = parser.parse_args(arguments)
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
+    if options.fast and options.realtime != "off":
+        raise BadInput(f"--realtime {options.realtime} and --fast exclude each other: virtual time waits for nothing")
+    for name in ("priority", "cpu"):
+        if options.realtime == "off" and getattr(options, name) is not None:
+            raise BadInput(f"--{name} needs --realtime try or --realtime require")
     return Request(
         file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
-        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial))
+        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial),
+        realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu)
 
 
 def add_diagram(parser):
@@ -158,13 +176,22 @@ def number(option, unit, most=math.inf):
     return parse
 
 
-def count(option):
+def count(option, most=math.inf):
     def parse(text):
         if not text.isdecimal() or int(text) < 1:
             raise BadInput(f"{option} {text}: expected a whole number, 1 or more")
+        if int(text) > most:
+            raise BadInput(f"{option} {text}: at most {most}")
         return int(text)
 
     return parse
+
+
+def processor(text):
+    here = os.sysconf("SC_NPROCESSORS_CONF")
+    if not text.isdecimal() or int(text) >= here:
+        raise BadInput(f"--cpu {text}: expected the number of a processor, and this machine has 0 to {here - 1}")
+    return int(text)
 
 
 def folder(text):
@@ -245,5 +272,11 @@ def blocks_command(arguments):
 
 def bench_command(arguments):
     from runtime.bench.command import main
+
+    return main(arguments)
+
+
+def doctor_command(arguments):
+    from runtime.doctor.command import main
 
     return main(arguments)

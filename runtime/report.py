@@ -39,6 +39,8 @@ def summary(result):
     row("ticks", ticks_text(statistics, result.ticks))
     for label, text in timing(result, passed):
         row(label, text)
+    if result.realtime.mode != "off":
+        row("realtime", result.realtime.summary())
     if schedule.buses:
         row("buses", buses_text(schedule.buses, statistics["frames"]))
     for stride in result.recording.get("strides", []):

@@ -17,6 +17,7 @@ from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
 from runtime.load import compiled, load
+from runtime.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess
 from runtime.simulation import Simulation
 
@@ -39,6 +40,9 @@ class Request:
     no_record: bool = False
     plotjuggler: tuple | None = None    # (host, port)
     trial: dict = field(default_factory=dict)
+    realtime: str = "off"               # or "try", "require"
+    priority: int = PRIORITY            # of SCHED_FIFO
+    cpu: int | None = None              # number of the processor to stay on
 
 
 @dataclass
@@ -61,6 +65,7 @@ class Result(Prepared):
     recording : the recorder's report
     seconds : of the wall clock, from arming to the end of the safe stop
     control : the robot's Program, as the run has left it
+    realtime : what the system granted
     """
 
     outcome: object
@@ -68,6 +73,7 @@ class Result(Prepared):
     recording: dict
     seconds: float
     control: Program
+    realtime: Realtime
 
     @property
     def failed_in_plant(self):
@@ -87,18 +93,25 @@ def prepare(request):
     return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), ticks)
 
 
-def run(prepared):
-    """Carry out what `prepare` returned. Returns a Result; raises RecorderError before anything is armed."""
+def run(prepared, say=lambda lines: None):
+    """Carry out what `prepare` returned. Returns a Result; raises RecorderError or RealtimeRefused before anything is armed.
+
+    say : called with the lines that a person should read before the run
+    """
     request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
     page = Page(ring_bytes(schedule))
-    recorder = RecorderProcess(page)
+    recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
+    realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
-        recorder.configure(plan(prepared))
+        realtime.obtain()
+        say(realtime.lines())
+        recorder.configure(plan(prepared, realtime))
         control = Program(schedule, simulation.ends())
         executor = Executor(
             control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
             reader=recorder.pidfd)
     except BaseException:
+        realtime.release()
         recorder.abandon()
         raise
     outcome = None
@@ -108,11 +121,16 @@ def run(prepared):
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
+            realtime.release()
+            if realtime.spun:
+                tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
             if outcome is not None:
                 tell(page, ending(outcome), recorder)
             page.close()
             recording = recorder.finish()
-    return Result(**vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control)
+    return Result(
+        **vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control,
+        realtime=realtime)
 
 
 @contextmanager
@@ -149,7 +167,7 @@ def ring_bytes(schedule):
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
-def plan(prepared):
+def plan(prepared, realtime):
     """What the recorder process has to do."""
     from blocks.recorders import CsvRecorder
 
@@ -179,7 +197,9 @@ def plan(prepared):
         "status_line": True,
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
-        "metadata": {"diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial},
+        "metadata": {
+            "diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
+        },
     }
 
 

@@ -1,0 +1,315 @@
+"""What the system grants a loop that must not wait, for the length of a run.
+
+    realtime = Realtime("try")
+    realtime.obtain()           # RealtimeRefused where "require" does not get everything
+    ...                         # the loop, on this thread
+    realtime.release()          # all is as before
+
+The timer slack is set in every mode, as it needs no privilege; the garbage collector is the executor's.
+
+A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes an
+ordinary one and goes on; `spun` tells it.
+"""
+
+import os
+import pwd
+import resource
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+
+from cext import realtime as system
+
+from runtime.terminal import program
+
+MODES = ("off", "try", "require")
+PRIORITY = 80               # below the kernel's own threads that must run (99), above its interrupt threads (50)
+HIGHEST = 98
+SPIN = 0.5                  # s
+STACK = 512 << 10           # bytes of stack that are there from the beginning
+HEADROOM = 64 << 20         # bytes that a process whose locked memory is limited may still grow by
+GROUP = "realtime"          # who may have what a loop needs, after `doctor --script`
+LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
+IDLE_DEVICE = "/dev/cpu_dma_latency"
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
+
+
+class RealtimeRefused(Exception):
+    """`require` did not get everything. The text has a line for each refusal, and for each its cure."""
+
+
+@dataclass(eq=False)
+class Refusal(Exception):
+    """name : what was not granted; why : in one line; cure : what grants it, in one line"""
+
+    name: str
+    why: str
+    cure: str
+
+
+class Realtime:
+    """
+    Parameters
+    ----------
+    mode : "off", "try" or "require"
+    priority : of SCHED_FIFO, 1 to 98
+    cpu : number of the processor to stay on; None for the last isolated one, or any if none is isolated
+
+    granted, refused : list of names; list of Refusal
+    spun : whether the thread lost its priority because it did not sleep; known after `release`
+    """
+
+    def __init__(self, mode="off", priority=PRIORITY, cpu=None):
+        if mode not in MODES or not 1 <= priority <= HIGHEST:
+            raise ValueError(f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}")
+        self.mode, self.priority, self.cpu = mode, priority, cpu
+        self.granted, self.refused = [], []
+        self.spun = False
+        self._undo = ExitStack()
+
+    def __enter__(self):
+        self.obtain()
+        return self
+
+    def __exit__(self, *exception):
+        self.release()
+
+    def obtain(self):
+        """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing held."""
+        slack = system.timer_slack()
+        system.set_timer_slack(1)
+        self._undo.callback(system.set_timer_slack, slack)
+        if self.mode == "off":
+            return
+        self.granted.append("timer slack 1 ns")
+        try:
+            for step in (self._lock_memory, self._stay_awake, self._stay_on_one_processor, self._take_priority):
+                try:
+                    name = step()
+                except Refusal as refusal:
+                    self.refused.append(refusal)
+                else:
+                    self.granted += [name] if name else []
+        except BaseException:
+            self.release()
+            raise
+        if self.refused and self.mode == "require":
+            self.release()
+            raise RealtimeRefused("\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()]))
+
+    def release(self):
+        """Give everything back. Again: nothing."""
+        self._undo.close()
+
+    def lines(self):
+        """What a person should know before the run, or nothing."""
+        if self.mode == "off":
+            return []
+        if not self.refused:
+            return [f"realtime: {', '.join(self.granted)}"]
+        return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._cures()]
+
+    def summary(self):
+        """One line for after the run."""
+        lost = f"; LOST its priority: {SPIN:g} s without a sleep" if self.spun else ""
+        return ", ".join(self.granted) + (f"; NOT granted: {self._names()}" if self.refused else "") + lost
+
+    def metadata(self):
+        """For the recording."""
+        return {
+            "mode": self.mode, "granted": list(self.granted), "refused": {refusal.name: refusal.why for refusal in self.refused},
+        }
+
+    def _names(self):
+        return ", ".join(refusal.name for refusal in self.refused)
+
+    def _cures(self):
+        for refusal in self.refused:
+            yield f"  {refusal.name}: {refusal.why}"
+            yield f"      {refusal.cure}"
+        yield f"  all of it as a script, to be read and run: {program()} doctor --script"
+
+    def _lock_memory(self):
+        size, free = memory_sizes()
+        wanted, name = size + HEADROOM, "locked memory"
+        if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, wanted):
+            limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+            raise Refusal(name, f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
+                          limit_cure("memlock", "unlimited"))
+        try:
+            system.lock_memory(as_touched=size > free // 2)
+        except OSError as error:
+            raise Refusal(name, error.strerror, limit_cure("memlock", "unlimited")) from None
+        self._undo.callback(system.unlock_memory)
+        system.prefault_stack(min(STACK, stack_limit() // 8))
+        return "memory locked"
+
+    def _stay_awake(self):
+        """While the device is open with a 0 in it, processors do not sleep so deep that they are late. It needs no closing word."""
+        name = "awake processors"
+        try:
+            device = os.open(IDLE_DEVICE, os.O_WRONLY)
+            self._undo.callback(os.close, device)
+            os.write(device, bytes(4))
+        except FileNotFoundError:
+            if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):
+                return None                         # there is no sleep to be kept from
+            raise Refusal(name, f"there is no {IDLE_DEVICE}", "a container has to be given the device; a kernel has it with CONFIG_PM") from None
+        except OSError as error:
+            raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
+        return "processors awake"
+
+    def _stay_on_one_processor(self):
+        isolated = isolated_processors()
+        cpu = self.cpu if self.cpu is not None else max(isolated, default=None)
+        if cpu is None:
+            return None
+        before = os.sched_getaffinity(0)
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except OSError:
+            raise Refusal(
+                f"processor {cpu}", f"this process may not run there: it may run on {numbers(before)}",
+                "start it without `taskset`, or put the processor into the cpuset of its control group") from None
+        self._undo.callback(os.sched_setaffinity, 0, before)
+        return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
+
+    def _take_priority(self):
+        name = f"SCHED_FIFO {self.priority}"
+        permitted = capable(CAP_SYS_NICE) or self._raised(resource.RLIMIT_RTPRIO, self.priority)
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        with ExitStack() as guard:
+            self._guard_against_spinning(guard)
+            try:
+                os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(self.priority))
+            except OSError as error:
+                raise self._why_no_priority(name, permitted, error) from None
+            guard.callback(restore_scheduler, *before)
+            self._undo.push(guard.pop_all())
+        return name
+
+    def _guard_against_spinning(self, guard):
+        """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as it is."""
+        before = resource.getrlimit(resource.RLIMIT_RTTIME)
+        system.watch_for_spinning()
+        guard.callback(self._stop_watching)
+        soft = int(SPIN * 1e6)
+        if before[1] != resource.RLIM_INFINITY:
+            soft = min(soft, before[1] // 2)
+        resource.setrlimit(resource.RLIMIT_RTTIME, (soft, before[1]))
+        guard.callback(resource.setrlimit, resource.RLIMIT_RTTIME, before)
+
+    def _stop_watching(self):
+        self.spun = system.stop_watching()
+
+    def _why_no_priority(self, name, permitted, error):
+        if not permitted:
+            limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+            return Refusal(name, f"the rtprio limit of {user()} is {limit}", limit_cure("rtprio", max(90, self.priority)))
+        file = exhausted_group()
+        if file:
+            return Refusal(
+                name, f"its control group has no real-time budget: {file} is 0",
+                f"echo 800000 | sudo tee {file}, or let groups alone: sudo sysctl -w kernel.sched_rt_runtime_us=-1")
+        return Refusal(
+            name, f"{error.strerror}, though its limits permit it: a container, or a control group with no real-time budget",
+            "docker run --cap-add sys_nice --ulimit rtprio=90; without a container: sudo sysctl -w kernel.sched_rt_runtime_us=-1")
+
+    def _raised(self, which, wanted):
+        """Whether the limit is `wanted` or more, after raising it as far as it goes without privilege."""
+        soft, hard = resource.getrlimit(which)
+        if beyond(soft, wanted):
+            return True
+        if not beyond(hard, wanted):
+            return False
+        resource.setrlimit(which, (hard, hard))
+        self._undo.callback(resource.setrlimit, which, (soft, hard))
+        return True
+
+
+def restore_scheduler(policy, parameters):
+    """Without privilege the flag that children are ordinary cannot be taken away again; it then stays."""
+    try:
+        os.sched_setscheduler(0, policy, parameters)
+    except PermissionError:
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+
+
+def limit_cure(item, value):
+    return f"put `{user()} - {item} {value}` into {LIMITS_FILE} and log in again"
+
+
+def idle_cure():
+    return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}; udev: KERNEL==\"cpu_dma_latency\", GROUP=\"{GROUP}\", MODE=\"0660\""
+
+
+def beyond(limit, wanted):
+    return limit == resource.RLIM_INFINITY or limit >= wanted
+
+
+def user():
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:
+        return f"#{os.getuid()}"
+
+
+def capable(capability):
+    """Whether this process has a capability in effect, by its number in linux/capability.h."""
+    for line in read("/proc/self/status").splitlines():
+        if line.startswith("CapEff:"):
+            return bool(int(line.split()[1], 16) >> capability & 1)
+    return False
+
+
+def memory_sizes():
+    """(bytes of address space of this process, bytes that are available on the machine)"""
+    size = int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
+    free = [int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")]
+    return size, free[0] if free else 2 * size
+
+
+def stack_limit():
+    soft = resource.getrlimit(resource.RLIMIT_STACK)[0]
+    return 8 << 20 if soft == resource.RLIM_INFINITY else soft
+
+
+def isolated_processors():
+    """Numbers of the processors that the kernel keeps for who asks (isolcpus=)."""
+    return processors(read("/sys/devices/system/cpu/isolated"))
+
+
+def processors(text):
+    """{0, 2, 3} of the kernel's "0,2-3"."""
+    found = set()
+    for part in text.strip().split(","):
+        first, _, last = part.partition("-")
+        if first.isdigit():
+            found |= set(range(int(first), int(last or first) + 1))
+    return found
+
+
+def exhausted_group():
+    """The file that denies this process's control group any real-time, or None where none does or it cannot be told."""
+    for line in read("/proc/self/cgroup").splitlines():
+        _, controllers, path = line.split(":", 2)
+        if "cpu" in controllers.split(","):
+            for mount in ("cpu", "cpu,cpuacct"):
+                file = f"/sys/fs/cgroup/{mount}{path.rstrip('/')}/cpu.rt_runtime_us"
+                if read(file).strip() == "0":
+                    return file
+    return None
+
+
+def read(path):
+    """A small text file, or "" where it cannot be read."""
+    with suppress(OSError), open(path) as file:
+        return file.read()
+    return ""
+
+
+def numbers(found):
+    return ", ".join(map(str, sorted(found)))
+
+
+def mebibytes(size):
+    return "unlimited" if size == resource.RLIM_INFINITY else f"{size >> 20} MiB"
