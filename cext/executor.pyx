@@ -170,7 +170,7 @@ cdef class Executor:
         self.journal.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
             if not self.virtual:
-                self.pace.sleep_until(epoch + self.pace.grid(tick))
+                self.pace.wait(epoch + self.pace.grid(tick))
             if self.signals.caught[0] or not self.journal.make_room(False):
                 break
             began = monotonic()
