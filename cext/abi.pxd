@@ -49,6 +49,7 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     DEVICE_FAULT = 6        # a device reports a fault
     BUS_ERROR = 7           # a bus cannot receive or send
     FENCED = 8              # another process has stopped the run
+    OVERRUN = 9             # more grid points were missed than the run allows
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

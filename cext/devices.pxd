@@ -3,6 +3,7 @@ from libc.stdint cimport int32_t, int64_t
 from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.buses cimport BusEnd
 from cext.page cimport PageLayout
+from cext.stopwatch cimport Laps
 
 cdef struct Batch:               # frames encoded at compile time
     Frame frames[FRAMES_PER_DEVICE]
@@ -42,6 +43,8 @@ cdef class Devices:
     cdef Frame *outgoing
     cdef int32_t *outgoing_count # a bus
     cdef Blame failed
+    cdef Laps *laps              # NULL: no stamps
+    cdef int item                # of the stopwatch: that of the first device
     cdef bint ran
 
     cdef int load(self) except -1

@@ -15,6 +15,7 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FOREIGN, MALFORMED, OK, SILENT, TAKEN
 from cext.page cimport FRAME, commit, reserve
+from cext.stopwatch cimport COMMAND, lap
 
 from cext.handover import address, slot_words, words
 
@@ -159,6 +160,10 @@ cdef class Devices:
                 return -count
             total += count
             self.outgoing_count[device.bus] += count
+            if self.laps != NULL and self.laps.each != NULL:
+                lap(self.laps, self.item + number)
+        if self.laps != NULL and self.laps.each == NULL and self.count > 0:
+            lap(self.laps, COMMAND)
         return OK
 
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil:

@@ -15,15 +15,17 @@ import gc
 from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
-from cext.abi cimport AUTHORITY, FENCED, NO_ANSWER, OK
+from cext.abi cimport AUTHORITY, FENCED, NO_ANSWER, OK, OVERRUN
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.journal cimport Journal
+from cext.overrun cimport Overrun
 from cext.pace cimport Pace, clock, monotonic
 from cext.page cimport ARMING, RUNNING, SAFE, STOPPING, Page, PageLayout, store_i32, store_i64
 from cext.posix cimport CLOCK_REALTIME, PR_SET_TIMERSLACK, prctl
 from cext.program cimport Program
 from cext.signals cimport Signals
+from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.tick cimport Tick
 
 from cext.outcome import STATUS, Outcome, name_of
@@ -40,6 +42,9 @@ cdef class Executor:
     page : Page or None; with one, rows, frames and statistics go through it
     virtual : do not sleep: as fast as the machine goes; a full ring makes the loop wait instead of dropping
     reader : a pidfd of the process that drains the page, or -1; its end frees a loop that waits for it
+    overrun : what a tick does that comes too late, in the words of cext.overrun.Overrun
+    spin : s before a deadline in which it spins instead of sleeping
+    profile : whether every step is timed, as `profile` tells afterwards
     """
 
     cdef Program control, plant
@@ -47,17 +52,21 @@ cdef class Executor:
     cdef Signals signals
     cdef Pace pace
     cdef Journal journal
+    cdef Overrun overrun
     cdef Tick body
+    cdef int to_blame            # item of the stopwatch that the last overrun came from
     cdef bint virtual, simulated
     cdef int64_t began, first_tick, tick, previous
+    cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the run's begin to the present round or tick
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
-                 int reader=-1):
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False):
         self.signals = Signals()
-        self.pace = Pace(rate, self.signals)
+        self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
+        self.overrun = Overrun(overrun)
         self.journal = Journal(page, control, virtual, reader, self.signals)
-        self.body = Tick(control, plant, substeps, self.pace, self.journal)
+        self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.count == 0
 
@@ -76,6 +85,8 @@ cdef class Executor:
         self.body.reset()
         self.tick = self.previous = -1
         self.now = 0
+        self.pace.sleeps = self.pace.spins = 0
+        self.overrun.reset()
         self.journal.clear()
         collecting = gc.isenabled()
         gc.collect()
@@ -105,9 +116,26 @@ cdef class Executor:
         culprit = self.control.culprit if status != OK else None
         if self.plant is not None and culprit is None and status != OK:
             error, culprit = self.plant.error, self.plant.culprit
+        if status == OVERRUN:
+            culprit = self.body.watch.name(self.to_blame)
         return Outcome(
             name_of(status), culprit, self.tick, self.signals.caught[0], error, tuple(self.control.devices.silent()), unanswered,
         )
+
+    @property
+    def watch(self):
+        """The Stopwatch of the robot."""
+        return self.body.watch
+
+    @property
+    def overruns(self):
+        """Who took the time where grid points were missed: cext.stopwatch.Stopwatch.overruns of the run."""
+        return self.body.watch.overruns()
+
+    @property
+    def profile(self):
+        """(rows of the robot, rows of its plant) as cext.stopwatch.Stopwatch.rows has them."""
+        return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
 
     def spin(self, int64_t ticks):
         """Run bare ticks as fast as possible: no arming, no clock, no plant, and what is recorded goes nowhere.
@@ -161,32 +189,28 @@ cdef class Executor:
         return NO_ANSWER if self.control.devices.count else OK
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
-        cdef int64_t now, began, behind, skipped
+        cdef int64_t now, began, skipped
         cdef int64_t tick = 0
         cdef int64_t late = 0
         cdef int64_t epoch = self.began + self.first_tick
         cdef int status = OK
-        cdef PageLayout *page = self.layout
         self.journal.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
             if not self.virtual:
-                self.pace.sleep_until(epoch + self.pace.grid(tick))
+                self.pace.wait(epoch + self.pace.grid(tick))
             if self.signals.caught[0] or not self.journal.make_room(False):
                 break
             began = monotonic()
             if not self.virtual:
-                behind = self.pace.newest(began - epoch)           # the grid point we are really at
-                if behind > tick:
-                    if ticks >= 0 and behind > ticks:
-                        behind = ticks
-                    if page != NULL:
-                        store_i64(&page.missed, page.missed + behind - tick)
-                    tick = behind
-                    if tick == ticks:
-                        break
+                tick = self.place(tick, began - epoch, ticks)
+                if self.overrun.fault:
+                    status = OVERRUN
+                if self.overrun.fault or tick == ticks:
+                    break
                 late = began - epoch - self.pace.grid(tick)
             self.now = now = self.first_tick + self.pace.grid(tick)
             self.tick = tick
+            self.body.watch.begin(tick, began)
             for skipped in range(self.previous + 1, tick):         # the plant does not stand still meanwhile
                 if status == OK:
                     status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
@@ -195,26 +219,54 @@ cdef class Executor:
             self.body.set_clock(tick, self.previous, late)
             self.control.arena[AUTHORITY] = 1.0 if fade <= 0.0 or tick / self.pace.rate >= fade else tick / (self.pace.rate * fade)
             status = self.body.run(tick, self.previous, now if self.simulated else now + late)
-            if status != OK:
+            if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
                 break
-            if page != NULL:
-                if not self.journal.push_row(tick):
-                    break
-                add(&page.lateness, late, tick)
-                store_i64(&page.tick, tick)
-                store_i64(&page.ticks, page.ticks + 1)
+            if self.control.laps != NULL:
+                lap(self.control.laps, RECORD)
+            if self.layout != NULL:
+                self.count(tick, late, began)
             self.previous = tick
-            if page != NULL:
-                began = monotonic() - began
-                add(&page.execution, began, tick)
-                page.busy += began
+            self.late = late
             tick += 1
         return status
+
+    cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
+        """The grid point at which a tick runs that should run at `tick` and wakes up `since` ns after the first. Counts what is missed."""
+        cdef int64_t due = max(tick, self.pace.newest(since))
+        cdef int64_t behind = self.overrun.late
+        cdef int64_t chosen
+        if 0 <= ticks < due:
+            due = ticks
+        chosen = self.overrun.decide(tick, due)
+        if due > tick and behind == 0:                             # those that catch up did not cause it
+            if tick > 0 and self.body.watch.laps.last - self.began - self.first_tick >= self.pace.grid(tick + 1):
+                self.to_blame = self.body.watch.laps.item
+                self.body.watch.blame(self.to_blame, self.body.watch.laps.longest, due - tick)
+            else:
+                self.to_blame = WOKEN_LATE
+                self.body.watch.blame(WOKEN_LATE, since - self.pace.grid(tick), due - tick)
+        if self.layout != NULL and due > tick:
+            store_i64(&self.layout.missed, self.layout.missed + chosen - tick)
+            self.layout.caught_up += chosen == tick
+        return chosen
+
+    cdef void count(self, int64_t tick, int64_t late, int64_t began) noexcept nogil:
+        """A tick that is done, on the page."""
+        cdef PageLayout *page = self.layout
+        cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()
+        add(&page.execution, ended - began, tick)
+        add(&page.lateness, late, tick)
+        if not self.virtual and self.previous >= 0:
+            add(&page.period, late - self.late if late > self.late else self.late - late, tick)
+        page.gil_taken = self.control.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
+        page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
+        store_i64(&page.tick, tick)
+        store_i64(&page.ticks, page.ticks + 1)
 
     cdef void stop(self, double timeout) noexcept nogil:
         """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up."""
         cdef int64_t step = max(100000, min(self.pace.period, 5000000))
-        cdef int64_t now = self.now + self.pace.period
+        cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t waited = 0
         cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
         self.journal.raise_fence()

@@ -11,6 +11,7 @@ cdef enum:
 
 cdef struct Histogram:
     uint64_t count
+    int64_t total                    # ns
     int64_t largest                  # ns
     int64_t largest_at               # its tick
     uint64_t buckets[BUCKETS]
@@ -20,6 +21,7 @@ cdef inline void add(Histogram *histogram, int64_t ns, int64_t tick) noexcept no
     cdef int shift = 63 - BITS - clz(value | (1 << BITS))
     histogram.buckets[(shift << BITS) + <int>(value >> shift)] += 1
     histogram.count += 1
+    histogram.total += ns
     if ns > histogram.largest or histogram.count == 1:
         histogram.largest = ns
         histogram.largest_at = tick
@@ -29,3 +31,5 @@ cdef inline int64_t lower_edge(int bucket) noexcept nogil:
     if shift < 0:
         return bucket
     return <int64_t>((bucket & ((1 << BITS) - 1)) + (1 << BITS)) << shift
+
+cdef dict summary(const Histogram *histogram)

@@ -38,13 +38,16 @@ cdef class Journal:
         if page == NULL:
             return
         page.tick = -1
-        page.ticks = page.missed = page.dropped = page.busy = page.waited = 0
+        page.ticks = page.missed = page.dropped = page.waited = page.caught_up = page.gil_taken = page.sleeps = page.spins = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
         page.status = page.closed = 0
         if page.began != 0:
             page.fence = 0              # of the run before; one that was raised ahead of the first run holds
         memset(&page.lateness, 0, sizeof(Histogram))
+        memset(&page.period, 0, sizeof(Histogram))
         memset(&page.execution, 0, sizeof(Histogram))
+        memset(&page.gil, 0, sizeof(Histogram))
+        memset(&page.bus, 0, sizeof(Histogram))
 
     cdef void set_state(self, int32_t state) noexcept nogil:
         if self.layout != NULL:

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 from cext.abi cimport (
-    BUS_ERROR, DEVICE_FAULT, FENCED, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, PYTHON_ERROR, SILENT,
+    BUS_ERROR, DEVICE_FAULT, FENCED, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT,
 )
 
 STATUS = {
@@ -17,6 +17,7 @@ STATUS = {
     DEVICE_FAULT: "device fault",
     BUS_ERROR: "bus error",
     FENCED: "fenced",
+    OVERRUN: "overrun",
 }
 
 

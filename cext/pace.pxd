@@ -1,6 +1,24 @@
-from libc.stdint cimport int32_t, int64_t
+from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.posix cimport CLOCK_MONOTONIC, clock_gettime, timespec
+
+cdef extern from *:
+    """
+    #include <stdint.h>
+    /* k times a share of 2**64, rounded. */
+    static inline int64_t tw_share(int64_t k, uint64_t share) {
+        return (int64_t)(((unsigned __int128)k * share + ((uint64_t)1 << 63)) >> 64);
+    }
+    #if defined(__x86_64__) || defined(__i386__)
+    #define tw_pause() __builtin_ia32_pause()
+    #elif defined(__aarch64__)
+    #define tw_pause() __asm__ volatile("yield")
+    #else
+    #define tw_pause() ((void)0)
+    #endif
+    """
+    int64_t share_of "tw_share"(int64_t k, uint64_t share) noexcept nogil
+    void pause "tw_pause"() noexcept nogil
 
 cdef inline int64_t clock(int which) noexcept nogil:
     cdef timespec now
@@ -11,10 +29,16 @@ cdef inline int64_t monotonic() noexcept nogil:
     return clock(CLOCK_MONOTONIC)
 
 cdef class Pace:
-    cdef double rate                 # Hz
+    cdef readonly double rate        # Hz
     cdef int64_t period              # ns, rounded
+    cdef int64_t whole               # ns of a period,
+    cdef uint64_t share              # and 2**64 times the rest
+    cdef int64_t window              # ns before a deadline in which it spins
+    cdef readonly int64_t sleeps     # how often it slept, and
+    cdef readonly int64_t spins      # how often it spun
     cdef const int32_t *caught
 
-    cdef int64_t grid(self, int64_t tick) noexcept nogil
-    cdef int64_t newest(self, int64_t ns) noexcept nogil
+    cpdef int64_t grid(self, int64_t tick) noexcept nogil
+    cpdef int64_t newest(self, int64_t ns) noexcept nogil
+    cdef void wait(self, int64_t deadline) noexcept nogil
     cdef void sleep_until(self, int64_t deadline) noexcept nogil

@@ -56,10 +56,16 @@ cdef struct PageLayout:
     int64_t frames_sent
     int64_t frames_foreign      # that no device took
     int64_t frames_malformed
+    int64_t caught_up           # ticks that ran after the next grid point had come
+    int64_t gil_taken           # how often the GIL was taken in ticks
+    int64_t sleeps
+    int64_t spins
     int64_t waited              # ns spent waiting for the recorder, in virtual time only
-    int64_t busy                # ns spent inside ticks
     Histogram lateness          # wake-up against the grid
+    Histogram period            # |period - T|
     Histogram execution         # of a tick
+    Histogram gil               # waits for it
+    Histogram bus               # receiving and sending
     uint64_t head               # bytes ever written; the producer's
     uint64_t spare[7]           # keeps the two ends on cache lines of their own
     uint64_t tail               # bytes ever read; the consumer's

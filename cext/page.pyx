@@ -5,10 +5,10 @@ import mmap
 import os
 
 from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
-from libc.string cimport memcpy, memset
+from libc.string cimport memcpy
 from posix.unistd cimport close
 
-from cext.histogram cimport BUCKETS, Histogram, add, lower_edge
+from cext.histogram cimport summary
 
 cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
 
@@ -98,7 +98,14 @@ cdef class Page:
         return load_u64(&self.layout.head) == load_u64(&self.layout.tail)
 
     def statistics(self):
-        """A dict of everything the page counts: ticks, missed, dropped, frames, and percentiles of lateness and execution in s."""
+        """A dict of everything the page counts: ticks, missed, dropped, frames, and percentiles in s of
+
+        lateness    of the wake-up against the grid
+        period      |from one wake-up to the next - what lies between them on the grid|
+        execution   of a tick
+        gil         waits for the GIL, in real time
+        bus         receiving and sending, in real time
+        """
         cdef PageLayout *page = self.layout
         return {
             "ticks": load_i64(&page.ticks),
@@ -112,9 +119,16 @@ cdef class Page:
                 "malformed": load_i64(&page.frames_malformed),
             },
             "waited_for_recorder": load_i64(&page.waited) * 1e-9,
-            "busy": load_i64(&page.busy) * 1e-9,
+            "busy": load_i64(&page.execution.total) * 1e-9,
+            "gil_taken": load_i64(&page.gil_taken),
+            "sleeps": load_i64(&page.sleeps),
+            "spins": load_i64(&page.spins),
+            "caught_up": load_i64(&page.caught_up),
             "lateness": summary(&page.lateness),
+            "period": summary(&page.period),
             "execution": summary(&page.execution),
+            "gil": summary(&page.gil),
+            "bus": summary(&page.bus),
         }
 
     @property
@@ -126,25 +140,3 @@ cdef class Page:
     def first_tick(self):
         """ns from the run's begin to tick 0."""
         return load_i64(&self.layout.first_tick)
-
-
-def percentiles(durations):
-    """Of durations in ns, as the page has them of lateness and execution: a dict in s, each percentile at most 3.2 % above the true one."""
-    cdef Histogram histogram
-    memset(&histogram, 0, sizeof(Histogram))
-    for index, ns in enumerate(durations):
-        add(&histogram, ns, index)
-    return summary(&histogram)
-
-
-cdef dict summary(Histogram *histogram):
-    """Percentiles of a histogram, in s, where it has any. Each is the upper edge of its bucket, so never better than the truth."""
-    cdef uint64_t seen = 0
-    cdef int bucket
-    result = {"count": histogram.count, "max": histogram.largest * 1e-9, "max_at_tick": histogram.largest_at}
-    wanted = [("p50", 0.5), ("p99", 0.99), ("p99.9", 0.999)]
-    for bucket in range(BUCKETS):
-        seen += histogram.buckets[bucket]
-        while wanted and histogram.count and seen >= wanted[0][1] * histogram.count:
-            result[wanted.pop(0)[0]] = min(lower_edge(bucket + 1), histogram.largest) * 1e-9
-    return result

@@ -3,6 +3,7 @@ from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport kernel_t
 from cext.devices cimport Devices
+from cext.stopwatch cimport Laps, Stopwatch
 
 cdef struct Step:
     kernel_t kernel              # NULL: a Python step
@@ -23,6 +24,7 @@ cdef struct Phase:
     Segment *segments
     int step_count
     int segment_count
+    int item                     # of the stopwatch: that of its first step, -1 where no stamps are wanted
 
 cdef struct FailedStep:          # -1: none
     int phase
@@ -41,16 +43,22 @@ cdef class Program:
     cdef int column_count
     cdef public object error     # what a Python step raised
     cdef FailedStep failed
+    cdef Stopwatch watch
+    cdef Laps *laps              # its own; NULL: no stamps
+    cdef int64_t gil_taken
     cdef list blocks
     cdef object schedule
 
+    cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps) except -1
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil
-    cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil
+    cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil
+    cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil
+    cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil
+    cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
     cdef bint enabled(self, Segment *segment) noexcept nogil
-    cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil
     cdef int start_from_here(self) noexcept nogil
     cdef int reset_blocks(self) noexcept nogil
     cdef void record(self, double *row) noexcept nogil

@@ -16,7 +16,9 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from cext.abi cimport DT, OK, PERIOD, PYTHON_ERROR
+from cext.histogram cimport add
 from cext.python_step cimport PythonStep
+from cext.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
 from cext.handover import address, words
 
@@ -44,6 +46,8 @@ cdef class Program:
         self.load_phase(&self.settle, schedule.settle)
         self.load_phase(&self.output, schedule.output)
         self.load_phase(&self.update, schedule.update)
+        self.look.item = self.settle.item = -1
+        self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
         self.devices = Devices(schedule, ends, self.memory)
         self.column_count = len(schedule.columns)
         self.columns = <int32_t *>calloc(max(1, self.column_count), sizeof(int32_t))
@@ -106,6 +110,7 @@ cdef class Program:
         self.devices.reset()
         self.error = None
         self.failed.step = -1
+        self.gil_taken = 0
 
     @property
     def values(self):
@@ -122,48 +127,70 @@ cdef class Program:
             return phases[self.failed.phase][self.failed.step].name
         return None
 
+    cdef void stamp(self, Stopwatch watch):
+        """Time the parts of each tick with a stopwatch, or with None, not."""
+        self.watch = watch
+        self.laps = self.devices.laps = NULL if watch is None else &watch.laps
+        self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
+
     def inputs(self, str path):
         """Present values at the scalar inputs of a block, by name; empty if the schedule does not know it."""
         return {name: float(self.memory[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
 
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
-        cdef int index
+        cdef int index = 0
         cdef int status = OK
         cdef Segment *segment
         cdef int64_t periods
         cdef double dt = self.arena[DT]
         cdef double period = self.arena[PERIOD]
-        for index in range(phase.segment_count):
+        while index < phase.segment_count:
             segment = &phase.segments[index]
-            if segment.condition_count and not self.enabled(segment):
-                continue
-            if segment.every == 1:
-                status = self.run_segment(phase, segment)
-            else:
-                periods = tick // segment.every - previous // segment.every if previous >= 0 else 1
-                if periods > 0:
-                    # A slow block sees its own clock: its period, and how many of them have passed.
-                    self.arena[PERIOD] = period * segment.every
-                    self.arena[DT] = periods * self.arena[PERIOD]
-                    status = self.run_segment(phase, segment)
-                    self.arena[DT], self.arena[PERIOD] = dt, period
+            periods = self.due(segment, tick, previous)
+            if periods > 0 and not segment.python:
+                if segment.every != 1:
+                    self.set_clock(segment, periods, dt, period)
+                status = self.run_native(phase, segment)
+            elif periods > 0:
+                status = self.run_python(phase, &index, tick, previous)
+            if periods > 0 and (segment.python or segment.every != 1):
+                self.arena[DT], self.arena[PERIOD] = dt, period
             if status != OK:
                 return status
+            index += 1
         return OK
 
-    cdef int run_segment(self, Phase *phase, Segment *segment) noexcept nogil:
+    cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil:
+        """How many of its periods have passed since it ran: 0, and it rests."""
+        if segment.condition_count and not self.enabled(segment):
+            return 0
+        return 1 if segment.every == 1 or previous < 0 else tick // segment.every - previous // segment.every
+
+    cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil:
+        """A slow block sees its own clock: its period, and how many of them have passed."""
+        if segment.every != 1:
+            period *= segment.every
+            dt = periods * period
+        self.arena[DT], self.arena[PERIOD] = dt, period
+
+    cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil:
         cdef int status
         cdef double *arena = self.arena
-        cdef const Step *step = phase.steps + segment.first
+        cdef const Step *first = phase.steps + segment.first
+        cdef const Step *step = first
         cdef const Step *last = phase.steps + segment.last
-        if segment.python:
-            return self.run_python(phase, segment)
+        cdef Laps *laps = self.laps if phase.item >= 0 else NULL
+        cdef bint each = laps != NULL and laps.each != NULL
         while step < last:
             status = step.kernel(arena, step.slots, step.sizes)
             if status != OK:
                 self.blame_step(phase, <int>(step - phase.steps))
                 return status
+            if each:
+                lap(laps, phase.item + <int>(step - phase.steps))
             step += 1
+        if laps != NULL and not each:
+            lap(laps, phase.item + segment.first)
         return OK
 
     cdef bint enabled(self, Segment *segment) noexcept nogil:
@@ -177,12 +204,34 @@ cdef class Program:
         self.failed.step = step
         self.failed.phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
 
-    cdef int run_python(self, Phase *phase, Segment *segment) noexcept nogil:
-        cdef int step = segment.first
+    cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil:
+        """The segment at `index` and all Python neighbours behind it, under one hold of the GIL. Leaves `index` at the last of them."""
+        cdef Segment *segment
+        cdef int step = -1
+        cdef int64_t periods
+        cdef double dt = self.arena[DT]
+        cdef double period = self.arena[PERIOD]
+        cdef Laps *laps = self.laps if phase.item >= 0 else NULL
+        cdef int64_t waited
+        self.gil_taken += 1
         with gil:
+            if laps != NULL:
+                waited = lap(laps, GIL_WAIT)
+                if laps.waits != NULL:
+                    add(laps.waits, waited, laps.tick)
             try:
-                for step in range(segment.first, segment.last):
-                    (<PythonStep>phase.steps[step].python).call(self.arena)
+                while True:
+                    segment = &phase.segments[index[0]]
+                    periods = self.due(segment, tick, previous)
+                    if periods > 0:
+                        self.set_clock(segment, periods, dt, period)
+                        for step in range(segment.first, segment.last):
+                            (<PythonStep>phase.steps[step].python).call(self.arena)
+                            if laps != NULL:
+                                lap(laps, phase.item + step)
+                    if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
+                        break
+                    index[0] += 1
             except BaseException as error:
                 self.error = error
                 self.blame_step(phase, step)

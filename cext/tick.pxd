@@ -3,6 +3,7 @@ from libc.stdint cimport int64_t
 from cext.journal cimport Journal
 from cext.pace cimport Pace
 from cext.program cimport Program
+from cext.stopwatch cimport Stopwatch
 
 cdef class Tick:
     cdef Program control, plant
@@ -10,6 +11,8 @@ cdef class Tick:
     cdef Pace pace
     cdef int substeps
     cdef int64_t plant_tick
+    cdef readonly Stopwatch watch        # of the robot
+    cdef readonly Stopwatch plant_watch  # of its plant, where there is a profile
 
     cdef void reset(self)
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil

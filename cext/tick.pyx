@@ -4,22 +4,39 @@
 from libc.stdlib cimport calloc, free
 
 from cext.abi cimport DT, FENCED, LATENESS, OK, PERIOD, TICK, TIME, WAKE
-from cext.pace cimport clock
+from cext.histogram cimport add
+from cext.pace cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
+from cext.stopwatch cimport PLANT, RECEIVE, TRANSMIT, Laps, lap
 
 
 cdef class Tick:
-    """The programs that a tick runs, in their order. plant : Program or None, run `substeps` times at the tick's end"""
+    """The programs that a tick runs, in their order.
 
-    def __init__(self, Program control, Program plant, int substeps, Pace pace, Journal journal):
+    plant : Program or None, run `substeps` times at the tick's end
+    stamped : whether the parts of a tick are timed
+    profile : whether every step is
+    """
+
+    def __init__(self, Program control, Program plant, int substeps, Pace pace, Journal journal, bint stamped, bint profile):
         if substeps < 1:
             raise ValueError("the plant's rate must be a whole multiple of the diagram's")
         self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
+        self.watch = Stopwatch(control.schedule, profile)
+        control.stamp(self.watch if stamped or profile else None)
+        if journal.layout != NULL:
+            self.watch.laps.waits = &journal.layout.gil
+        if plant is not None:
+            self.plant_watch = Stopwatch(plant.schedule, True) if profile else None
+            plant.stamp(self.plant_watch)
 
     cdef void reset(self):
         self.control.reset()
         if self.plant is not None:
             self.plant.reset()
+            if self.plant_watch is not None:
+                self.plant_watch.reset()
+        self.watch.reset()
         self.plant_tick = 0
 
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil:
@@ -27,7 +44,11 @@ cdef class Tick:
 
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
         """From the first frame received to the last state updated. now : ns from the run's begin"""
+        cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
+        cdef int64_t on_wires = 0
         cdef int status = self.control.devices.receive(now, self.journal.layout)
+        if laps != NULL:
+            on_wires = lap(laps, RECEIVE)
         if status == OK:
             status = self.control.devices.watch(now)
         if status == OK:
@@ -36,10 +57,16 @@ cdef class Tick:
             status = self.control.devices.command()
         if status == OK:
             status = FENCED if self.journal.fenced() else self.control.devices.transmit(now, self.journal.layout)
+        if laps != NULL:
+            on_wires += lap(laps, TRANSMIT)
+            if self.journal.layout != NULL:
+                add(&self.journal.layout.bus, on_wires, tick)
         if status == OK:
             status = self.control.run(&self.control.update, tick, previous)
-        if status == OK:
+        if status == OK and self.plant is not None:
             status = self.advance_plant(now)
+            if self.control.laps != NULL:
+                lap(self.control.laps, PLANT)
         return status
 
     cdef int advance_plant(self, int64_t now) noexcept nogil:
@@ -52,13 +79,19 @@ cdef class Tick:
         for index in range(self.substeps):
             instant = now + index * self.pace.period / self.substeps
             write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, rate, 0)
+            if self.plant.laps != NULL:
+                self.plant_watch.begin(self.plant_tick, monotonic())
             status = self.plant.devices.receive(instant, NULL)
+            if self.plant.laps != NULL:
+                lap(self.plant.laps, RECEIVE)
             if status == OK:
                 status = self.plant.run(&self.plant.output, self.plant_tick, self.plant_tick - 1)
             if status == OK:
                 status = self.plant.devices.command()
             if status == OK:
                 status = self.plant.devices.transmit(instant, NULL)
+            if self.plant.laps != NULL:
+                lap(self.plant.laps, TRANSMIT)
             if status == OK:
                 status = self.plant.run(&self.plant.update, self.plant_tick, self.plant_tick - 1)
             self.plant_tick += 1
@@ -74,7 +107,9 @@ cdef class Tick:
         cdef int64_t start, tick
         cdef int status = OK
         cdef double *row = <double *>calloc(max(1, self.control.column_count), sizeof(double))
+        cdef Laps *laps = self.control.laps
         self.control.reset()
+        self.control.laps = NULL
         with nogil:
             start = clock(CLOCK_THREAD_CPUTIME_ID)
             for tick in range(ticks):
@@ -87,6 +122,7 @@ cdef class Tick:
                 self.control.record(row)
             start = clock(CLOCK_THREAD_CPUTIME_ID) - start
         free(row)
+        self.control.laps = laps
         return status, start
 
 

@@ -4,7 +4,7 @@
 from libc.math cimport M_PI, cos, expm1, floor, log, sin, sqrt
 from libc.stdint cimport int32_t, uint64_t
 
-from cext.abi cimport OK, TICK, TIME, export
+from cext.abi cimport DT, LATENESS, OK, TICK, TIME, WAKE, export
 from cext.kernels.clock cimport just_after
 from cext.kernels.interpolation cimport between, segment, share_of
 from cext.kernels.philox cimport fraction, philox
@@ -118,6 +118,16 @@ cdef int uniform_kernel(double *arena, const int32_t *slots, const int32_t *size
     return OK
 
 
+cdef int clock_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # time, wake, lateness, elapsed
+    arena[slots[0]] = arena[TIME]
+    arena[slots[1]] = arena[WAKE]
+    arena[slots[2]] = arena[LATENESS]
+    arena[slots[3]] = arena[DT]
+    return OK
+
+
+clock = export(clock_kernel)
 constant = export(constant_kernel)
 ramp = export(ramp_kernel)
 sine = export(sine_kernel)

@@ -30,9 +30,14 @@ class Frame(NamedTuple):
 
 
 class Rig:
-    """A robot, its plant and the page between them. robot, plant : Diagrams; page : capacity of the ring in bytes, or a Page."""
+    """A robot, its plant and the page between them.
 
-    def __init__(self, robot, plant=None, *, page=1 << 24, virtual=True, record=True):
+    robot, plant : Diagrams
+    page : capacity of the ring in bytes, or a Page
+    options : of the Executor
+    """
+
+    def __init__(self, robot, plant=None, *, page=1 << 24, virtual=True, record=True, **options):
         if record and not any(isinstance(block, CsvRecorder) for block in robot):
             with robot:
                 CsvRecorder()
@@ -45,7 +50,8 @@ class Rig:
             self.plant = Program(model, [self.buses[name].device for name in model.buses])
             substeps = round(plant.rate / robot.rate)
         self.page = page if isinstance(page, Page) else Page(page)
-        self.executor = Executor(self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=virtual)
+        self.executor = Executor(
+            self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=virtual, **options)
 
     def run(self, ticks, **options):
         """Run, and take what was recorded: rows by column, frames in their order. Returns the Outcome."""
@@ -100,9 +106,9 @@ def ends_in_the_safe_stop(rig, can_id=1):
     return rig.sent(can_id)[-2:] == STOP and rig.page.fenced and rig.page.state == "safe"
 
 
-def one_drive(law, *, rate=200, virtual=True, plant=True, **parameters):
-    """A rig with one drive. law(drive) : the signal that commands its torque."""
+def one_drive(law, *, rate=200, virtual=True, plant=True, options=None, **parameters):
+    """A rig with one drive. law(drive) : the signal that commands its torque; options : of the Executor; parameters : of the drive"""
     with Diagram("robot", rate=rate) as robot:
         drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee", **parameters)
         drive(torque_command=law(drive))
-    return Rig(robot, plant_of(robot) if plant else None, virtual=virtual)
+    return Rig(robot, plant_of(robot) if plant else None, virtual=virtual, **(options or {}))

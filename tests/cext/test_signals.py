@@ -42,7 +42,8 @@ mine = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, s
 with Diagram("robot", rate=200) as robot:
     knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
     knee(torque_command=Slow()(knee.torque) if "slow" in sys.argv else 5.0)
-rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=Page(fd=int(sys.argv[1])), virtual=False)
+rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=Page(fd=int(sys.argv[1])), virtual=False,
+          spin=1.0 if "spin" in sys.argv else 0.0)
 outcome = rig.run(int(sys.argv[2]), arming_timeout=20.0)
 during = list(heard)
 restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
@@ -104,6 +105,11 @@ def test_a_signal_while_arming_stops_without_a_command():
 def test_a_signal_in_the_middle_of_a_python_block_waits_for_the_end_of_its_tick():
     told = robot(sends(signal.SIGINT), options=["slow"])
     assert told["status"] == "ok" and told["signal"] == signal.SIGINT and stopped_safely(told) and told["restored"]
+
+
+def test_a_signal_ends_a_run_that_spins_through_its_periods():
+    told = robot(sends(signal.SIGTERM), options=["spin"])
+    assert told["signal"] == signal.SIGTERM and stopped_safely(told) and told["statistics"]["sleeps"] == 0
 
 
 def test_the_first_of_two_signals_is_told_and_the_second_does_not_cut_the_stop_short():

@@ -1,0 +1,76 @@
+# cython: freethreading_compatible=True
+"""What a tick does that finds a later grid point due than its own: run late, skip, or end the run."""
+
+import re
+
+cimport cython
+from libc.stdlib cimport calloc, free
+from libc.string cimport memset
+
+LARGEST = 1000000
+POLICIES = "skip, catch-up:N, fault:N and fault:N/WINDOW"
+
+
+@cython.final
+cdef class Overrun:
+    """An overrun policy, from words with commas between them.
+
+    skip             the tick that is due runs next; those between are missed. So it is without other words
+    catch-up:N       up to N ticks run late, back to back; what is left then is skipped
+    fault:N          N missed grid points in a row end the run
+    fault:N/WINDOW   N missed among the last WINDOW grid points end the run
+
+    ValueError for any other words.
+    """
+
+    def __init__(self, str words="skip"):
+        given = [word.strip() for word in words.split(",")]
+        for word in given:
+            found = re.fullmatch(r"skip|(catch-up|fault):([1-9][0-9]{0,6})(?:/([1-9][0-9]{0,6}))?", word)
+            kind, count, window = found.groups() if found else (None, None, None)
+            if not found or (kind == "catch-up" and window) or max(int(count or 0), int(window or 0)) > LARGEST:
+                raise ValueError("there is no overrun policy %r: there are %s, with numbers from 1 to %d" % (word, POLICIES, LARGEST))
+            if word == "skip" and len(given) > 1:
+                raise ValueError("the overrun policy skip stands alone; the others skip too, in the end")
+            if window and int(count) > int(window):
+                raise ValueError("the overrun policy %s never comes true: more grid points than its window has" % word)
+            if (self.catch_up if kind == "catch-up" else self.in_window if window else self.in_a_row if kind else 0) != 0:
+                raise ValueError("the overrun policy %s:... is given twice" % kind)
+            if window:
+                self.in_window, self.window = int(count), int(window)
+            elif kind == "fault":
+                self.in_a_row = int(count)
+            elif kind:
+                self.catch_up = int(count)
+        self.missed = <char *>calloc(self.window + 1, 1)
+
+    def __dealloc__(self):
+        free(self.missed)
+
+    cpdef void reset(self) noexcept nogil:
+        self.fault = False
+        self.late = self.lately = 0
+        memset(self.missed, 0, self.window + 1)
+
+    cpdef int64_t decide(self, int64_t tick, int64_t newest) noexcept nogil:
+        """The grid point to run at, for a tick that should run at `tick` where `newest` is due. `fault` says whether the run has to end."""
+        cdef int64_t count = newest - tick
+        if count <= 0:
+            self.late = 0
+        elif self.late < self.catch_up:
+            self.late += 1
+            newest = tick
+        else:
+            self.late = 0
+            self.remember(tick, count, 1)
+            self.fault = (0 < self.in_a_row <= count) or (0 < self.in_window <= self.lately)
+        self.remember(newest, 1, 0)
+        return newest
+
+    cdef void remember(self, int64_t tick, int64_t count, char missed) noexcept nogil:
+        cdef int64_t point
+        if self.window == 0:
+            return
+        for point in range(max(tick, tick + count - self.window), tick + count):
+            self.lately += missed - self.missed[point % self.window]
+            self.missed[point % self.window] = missed

@@ -1,0 +1,94 @@
+# cython: freethreading_compatible=True
+"""Where the time of a tick goes: a stamp of the clock between its parts, and what each part was.
+
+In real time there is a stamp at each end of a Python step and of a run of native steps, and between the phases: enough to name who took the time of a
+tick that was too long. With a profile there is one after every step, and a histogram of each.
+"""
+
+cimport cython
+from libc.stdlib cimport calloc, free
+from libc.string cimport memset
+
+
+PHASES = {
+    WOKEN_LATE: "the machine, which woke the loop late", RECEIVE: "receiving", COMMAND: "encoding", TRANSMIT: "sending",
+    GIL_WAIT: "waiting for the GIL", PLANT: "the plant", RECORD: "recording",
+}
+
+
+@cython.final
+cdef class Stopwatch:
+    """Of one schedule. profile : whether every step is stamped and counted"""
+
+    def __init__(self, schedule, bint profile):
+        self.schedule = schedule
+        self.steps = [*schedule.output, *schedule.update]
+        self.count = FIRST_STEP + len(self.steps) + len(schedule.devices)
+        self.blamed = <Blamed *>calloc(self.count, sizeof(Blamed))
+        if profile:
+            self.laps.each = <Histogram *>calloc(self.count, sizeof(Histogram))
+
+    def __dealloc__(self):
+        free(self.blamed); free(self.laps.each)
+
+    cdef void reset(self):
+        memset(self.blamed, 0, self.count * sizeof(Blamed))
+        if self.laps.each != NULL:
+            memset(self.laps.each, 0, self.count * sizeof(Histogram))
+
+    cdef void begin(self, int64_t tick, int64_t now) noexcept nogil:
+        self.laps.tick, self.laps.last, self.laps.longest, self.laps.item = tick, now, 0, WOKEN_LATE
+
+    cdef void blame(self, int item, int64_t ns, int64_t missed) noexcept nogil:
+        """`missed` grid points were lost to `item`, which took `ns` in the tick of the last `begin`."""
+        cdef Blamed *blamed = &self.blamed[item]
+        blamed.times += 1
+        blamed.missed += missed
+        if ns > blamed.longest:
+            blamed.longest, blamed.at = ns, self.laps.tick
+
+    def name(self, int item):
+        """Path of a block or device, 'left/a to left/b' for a run of native blocks that were not stamped one by one, or words for a phase."""
+        cdef int first = item - FIRST_STEP
+        cdef int last = first
+        if first < 0:
+            return PHASES[item]
+        if first >= len(self.steps):
+            return self.schedule.devices[first - len(self.steps)].name
+        step = self.steps[first]
+        end = len(self.schedule.output) if first < len(self.schedule.output) else len(self.steps)
+        if self.laps.each == NULL and step.kernel is not None:
+            while last + 1 < end and self.follows(self.steps[last + 1], step):
+                last += 1
+        return step.name if self.steps[last].name == step.name else "%s to %s" % (step.name, self.steps[last].name)
+
+    def follows(self, step, first):
+        """Whether a native step is in the run that `first` begins."""
+        return step.kernel is not None and (step.every, step.conditions) == (first.every, first.conditions)
+
+    def kind(self, int item):
+        cdef int step = item - FIRST_STEP
+        if step < 0:
+            return "phase"
+        if step >= len(self.steps):
+            return "device"
+        return ("native" if self.steps[step].kernel is not None else "Python") + (" update" if step >= len(self.schedule.output) else "")
+
+    def overruns(self):
+        """Who took the time where grid points were missed, most of them first: dicts of name, times, missed, longest (s), at_tick."""
+        found = [
+            {"name": self.name(item), "times": self.blamed[item].times, "missed": self.blamed[item].missed,
+             "longest": self.blamed[item].longest * 1e-9, "at_tick": self.blamed[item].at}
+            for item in range(self.count) if self.blamed[item].times
+        ]
+        return sorted(found, key=lambda row: -row["missed"])
+
+    def rows(self):
+        """The profile, what took most first: dicts of name, kind, count, total, p50, p99, p99.9, max (s) and max_at_tick. Empty without one."""
+        if self.laps.each == NULL:
+            return []
+        found = [
+            {"name": self.name(item), "kind": self.kind(item), **summary(&self.laps.each[item])}
+            for item in range(self.count) if self.laps.each[item].count
+        ]
+        return sorted(found, key=lambda row: -row["total"])
