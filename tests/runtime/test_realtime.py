@@ -245,6 +245,7 @@ def test_a_processor_that_is_not_there_is_refused_by_number():
 
 def test_off_asks_for_nothing_but_the_timer_slack_and_gives_it_back():
     before, during, lines, after = told('''
+open("/proc/self/timerslack_ns", "w").write("50000")                    # a parent's may be another
 before = state()
 with Realtime() as realtime:
     during = state()
