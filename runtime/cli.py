@@ -135,10 +135,12 @@ def parse_run(arguments):
                         help="what this trial is: subject=S03 condition=assist notes='new shoes'")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
     parser.add_argument("--realtime", choices=MODES, default="off",
-                        help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is granted "
-                             "and tells of the rest, require does not start without (default: off, as a simulation moves nobody)")
-    parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N", help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
-    parser.add_argument("--cpu", type=processor, metavar="N", help="stay on this processor (default: the last isolated one, if one is isolated)")
+                        help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is "
+                             "granted and tells of the rest, require does not start without (default: off, as a simulation moves nobody)")
+    parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N",
+                        help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
+    parser.add_argument("--cpu", type=processor, metavar="N",
+                        help="stay on this processor (default: the last isolated one, if one is isolated)")
     options = parser.parse_args(arguments)
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")

@@ -12,13 +12,13 @@ ordinary one and goes on; `spun` tells it.
 """
 
 import os
-import pwd
 import resource
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 from cext import realtime as system
 
+from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, capable, exhausted_group, isolated_processors, memory_sizes, stack_limit, user
 from runtime.terminal import program
 
 MODES = ("off", "try", "require")
@@ -30,7 +30,6 @@ HEADROOM = 64 << 20         # bytes that a process whose locked memory is limite
 GROUP = "realtime"          # who may have what a loop needs, after `doctor --script`
 LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
 IDLE_DEVICE = "/dev/cpu_dma_latency"
-CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23
 
 
 class RealtimeRefused(Exception):
@@ -153,7 +152,7 @@ class Realtime:
         except FileNotFoundError:
             if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):
                 return None                         # there is no sleep to be kept from
-            raise Refusal(name, f"there is no {IDLE_DEVICE}", "a container has to be given the device; a kernel has it with CONFIG_PM") from None
+            raise Refusal(name, f"there is no {IDLE_DEVICE}", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM") from None
         except OSError as error:
             raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
         return "processors awake"
@@ -239,72 +238,12 @@ def limit_cure(item, value):
 
 
 def idle_cure():
-    return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}; udev: KERNEL==\"cpu_dma_latency\", GROUP=\"{GROUP}\", MODE=\"0660\""
+    rule = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
+    return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}, and the udev rule {rule}"
 
 
 def beyond(limit, wanted):
     return limit == resource.RLIM_INFINITY or limit >= wanted
-
-
-def user():
-    try:
-        return pwd.getpwuid(os.getuid()).pw_name
-    except KeyError:
-        return f"#{os.getuid()}"
-
-
-def capable(capability):
-    """Whether this process has a capability in effect, by its number in linux/capability.h."""
-    for line in read("/proc/self/status").splitlines():
-        if line.startswith("CapEff:"):
-            return bool(int(line.split()[1], 16) >> capability & 1)
-    return False
-
-
-def memory_sizes():
-    """(bytes of address space of this process, bytes that are available on the machine)"""
-    size = int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
-    free = [int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")]
-    return size, free[0] if free else 2 * size
-
-
-def stack_limit():
-    soft = resource.getrlimit(resource.RLIMIT_STACK)[0]
-    return 8 << 20 if soft == resource.RLIM_INFINITY else soft
-
-
-def isolated_processors():
-    """Numbers of the processors that the kernel keeps for who asks (isolcpus=)."""
-    return processors(read("/sys/devices/system/cpu/isolated"))
-
-
-def processors(text):
-    """{0, 2, 3} of the kernel's "0,2-3"."""
-    found = set()
-    for part in text.strip().split(","):
-        first, _, last = part.partition("-")
-        if first.isdigit():
-            found |= set(range(int(first), int(last or first) + 1))
-    return found
-
-
-def exhausted_group():
-    """The file that denies this process's control group any real-time, or None where none does or it cannot be told."""
-    for line in read("/proc/self/cgroup").splitlines():
-        _, controllers, path = line.split(":", 2)
-        if "cpu" in controllers.split(","):
-            for mount in ("cpu", "cpu,cpuacct"):
-                file = f"/sys/fs/cgroup/{mount}{path.rstrip('/')}/cpu.rt_runtime_us"
-                if read(file).strip() == "0":
-                    return file
-    return None
-
-
-def read(path):
-    """A small text file, or "" where it cannot be read."""
-    with suppress(OSError), open(path) as file:
-        return file.read()
-    return ""
 
 
 def numbers(found):

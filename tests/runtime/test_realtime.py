@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from runtime.errors import BAD_INPUT, OK
-from runtime.realtime import Realtime, capable, isolated_processors, numbers, processors
+from runtime.realtime import Realtime, numbers
+from runtime.system import capable, isolated_processors, processors
 from tests.runtime.runs import ROOT, Files, environment, finished, knee
 
 ROOT_USER = os.geteuid() == 0
@@ -34,8 +35,8 @@ def state():
     """All that a grant may change."""
     limits = [resource.getrlimit(which) for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK, resource.RLIMIT_RTTIME)]
     return [
-        os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, sorted(os.sched_getaffinity(0)), status("VmLck"), system.timer_slack(),
-        limits, len(os.listdir("/proc/self/fd")), status("SigCgt")]
+        os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, sorted(os.sched_getaffinity(0)), status("VmLck"),
+        system.timer_slack(), limits, len(os.listdir("/proc/self/fd")), status("SigCgt")]
 
 
 def limit(rtprio, memlock):
@@ -54,7 +55,8 @@ def be_nobody():
 def told(code, *arguments):
     """What a process prints as JSON that runs PRELUDE and then `code`."""
     process = subprocess.run(
-        [sys.executable, "-c", PRELUDE + code, *map(str, arguments)], env=environment(), cwd=ROOT, capture_output=True, text=True, timeout=30)
+        [sys.executable, "-c", PRELUDE + code, *map(str, arguments)], env=environment(), cwd=ROOT, capture_output=True, text=True,
+        timeout=30)
     assert process.returncode == 0, process.stderr
     return json.loads(process.stdout)
 
@@ -271,7 +273,8 @@ def test_options_that_do_not_go_together(command_line):
     assert refused(file, "--realtime", "yes").startswith("argument --realtime: invalid choice: 'yes'")
     assert refused(file, "--realtime", "try", "--priority", "99") == "--priority 99: at most 98"
     assert refused(file, "--realtime", "try", "--priority", "0") == "--priority 0: expected a whole number, 1 or more"
-    assert refused(file, "--realtime", "try", "--cpu", "4000").startswith("--cpu 4000: expected the number of a processor, and this machine has 0")
+    assert refused(file, "--realtime", "try", "--cpu", "4000").startswith(
+        "--cpu 4000: expected the number of a processor, and this machine has 0")
     assert refused(file, "--priority", "50") == "--priority needs --realtime try or --realtime require"
     assert refused(file, "--cpu", "0") == "--cpu needs --realtime try or --realtime require"
     assert refused(file, "--realtime", "try", "--fast", "--duration", "1").startswith("--realtime try and --fast exclude each other")

@@ -1,0 +1,121 @@
+"""The kernel and what it runs on: how soon a thread that wakes gets its processor, and how it reads the clock."""
+
+import re
+
+from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding
+from runtime.doctor.machine import JETSON, PI
+from runtime.system import processors
+
+FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource"}
+SMALLEST_SHARE = 0.9            # of a period, that real-time threads may run
+
+
+def preemption(machine, wants):
+    version = machine.read("/proc/version")
+    name = "preemption"
+    why = "the loop waits until the kernel has done what another program has asked of it"
+    if machine.read("/sys/kernel/realtime") == "1" or re.search("PREEMPT[_ ]RT", version):
+        return Finding(name, OK, "PREEMPT_RT")
+    if "PREEMPT_DYNAMIC" in version:
+        model = dynamic_model(machine)
+        if model in ("full", "lazy"):
+            return Finding(name, OK, f"preemptible (PREEMPT_DYNAMIC, {model}), not PREEMPT_RT")
+        if model:
+            cure = "add preempt=full to the kernel's command line, or better: " + patient(machine)
+            return Finding(name, WORSE, f"{model} (PREEMPT_DYNAMIC)", why, cure)
+        return Finding(name, UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model", why, "run the doctor with sudo")
+    if "PREEMPT" in version:
+        return Finding(name, OK, "preemptible (PREEMPT), not PREEMPT_RT")
+    if version:
+        return Finding(name, WORSE, "the kernel is not preemptible", why, patient(machine))
+    return Finding(name, UNKNOWN, "there is no /proc/version", why)
+
+
+def dynamic_model(machine):
+    """none, voluntary, full or lazy; "" where it cannot be told."""
+    chosen = re.search(r"\((\w+)\)", machine.read("/sys/kernel/debug/sched/preempt"))
+    asked = re.search(r"\bpreempt=(\w+)", machine.read("/proc/cmdline"))
+    if chosen or asked:
+        return (chosen or asked)[1]
+    models = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT": "full", "PREEMPT_LAZY": "lazy"}
+    return next((model for option, model in models.items() if machine.configured(option) == "y"), "")
+
+
+def patient(machine):
+    """How this machine gets a kernel with PREEMPT_RT."""
+    if machine.kind == PI:
+        return "sudo apt install linux-image-rpi-v8-rt, and kernel=kernel8_rt.img in config.txt"
+    if machine.kind == JETSON:
+        return "sudo apt install nvidia-l4t-rt-kernel (from NVIDIA's rt-kernel repository)"
+    if "Ubuntu" in machine.system:
+        return "sudo pro enable realtime-kernel"
+    if "Debian" in machine.system:
+        return f"sudo apt install linux-image-rt-{'arm64' if machine.output('uname', '-m') == 'aarch64' else 'amd64'}"
+    return "install a kernel with PREEMPT_RT"
+
+
+def real_time_share(machine, wants):
+    name, file = "real-time share", "/proc/sys/kernel/sched_rt_"
+    runtime, period = machine.read(file + "runtime_us"), machine.read(file + "period_us")
+    if not runtime:
+        return Finding(name, UNKNOWN, f"{file}runtime_us cannot be read")
+    cure = "sudo sysctl -w kernel.sched_rt_runtime_us=950000"
+    if runtime == "-1":
+        return Finding(name, OK, "unlimited; a run's own guard ends the priority of a loop that hangs")
+    share = int(runtime) / int(period or 1_000_000)
+    if share == 0.0:
+        return Finding(name, BAD, "none", "no thread may have real-time priority", cure, "share", "950000")
+    verdict = OK if share >= SMALLEST_SHARE else WORSE
+    return Finding(
+        name, verdict, f"{100 * share:.3g} % of the time", "a loop that has used up its share is stopped for the rest of the second",
+        cure, "share" if verdict == WORSE else "", "950000")
+
+
+def clock_source(machine, wants):
+    folder = "/sys/devices/system/clocksource/clocksource0/"
+    now, others = machine.read(folder + "current_clocksource"), machine.read(folder + "available_clocksource").split()
+    if not now:
+        return Finding("clock source", UNKNOWN, "cannot be read")
+    if now in FAST_CLOCKS:
+        return Finding("clock source", OK, now)
+    better = next((other for other in others if other in FAST_CLOCKS), None)
+    cure = f"add clocksource={better} to the kernel's command line" if better else "`dmesg | grep -i clocksource` says why it is this one"
+    return Finding("clock source", WORSE, now, "every look at the clock is a system call, and takes a microsecond or more", cure)
+
+
+def word_size(machine, wants):
+    kernel, bits = machine.output("uname", "-m"), machine.output("getconf", "LONG_BIT")
+    if not kernel or not bits:
+        return Finding("word size", UNKNOWN, "neither uname nor getconf tells")
+    if bits == "64":
+        return Finding("word size", OK, f"64 bits ({kernel})")
+    under = " on a 64-bit kernel" if kernel in ("aarch64", "x86_64") else ""
+    cure = "install the 64-bit Raspberry Pi OS" if machine.kind == PI else "install a 64-bit system"
+    return Finding("word size", BAD, f"{bits}-bit programs{under} ({kernel})", "what Tickwork needs is not built for 32 bits", cure)
+
+
+def processors_there(machine, wants):
+    online = len(processors(machine.read("/sys/devices/system/cpu/online")))
+    isolated = sorted(processors(machine.read("/sys/devices/system/cpu/isolated")))
+    if not online:
+        return Finding("processors", UNKNOWN, "cannot be counted")
+    if online == 1:
+        return Finding(
+            "processors", WORSE, "1", "the loop shares it with the recorder and everything else", "use a machine with two or more")
+    which = ", ".join(map(str, isolated))
+    return Finding("processors", OK, f"{online}, " + (f"isolated: {which}" if isolated else "none isolated"))
+
+
+def hardware(machine, wants):
+    version, info = machine.read("/proc/version"), machine.read("/proc/cpuinfo")
+    virtual = "a virtual machine" if re.search(r"^flags\s*:.*\bhypervisor\b", info, re.MULTILINE) else None
+    if "microsoft" in version.lower():
+        virtual = "WSL"
+    if virtual:
+        return Finding(
+            "hardware", WORSE, virtual, "its host takes processors away for milliseconds, whatever the priority",
+            "fine for simulation; drive a robot from a machine of its own")
+    return Finding("hardware", OK, machine.model or "not a virtual machine")
+
+
+CHECKS = (preemption, real_time_share, clock_source, word_size, processors_there, hardware)

@@ -1,0 +1,172 @@
+"""Where checks look: this machine, or a folder that holds another's files and the outputs of its commands.
+
+Such a folder has the files at their places (proc/version, sys/class/net/can0/type) and in `commands/` a file for each command that a check
+may run, with the words as its name and slashes as underscores: `commands/ip -details -json link`, `commands/id`, `commands/ls -l _dev`.
+"""
+
+import fnmatch
+import gzip
+import os
+import re
+import subprocess
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+COMMAND_TIMEOUT = 5.0           # s
+PI, JETSON, OTHER = "pi", "jetson", "other"
+
+
+@dataclass(frozen=True)
+class Device:
+    """A file in /dev. usable : whether this user may read and write it"""
+
+    name: str
+    group: str
+    usable: bool
+
+
+class Machine:
+    def __init__(self, root="/"):
+        self.root = Path(root)
+        self.here = self.root.resolve() == Path("/")
+
+    def path(self, name):
+        return self.root / name.lstrip("/")
+
+    def raw(self, name):
+        """The bytes of a file, b"" where it cannot be read."""
+        try:
+            return self.path(name).read_bytes()
+        except OSError:
+            return b""
+
+    def read(self, name):
+        """The text of a file without what pads it, "" where it cannot be read."""
+        return self.raw(name).decode("utf-8", "replace").strip("\0 \n\t")
+
+    def exists(self, name):
+        return os.path.lexists(self.path(name))
+
+    def glob(self, pattern):
+        """Names of files that match, with a slash in front, in the order of their numbers."""
+        found = [f"/{path.relative_to(self.root)}" for path in self.root.glob(pattern.lstrip("/"))]
+        return sorted(found, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
+
+    def target(self, name):
+        """The last part of what a link leads to, or ""."""
+        try:
+            return os.path.basename(os.readlink(self.path(name)))
+        except OSError:
+            return ""
+
+    def output(self, *words):
+        """What a command prints, "" where it is not there, fails, or takes too long."""
+        if not self.here:
+            return self.read("commands/" + " ".join(words).replace("/", "_"))
+        environment = {**os.environ, "LC_ALL": "C", "PATH": f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"}
+        try:
+            done = subprocess.run(
+                words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=COMMAND_TIMEOUT, env=environment)
+        except (OSError, subprocess.TimeoutExpired):
+            return ""
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    def devices(self, *patterns):
+        """Devices in /dev whose names match."""
+        names = [(name, device) for name, device in self._devices.items() if any(fnmatch.fnmatch(name, pattern) for pattern in patterns)]
+        return [device for _, device in names]
+
+    @cached_property
+    def _devices(self):
+        """Devices by name, from what `ls -l /dev` prints. On this machine permission is asked for: it may be more than the mode says."""
+        found = {}
+        for line in self.output("ls", "-l", "/dev").splitlines():
+            match = re.match(r"c([rwxsStT-]{9})\S* +\d+ +(\S+) +(\S+) +\d+, +\d+ .* (\S+)$", line)
+            if match:
+                mode, owner, group, name = match.groups()
+                usable = os.access(f"/dev/{name}", os.R_OK | os.W_OK) if self.here else self.permits(mode, owner, group)
+                found[name] = Device(name, group, usable)
+        return dict(sorted(found.items()))
+
+    def permits(self, mode, owner, group):
+        mine = [mode[6:8]] + [mode[3:5]] * (group in self.groups) + [mode[0:2]] * (owner == self.user)
+        return self.root_user or "rw" in mine
+
+    @cached_property
+    def _id(self):
+        return self.output("id")
+
+    @property
+    def user(self):
+        """Who asks."""
+        match = re.match(r"uid=(\d+)(?:\(([^)]*)\))?", self._id)
+        return (match[2] or match[1]) if match else "?"
+
+    @property
+    def root_user(self):
+        return self._id.startswith("uid=0")
+
+    @property
+    def groups(self):
+        """Names of the groups that this session has."""
+        return re.findall(r"\d+\(([^)]*)\)", self._id.partition("groups=")[2])
+
+    def members(self, group):
+        """Who is in a group from the next login on; None if there is no such group."""
+        for line in self.read("/etc/group").splitlines():
+            name, _, _, members = (line.split(":") + [""] * 3)[:4]
+            if name == group:
+                return [member for member in members.split(",") if member]
+        return None
+
+    @property
+    def model(self):
+        """What its maker calls it, or ""."""
+        maker, product = (self.read(f"/sys/class/dmi/id/{name}") for name in ("sys_vendor", "product_version"))
+        product = product if re.search("[A-Za-z]{4}", product) else self.read("/sys/class/dmi/id/product_name")
+        return self.read("/proc/device-tree/model") or " ".join(part for part in (maker, product) if part)
+
+    @property
+    def kind(self):
+        compatible = self.read("/proc/device-tree/compatible")
+        if "raspberrypi" in compatible or "Raspberry Pi" in self.model:
+            return PI
+        return JETSON if "nvidia,tegra" in compatible or self.exists("/etc/nv_tegra_release") else OTHER
+
+    @property
+    def system(self):
+        match = re.search(r'^PRETTY_NAME="?([^"\n]*)', self.read("/etc/os-release"), re.MULTILINE)
+        return match[1] if match else "Linux"
+
+    @property
+    def kernel(self):
+        words = self.read("/proc/version").split()
+        return words[2] if len(words) > 2 else ""
+
+    def configured(self, option):
+        """'y' or 'm' of an option of the kernel, "" if it is off or cannot be told."""
+        try:
+            text = gzip.decompress(self.raw("/proc/config.gz")).decode()
+        except (OSError, EOFError):
+            text = ""
+        text = text or self.read(f"/boot/config-{self.kernel}")
+        match = re.search(rf"^CONFIG_{option}=(\w+)$", text, re.MULTILINE)
+        return match[1] if match else ""
+
+    def runs(self, program):
+        """Whether a process of this name runs."""
+        return any(self.read(name) == program for name in self.glob("proc/[0-9]*/comm"))
+
+    def limit(self, title):
+        """The hard limit of this session, as /proc/self/limits calls it: a number, None for unlimited. KeyError if it is not there."""
+        for line in self.read("/proc/self/limits").splitlines():
+            if line.startswith(title):
+                hard = line[len(title):].split()[1]
+                return None if hard == "unlimited" else int(hard)
+        raise KeyError(title)
+
+    def capable(self, capability):
+        """Whether processes of this session have a capability, by its number in linux/capability.h."""
+        match = re.search(r"^CapEff:\s*([0-9a-f]+)", self.read("/proc/self/status"), re.MULTILINE)
+        return bool(match and int(match[1], 16) >> capability & 1)

@@ -1,0 +1,132 @@
+"""Power: processors that are fast when they are needed, and have the voltage for it."""
+
+import re
+
+from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding
+from runtime.doctor.machine import JETSON, PI
+from runtime.realtime import IDLE_DEVICE
+from runtime.system import CAP_IPC_LOCK, processors
+
+LONGEST_WAKE = 20               # µs that a processor may take to wake
+CPU = "/sys/devices/system/cpu"
+GET_THROTTLED = "/sys/devices/platform/soc/soc:firmware/get_throttled"
+THROTTLED = {                   # bit of get_throttled: what it means; 16 bits further up: that it has happened since the start
+    0: "too little voltage", 1: "frequency capped", 2: "throttled", 3: "too hot",
+}
+
+
+def governor(machine, wants):
+    governors = [machine.read(name) for name in machine.glob(f"{CPU}/cpu[0-9]*/cpufreq/scaling_governor")]
+    if not governors:
+        return Finding("governor", OK, "the frequency is not the system's to choose")
+    others = sorted(set(governors) - {"performance"})
+    if not others:
+        return Finding("governor", OK, f"performance on {len(governors)} processors")
+    return Finding(
+        "governor", WORSE, f"{', '.join(others)} on {len([name for name in governors if name in others])} of {len(governors)} processors",
+        "a processor that has slowed down while the loop slept takes longer over the next tick",
+        f"echo performance | sudo tee {CPU}/cpu*/cpufreq/scaling_governor", "governor")
+
+
+def idle_states(machine, wants):
+    """`disable` is per state; the latency is what waking takes at most."""
+    states = {}
+    for name in machine.glob(f"{CPU}/cpu0/cpuidle/state*/latency"):
+        folder = name.rpartition("/")[0]
+        if machine.read(f"{folder}/disable") != "1":
+            states[machine.read(f"{folder}/name")] = int(machine.read(name) or 0)
+    if not states:
+        return Finding("idle states", OK, "none")
+    deepest = max(states, key=states.get)
+    found = f"{deepest} takes {states[deepest]} µs to wake from"
+    if states[deepest] <= LONGEST_WAKE:
+        return Finding("idle states", OK, found)
+    device = machine.devices("cpu_dma_latency")
+    if device and device[0].usable:
+        return Finding("idle states", OK, f"{found}; --realtime keeps processors out of it")
+    if not device:
+        return Finding(
+            "idle states", WORSE, f"{found}, and there is no {IDLE_DEVICE}", "the loop wakes late by so much", "boot with cpuidle.off=1")
+    return Finding(
+        "idle states", WORSE, f"{found}, and {machine.user} may not open {IDLE_DEVICE}", "the loop wakes late by so much",
+        'a group that may: udev rule KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"', "limits")
+
+
+def throttling(machine, wants):
+    """Bits as vcgencmd prints them; the file in /sys has the same number, without 0x."""
+    if machine.kind != PI:
+        return None
+    text = machine.read(GET_THROTTLED) or machine.output("vcgencmd", "get_throttled").rpartition("=")[2]
+    if not text:
+        return Finding("throttling", UNKNOWN, "neither the firmware nor vcgencmd tells")
+    bits = int(text, 16)
+    now = [meaning for bit, meaning in THROTTLED.items() if bits >> bit & 1]
+    earlier = [meaning for bit, meaning in THROTTLED.items() if bits >> bit + 16 & 1]
+    cure = "a supply of 5.1 V and 3 A (Pi 5: 5 A) with a short, thick cable; motors on a supply of their own; a fan"
+    why = "the firmware slows the processors down, in the middle of a step if need be"
+    if now:
+        return Finding("throttling", BAD, f"now: {', '.join(now)} (0x{bits:x})", why, cure)
+    if earlier:
+        return Finding("throttling", WORSE, f"since the start: {', '.join(earlier)} (0x{bits:x})", why, cure)
+    return Finding("throttling", OK, "never since the start")
+
+
+def power_mode(machine, wants):
+    if machine.kind != JETSON:
+        return None
+    models = re.findall(r"<\s*POWER_MODEL\s+ID=(\d+)\s+NAME=(\S+)\s*>", machine.read("/etc/nvpmodel.conf"))
+    modes = {int(number): name for number, name in models}
+    asked = re.search(r"NV Power Mode: (\S+)\s+(\d+)", machine.output("nvpmodel", "-q"))
+    stored = re.search(r"pmode:(\d+)", machine.read("/var/lib/nvpmodel/status"))
+    if not modes or not (asked or stored):
+        return Finding("power mode", UNKNOWN, "nvpmodel does not tell", cure="sudo nvpmodel -q")
+    now = int(asked[2] if asked else stored[1])
+    best = max(modes, key=lambda number: strength(modes[number]))
+    if now == best:
+        return Finding("power mode", OK, modes[now])
+    return Finding(
+        "power mode", WORSE, f"{modes.get(now, now)}, and {modes[best]} is there",
+        "processors are switched off or held below their frequency", f"sudo nvpmodel -m {best}", "power mode", str(best))
+
+
+def strength(mode):
+    """MAXN knows no cap; the others are called by their watts."""
+    watts = re.search(r"(\d+)W", mode)
+    return float("inf") if mode.startswith("MAXN") else float(watts[1]) if watts else 0.0
+
+
+def clocks(machine, wants):
+    if machine.kind != JETSON:
+        return None
+    least, most = (machine.read(f"{CPU}/cpu0/cpufreq/scaling_{end}_freq") for end in ("min", "max"))
+    if not least or not most:
+        return Finding("clocks", UNKNOWN, "the frequencies cannot be read")
+    if least == most:
+        return Finding("clocks", OK, f"locked at {int(most) / 1e6:.2f} GHz")
+    return Finding(
+        "clocks", WORSE, f"from {int(least) / 1e6:.2f} to {int(most) / 1e6:.2f} GHz",
+        "clocks that follow the load are slow when the tick begins", "sudo jetson_clocks", "clocks")
+
+
+def swap(machine, wants):
+    swaps = [line.split()[0] for line in machine.read("/proc/swaps").splitlines()[1:]]
+    if not swaps:
+        return Finding("swap", OK, "none")
+    names = swaps[0] + (f" and {len(swaps) - 1} more" if len(swaps) > 1 else "")
+    if machine.limit("Max locked memory") is None or machine.capable(CAP_IPC_LOCK):
+        return Finding("swap", OK, f"{names}; --realtime locks what a run needs")
+    return Finding(
+        "swap", WORSE, names, "memory that was paged out has to be fetched in the middle of a tick",
+        "let this user lock memory (see memlock), or sudo swapoff -a", "limits")
+
+
+def interrupts(machine, wants):
+    balanced, isolated = machine.runs("irqbalance"), processors(machine.read(f"{CPU}/isolated"))
+    if balanced and isolated and "IRQBALANCE_BANNED" not in machine.read("/etc/default/irqbalance"):
+        return Finding(
+            "interrupts", WORSE, "irqbalance runs, with processors isolated",
+            "it may move interrupts to the processor that the loop was given", "sudo systemctl disable --now irqbalance")
+    return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not moved about")
+
+
+CHECKS = (governor, idle_states, throttling, power_mode, clocks, swap, interrupts)

@@ -1,0 +1,59 @@
+"""What the person who runs the robot is allowed."""
+
+from runtime.doctor.finding import OK, UNKNOWN, WORSE, Finding
+from runtime.realtime import LIMITS_FILE, PRIORITY
+from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
+
+NEEDED_MEMORY = 512 << 20       # bytes: a run with its libraries, and what it grows by
+AGAIN = "then log in again"
+
+
+def rtprio(machine, wants):
+    if machine.capable(CAP_SYS_NICE):
+        return Finding("rtprio", OK, f"{machine.user} may have any priority")
+    limit = machine.limit("Max realtime priority")
+    if limit is None or limit >= PRIORITY:
+        return Finding("rtprio", OK, f"{machine.user} may have priorities up to {99 if limit is None else limit}")
+    return Finding(
+        "rtprio", WORSE, f"the limit of {machine.user} is {limit}",
+        "without real-time priority any busy program delays the loop by milliseconds",
+        f"put `{machine.user} - rtprio 90` into {LIMITS_FILE}, {AGAIN}", "limits")
+
+
+def memlock(machine, wants):
+    if machine.capable(CAP_IPC_LOCK):
+        return Finding("memlock", OK, f"{machine.user} may lock any amount of memory")
+    limit = machine.limit("Max locked memory")
+    if limit is None or limit >= NEEDED_MEMORY:
+        return Finding("memlock", OK, f"{machine.user} may lock {'any amount' if limit is None else f'{limit >> 20} MiB'} of memory")
+    return Finding(
+        "memlock", WORSE, f"the limit of {machine.user} is {limit >> 10} KiB",
+        "memory that is not locked can be missing in the middle of a tick",
+        f"put `{machine.user} - memlock unlimited` into {LIMITS_FILE}, {AGAIN}", "limits")
+
+
+def control_group(machine, wants):
+    file = exhausted_group(machine.read)
+    if file is None:
+        return None
+    return Finding(
+        "control group", WORSE, f"{file} is 0",
+        "the kernel divides real-time among groups, and this one got none: real-time priority is refused",
+        "sudo sysctl -w kernel.sched_rt_runtime_us=-1", "share", "-1")
+
+
+def groups(machine, wants):
+    """Groups in effect, and those that only the next login brings."""
+    if machine.user == "?":
+        return Finding("groups", UNKNOWN, "`id` does not tell who this is")
+    names = [line.split(":")[0] for line in machine.read("/etc/group").splitlines()]
+    coming = [name for name in names if machine.user in (machine.members(name) or []) and name not in machine.groups]
+    if coming:
+        return Finding(
+            "groups", WORSE, f"{machine.user} is in {', '.join(coming)} from the next login on",
+            "this session does not have what these groups may use",
+            "log in again (a desktop session: restart)")
+    return Finding("groups", OK, f"{machine.user} is in {', '.join(machine.groups)}")
+
+
+CHECKS = (rtprio, memlock, control_group, groups)

@@ -1,0 +1,87 @@
+"""`python -m runtime doctor`: what a person reads, what a machine reads, and the exit code."""
+
+import json
+
+import pytest
+
+from runtime.errors import CHECK_FAILED, OK
+from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
+from tests.runtime.runs import finished
+
+
+@pytest.fixture
+def laid_out(tmp_path):
+    def laid_out(tree):
+        folder = tmp_path / "machine"
+        return lay_out(folder, tree)
+
+    return laid_out
+
+
+def test_the_worst_comes_first_with_why_and_what_to_do(command_line, laid_out):
+    code, out, err = command_line("doctor", "--root", laid_out(ORIN_NANO))
+    lines = out.splitlines()
+    assert (code, err) == (CHECK_FAILED, "")
+    assert lines[0] == (
+        "NVIDIA Jetson Orin Nano Engineering Reference Developer Kit Super, Ubuntu 22.04.5 LTS, Linux 5.15.148-tegra, user jetson")
+    assert lines[2:5] == [
+        "bad    can0             ERROR-PASSIVE (0 errors sending, 127 receiving)",
+        "                        no frame is acknowledged: a wire, a terminator, the bitrate, or drives without power",
+        "                        → 120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all"]
+    marks = [line.split()[0] for line in lines[2:-1] if line and not line.startswith(" ")]
+    assert marks == sorted(marks, key=["bad", "worse", "?", "ok"].index)
+    assert lines[-1] == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; what sets most of it right, to be read and run: " \
+                        "python -m runtime doctor --script"
+
+
+def test_what_is_only_worse_is_no_failure(command_line, laid_out):
+    code, out, _ = command_line("doctor", "--root", laid_out(PI_4))
+    assert code == OK and "\nworse  governor" in out and "\nbad" not in out
+
+
+def test_it_has_no_characters_that_only_a_terminal_understands(command_line, laid_out):
+    assert "\x1b" not in command_line("doctor", "--root", laid_out(PI_4))[1]
+
+
+def test_machines_read_the_same(command_line, laid_out):
+    code, out, err = command_line("doctor", "--json", "--root", laid_out(LAPTOP))
+    data = json.loads(out)
+    assert (data["ok"], code) == (False, CHECK_FAILED)                      # nobody has let ada use the serial port of this session
+    assert (data["kind"], data["user"], data["kernel"]) == ("other", "ada", "6.8.0-45-generic")
+    [latency] = [finding for finding in data["findings"] if finding["name"] == "serial latency"]
+    assert (latency["verdict"], latency["found"], latency["part"]) == ("worse", "16 ms on ttyUSB0", "ftdi")
+
+
+def test_the_bitrate_that_is_wanted_can_be_said(command_line, laid_out):
+    folder = laid_out({**LAPTOP, "/commands/ip -details -json link": ip(can_link("can0", bitrate=500_000, restart=100, queue=128))})
+    assert "bad    can0             500 kbit/s, not 1 Mbit/s" in command_line("doctor", "--root", folder)[1]
+    assert "ok     can0             500 kbit/s, ERROR-ACTIVE" in command_line("doctor", "--root", folder, "--bitrate", "500000")[1]
+
+
+def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
+    code, out, err = command_line("doctor", "--script", "--user", "ada", "--root", laid_out(ORIN_NANO))
+    assert (code, err) == (OK, "")
+    assert out.startswith("#!/bin/sh\n# NVIDIA Jetson Orin Nano") and "\nset -eu\n\nuser=ada\n" in out
+
+
+@pytest.mark.parametrize("words, said", [
+    (["--bitrate", "0"], "--bitrate 0: expected a whole number, 1 or more"),
+    (["--bitrate", "5000000"], "--bitrate 5000000: at most 1000000"),
+    (["--overlay", "x; rm"],
+     "--overlay x; rm: expected what stands behind dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25"),
+    (["--user", "a b"], "--user a b: expected the name of a user"),
+    (["--root", "nowhere"], "--root nowhere: there is no such folder"),
+])
+def test_what_cannot_be_used_is_refused_in_one_line(command_line, words, said):
+    assert command_line.refused("doctor", *words) == said
+
+
+def test_json_and_script_exclude_each_other(command_line):
+    assert "not allowed with" in command_line.refused("doctor", "--json", "--script")
+
+
+def test_this_machine_is_examined_in_a_process_of_its_own(tmp_path):
+    process = finished("doctor", cwd=tmp_path)
+    assert process.returncode in (OK, CHECK_FAILED) and process.stderr == ""
+    assert "\nok     Python" in process.stdout and "cannot be told:" not in process.stdout
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,162 @@
+"""The script of the doctor: only what was found wanting, good shell, and the same when it is run again."""
+
+import os
+import shutil
+import subprocess
+
+import pytest
+
+from runtime.doctor import examine
+from runtime.doctor.finding import Wants
+from runtime.doctor.machine import Machine
+from runtime.doctor.script import PARTS, script
+from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, ip, lay_out
+
+NO_CAN_ON_PI = {**{name: content for name, content in PI_4.items() if "can0" not in name}, "/commands/ip -details -json link": ip()}
+NO_CAN_ON_JETSON = {name: content for name, content in ORIN_NANO.items() if "can0" not in name}
+OUTSIDE = {**LAPTOP, "/etc/group": "dialout:x:20:\n", "/commands/ls -l _dev": (
+    "crw------- 1 root root 89, 1 Nov 21 09:12 i2c-1\ncrw------- 1 root root 188, 0 Nov 21 10:40 ttyUSB0\n")}
+SLEEPY = {**LAPTOP, "/proc/sys/kernel/sched_rt_runtime_us": "0\n"}
+MACHINES = {
+    "pi": PI_4, "pi without can": NO_CAN_ON_PI, "jetson": ORIN_NANO, "jetson without can": NO_CAN_ON_JETSON, "laptop": LAPTOP,
+    "outside": OUTSIDE, "sleepy": SLEEPY, "nothing": {},
+}
+
+
+@pytest.fixture
+def written(tmp_path):
+    """The script for a machine, as a file and as text."""
+
+    def written(tree, **wants):
+        wants = Wants(**wants)
+        machine = Machine(lay_out(tmp_path / "machine", tree))
+        path = tmp_path / "doctor.sh"
+        path.write_text("\n".join(script(machine, wants, examine(machine, wants), "tickwork")) + "\n")
+        return path, path.read_text()
+
+    (tmp_path / "machine").mkdir()
+    return written
+
+
+def look(path, folder):
+    """Run the script with its files below a folder. Returns what it says."""
+    process = subprocess.run(["sh", path], env={**os.environ, "DESTDIR": str(folder)}, capture_output=True, text=True, timeout=10)
+    assert (process.returncode, process.stderr) == (0, ""), process
+    return process.stdout.splitlines()
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_it_is_good_shell_and_changes_nothing_the_second_time(written, tmp_path, name):
+    path, text = written(MACHINES[name], overlays=["mcp251xfd,spi0-0,interrupt=25"])
+    for shell in ("sh", "bash"):
+        if shutil.which(shell):
+            assert subprocess.run([shell, "-n", path], capture_output=True, timeout=10).stderr == b""
+    if shutil.which("shellcheck"):
+        checked = subprocess.run(["shellcheck", path], capture_output=True, text=True, timeout=30)
+        assert checked.returncode == 0, checked.stdout
+    (tmp_path / "into").mkdir()
+    first = look(path, tmp_path / "into")
+    left = files(tmp_path / "into")
+    again = look(path, tmp_path / "into")
+    assert files(tmp_path / "into") == left
+    assert not [line for line in again if line.startswith(("wrote ", "added "))]
+    assert {line[6:] for line in first if line.startswith("wrote ")} == {f"/{name}" for name in left if not name.endswith("config.txt")}
+    assert "sudo" not in "".join(line for line in text.splitlines() if not line.lstrip().startswith(("#", "echo")))
+
+
+def test_each_part_is_asked_for_by_some_machine(tmp_path):
+    asked = set()
+    for name, tree in MACHINES.items():
+        machine = Machine(lay_out(tmp_path / name, {"/proc/x": "", **tree}))
+        asked |= {finding.part for finding in examine(machine, Wants())}
+    assert asked - {""} == set(PARTS)
+
+
+def test_it_has_only_what_was_found_wanting(written):
+    path, text = written(LAPTOP)
+    assert "latency_timer" in text and "scaling_governor" in text and "ID_MM_PORT_IGNORE" in text
+    for absent in ("nvpmodel", "mttcan", "config.txt", "sched_rt_runtime_us", "80-tickwork-can"):
+        assert absent not in text
+
+
+def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
+    path, text = written({})
+    assert text.endswith("# `tickwork doctor --script` found nothing wanting that a script could set right.\n")
+    (tmp_path / "into").mkdir()
+    assert look(path, tmp_path / "into") == [] and files(tmp_path / "into") == {}
+
+
+def test_every_part_says_why_it_is_there(written):
+    path, text = written(ORIN_NANO)
+    assert "# rtprio: the limit of jetson is 0; without real-time priority any busy program delays the loop by milliseconds.\n" in text
+    assert "# power mode: 15W, and MAXN_SUPER is there; " in text
+
+
+def test_limits_are_for_a_group_that_the_user_joins(written, tmp_path):
+    path, text = written(PI_4, user="ada")
+    said = look(path, tmp_path / "into")
+    assert "user=ada\n" in text and "not run: usermod -aG realtime ada" in said
+    left = files(tmp_path / "into")
+    assert left["etc/security/limits.d/90-tickwork.conf"] == "@realtime - rtprio 90\n@realtime - memlock unlimited\n"
+    assert left["etc/udev/rules.d/90-tickwork-idle.rules"] == 'KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"\n'
+    assert said[-1] == "done; groups and limits are in effect from the next login on"
+
+
+def test_a_can_interface_gets_a_unit_and_a_queue(written, tmp_path):
+    path, _ = written(PI_4, bitrate=500_000)
+    said = look(path, tmp_path / "into")
+    left = files(tmp_path / "into")
+    assert left["etc/systemd/network/80-tickwork-can.network"] == (
+        "[Match]\nName=can0\n\n[Link]\nRequiredForOnline=no\n\n[CAN]\nBitRate=500000\nRestartSec=100ms\n")
+    assert left["etc/udev/rules.d/90-tickwork-can.rules"] == (
+        'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="can0", ATTR{tx_queue_len}="128"\n')
+    assert "not run: ip link set can0 down" in said and said.index("not run: ip link set can0 down") < said.index(
+        "not run: systemctl restart systemd-networkd")
+
+
+def test_the_overlay_of_a_hat_goes_into_config_txt_once_and_for_every_model(written, tmp_path):
+    path, _ = written(NO_CAN_ON_PI, overlays=["mcp251xfd,spi0-0,interrupt=25"])
+    config = tmp_path / "into" / "boot" / "firmware" / "config.txt"
+    config.parent.mkdir(parents=True)
+    config.write_text(PI_4["/boot/firmware/config.txt"] + "[cm5]\nx=1\n")
+    said = look(path, tmp_path / "into")
+    assert "restart for the changes in config.txt" not in look(path, tmp_path / "into")
+    assert config.read_text() == PI_4["/boot/firmware/config.txt"] + (
+        "[cm5]\nx=1\n\n[all]\ndtparam=spi=on\n\n[all]\ndtoverlay=mcp251xfd,spi0-0,interrupt=25\n\n[all]\ndtparam=i2c_arm_baudrate=400000\n")
+    assert "restart for the changes in config.txt" in said
+
+
+def test_without_the_name_of_the_hat_its_line_is_left_to_the_person(written, tmp_path):
+    path, text = written(NO_CAN_ON_PI)
+    look(path, tmp_path / "into")
+    assert "# config_line 'dtoverlay=mcp2515-can0,oscillator=12000000,interrupt=25'" in text
+    assert "dtoverlay" not in files(tmp_path / "into")["boot/firmware/config.txt"]
+
+
+def test_a_jetson_gets_its_power_mode_by_number_and_its_clocks_at_every_start(written, tmp_path):
+    path, text = written(ORIN_NANO)
+    said = look(path, tmp_path / "into")
+    assert "nvpmodel -m 2" in text and "not run: nvpmodel -m 2" in said
+    assert "ExecStart=/usr/bin/jetson_clocks\n" in files(tmp_path / "into")["etc/systemd/system/tickwork-clocks.service"]
+
+
+def test_texts_of_a_hostile_machine_stay_comments(written, tmp_path):
+    evil = "x\ntouch " + str(tmp_path / "evil") + "\n$(touch " + str(tmp_path / "evil") + ")`touch " + str(tmp_path / "evil") + "`"
+    path, _ = written({
+        **ORIN_NANO, "/proc/device-tree/model": evil, "/etc/os-release": f'PRETTY_NAME="{evil}"', "/proc/version": evil,
+        "/commands/id": f"uid=1000(a'$(touch {tmp_path / 'evil'})) gid=1000(a) groups=1000(a)"})
+    (tmp_path / "into").mkdir()
+    look(path, tmp_path / "into")
+    assert not (tmp_path / "evil").exists()
+
+
+def test_it_does_not_run_without_root_and_says_how(written):
+    if os.geteuid() == 0:
+        pytest.skip("needs somebody who is not root")
+    path, _ = written(PI_4)
+    process = subprocess.run(["sh", path], capture_output=True, text=True, timeout=10)
+    assert (process.returncode, process.stderr) == (1, f"run this as root: sudo sh {path}\n")
