@@ -16,7 +16,7 @@ import resource
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from cext import realtime as system
+from cext import realtime as native
 
 from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, capable, exhausted_group, isolated_processors, memory_sizes, stack_limit, user
 from runtime.terminal import program
@@ -74,9 +74,9 @@ class Realtime:
 
     def obtain(self):
         """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing held."""
-        slack = system.timer_slack()
-        system.set_timer_slack(1)
-        self._undo.callback(system.set_timer_slack, slack)
+        slack = native.timer_slack()
+        native.set_timer_slack(1)
+        self._undo.callback(native.set_timer_slack, slack)
         if self.mode == "off":
             return
         self.granted.append("timer slack 1 ns")
@@ -135,11 +135,11 @@ class Realtime:
             raise Refusal(name, f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
                           limit_cure("memlock", "unlimited"))
         try:
-            system.lock_memory(as_touched=size > free // 2)
+            native.lock_memory(as_touched=size > free // 2)
         except OSError as error:
             raise Refusal(name, error.strerror, limit_cure("memlock", "unlimited")) from None
-        self._undo.callback(system.unlock_memory)
-        system.prefault_stack(min(STACK, stack_limit() // 8))
+        self._undo.callback(native.unlock_memory)
+        native.prefault_stack(min(STACK, stack_limit() // 8))
         return "memory locked"
 
     def _stay_awake(self):
@@ -189,7 +189,7 @@ class Realtime:
     def _guard_against_spinning(self, guard):
         """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as it is."""
         before = resource.getrlimit(resource.RLIMIT_RTTIME)
-        system.watch_for_spinning()
+        native.watch_for_spinning()
         guard.callback(self._stop_watching)
         soft = int(SPIN * 1e6)
         if before[1] != resource.RLIM_INFINITY:
@@ -198,7 +198,7 @@ class Realtime:
         guard.callback(resource.setrlimit, resource.RLIMIT_RTTIME, before)
 
     def _stop_watching(self):
-        self.spun = system.stop_watching()
+        self.spun = native.stop_watching()
 
     def _why_no_priority(self, name, permitted, error):
         if not permitted:

@@ -69,7 +69,8 @@ def report(machine, findings):
 
 
 def about(machine):
-    return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", f"user {machine.user}") if part)
+    person = f"user {machine.user}" + (": ask as the one who runs the robot" if machine.root_user else "")
+    return ", ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}", person) if part)
 
 
 def summary(findings):

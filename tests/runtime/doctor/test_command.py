@@ -1,12 +1,14 @@
 """`python -m runtime doctor`: what a person reads, what a machine reads, and the exit code."""
 
 import json
+import re
 
 import pytest
 
 from runtime.errors import CHECK_FAILED, OK
+from runtime.realtime import HIGHEST, PRIORITY, SPIN
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
-from tests.runtime.runs import finished
+from tests.runtime.runs import ROOT, finished
 
 
 @pytest.fixture
@@ -85,3 +87,21 @@ def test_this_machine_is_examined_in_a_process_of_its_own(tmp_path):
     assert process.returncode in (OK, CHECK_FAILED) and process.stderr == ""
     assert "\nok     Python" in process.stdout and "cannot be told:" not in process.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+def test_root_is_told_that_its_answers_are_its_own(command_line, laid_out):
+    folder = laid_out({**PI_4, "/commands/id": "uid=0(root) gid=0(root) groups=0(root)"})
+    assert command_line("doctor", "--root", folder)[1].splitlines()[0].endswith(", user root: ask as the one who runs the robot")
+
+
+def test_the_page_tells_what_is_so(command_line):
+    """Its numbers are the program's, and its options exist."""
+    page = (ROOT / "docs" / "realtime.md").read_text()
+    assert f"priority {PRIORITY} (`--priority`, {HIGHEST} at most)" in page and SPIN == 0.5 and "half a second without a sleep" in page
+    offered = ""
+    for command in ("run", "doctor"):
+        with pytest.raises(SystemExit):
+            command_line(command, "--help")
+        offered += command_line.capsys.readouterr().out
+    ours = [line for line in page.splitlines() if "docker" not in line and "container" not in line and "powerprofilesctl" not in line]
+    assert {option for option in re.findall(r"(?<![\w-])--[a-z]+", "\n".join(ours))} <= set(re.findall(r"--[a-z]+", offered))
