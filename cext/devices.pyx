@@ -14,7 +14,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FOREIGN, MALFORMED, OK, SILENT, TAKEN
-from cext.page cimport FRAME, commit, reserve
+from cext.page cimport FRAME, RECEIVED, commit, reserve
 from cext.stopwatch cimport COMMAND, lap
 
 from cext.handover import address, slot_words, words
@@ -99,6 +99,8 @@ cdef class Devices:
         cdef Frame *frame
         cdef Device *device
         cdef int answer = FOREIGN
+        if page != NULL and self.bus_count > 0:
+            log_received(page, now)
         for bus in range(self.bus_count):
             count = (<BusEnd>self.bus_ends[bus]).bus.receive(
                 (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
@@ -236,6 +238,15 @@ cdef class Devices:
             for rounds in range(64):
                 if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
                     break
+
+
+cdef inline void log_received(PageLayout *page, int64_t now) noexcept nogil:
+    cdef int64_t *room = <int64_t *>reserve(page, RECEIVED, sizeof(int64_t))
+    if room == NULL:
+        page.dropped += 1
+        return
+    room[0] = now
+    commit(page)
 
 
 cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:

@@ -26,6 +26,7 @@ from cext.posix cimport CLOCK_REALTIME, PR_SET_TIMERSLACK, prctl
 from cext.program cimport Program
 from cext.signals cimport Signals
 from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
+from cext.tape cimport Tape
 from cext.tick cimport Tick
 
 from cext.outcome import STATUS, Outcome, name_of
@@ -45,6 +46,7 @@ cdef class Executor:
     overrun : what a tick does that comes too late, in the words of cext.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
     profile : whether every step is timed, as `profile` tells afterwards
+    tape : Tape of a recorded run, whose ticks are run again in virtual time, as late as they were
     """
 
     cdef Program control, plant
@@ -54,6 +56,7 @@ cdef class Executor:
     cdef Journal journal
     cdef Overrun overrun
     cdef Tick body
+    cdef Tape tape
     cdef int to_blame            # item of the stopwatch that the last overrun came from
     cdef bint virtual, simulated
     cdef int64_t began, first_tick, tick, previous
@@ -61,14 +64,17 @@ cdef class Executor:
     cdef int64_t now             # ns from the run's begin to the present round or tick
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
-                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False):
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None):
         self.signals = Signals()
         self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
         self.journal = Journal(page, control, virtual, reader, self.signals)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
-        self.simulated = plant is not None or control.devices.count == 0
+        self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
+        self.tape = tape
+        if tape is not None and not virtual:
+            raise ValueError("a recorded run is run again in virtual time")
 
     def run(self, int64_t ticks=-1, *, double fade=0.5, double arming_timeout=1.0, double stopping_timeout=0.2):
         """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
@@ -201,7 +207,10 @@ cdef class Executor:
             if self.signals.caught[0] or not self.journal.make_room(False):
                 break
             began = monotonic()
-            if not self.virtual:
+            if self.tape is not None:
+                if not self.tape.advance(&tick, &late):
+                    break
+            elif not self.virtual:
                 tick = self.place(tick, began - epoch, ticks)
                 if self.overrun.fault:
                     status = OVERRUN

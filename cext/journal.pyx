@@ -27,7 +27,7 @@ cdef class Journal:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
-        self.most = 8 * (3 + program.column_count)
+        self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops

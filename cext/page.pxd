@@ -33,6 +33,7 @@ cdef enum: # of a record in the ring
     ROW = 1                     # doubles: tick, lateness in s, then the recorded signals
     FRAME = 2                   # a struct Frame
     EVENT = 3                   # JSON
+    RECEIVED = 4                # int64: ns from the run's begin at which the buses were drained; the frames that were there follow
 
 cdef struct Header:             # in front of every record
     uint32_t kind

@@ -13,7 +13,7 @@ from cext.histogram cimport summary
 cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
 
 STATES = ("init", "arming", "running", "stopping", "safe")
-RECORD_ROW, RECORD_FRAME, RECORD_EVENT = ROW, FRAME, EVENT
+RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED = ROW, FRAME, EVENT, RECEIVED
 
 
 cdef class Page:
@@ -135,6 +135,11 @@ cdef class Page:
     def wall(self):
         """ns, CLOCK_REALTIME of the run's begin; 0 before it."""
         return load_i64(&self.layout.wall)
+
+    @property
+    def began(self):
+        """ns, CLOCK_MONOTONIC of the run's begin; 0 before it."""
+        return load_i64(&self.layout.began)
 
     @property
     def first_tick(self):

@@ -14,6 +14,8 @@ COMMANDS = {
     "run": "run a diagram, in simulation",
     "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
     "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
+    "replay": "run a recording again, bit for bit, or through a changed diagram",
+    "diff": "compare two recordings: a table and a picture",
     "blocks": "list the blocks that are installed, or tell all about one",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
@@ -56,7 +58,7 @@ def command(arguments):
         return run_command(arguments)
     commands = {
         "run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command,
-        "doctor": doctor_command,
+        "doctor": doctor_command, "replay": replay_command, "diff": diff_command,
     }
     return commands[first](arguments[1:])
 
@@ -270,6 +272,37 @@ def blocks_command(arguments):
     options = parser.parse_args(arguments)
     tell(catalog(options.name, options.library, options.actuators))
     return OK
+
+
+def replay_command(arguments):
+    from runtime.replay import replay, told
+
+    parser = Parser("replay", "Run a recording again: from what its buses received, on the recorded clock, with nothing connected.")
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument("--diagram", type=Path, metavar="FILE", help="run this diagram instead of the one that was recorded")
+    parser.add_argument("--record", type=folder, metavar="DIR", help="keep the new recording in this folder")
+    options = parser.parse_args(arguments)
+    result = replay(options.recording, options.diagram, options.record)
+    tell(told(result))
+    return OK if result.same else CHECK_FAILED
+
+
+def diff_command(arguments):
+    from runtime import diff
+    from runtime.compare import compare
+    from runtime.trial import Trial
+
+    parser = Parser("diff", "Compare two recordings, tick by tick.")
+    parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
+    parser.add_argument("second", type=Path, metavar="B", help="and of another")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
+    options = parser.parse_args(arguments)
+    here, there = Trial(options.first), Trial(options.second)
+    comparison = compare(here, there)
+    tell(diff.table(here, there, comparison))
+    if comparison.differences:
+        tell([f"  {diff.draw(options.output or Path('diff.png'), here, there, comparison)}"])
+    return OK if comparison.identical else CHECK_FAILED
 
 
 def bench_command(arguments):

@@ -1,9 +1,10 @@
 """The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay runs on.
 
     /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double
-    /tick                   closes the row of a tick: number, time and lateness in s
-    /can/legs, ...          every CAN frame, received or sent, in the order in which the control process handled them
-    /events                 what happened besides: live changes, marks, the end
+    /tickwork/tick          closes the row of a tick: number, time and lateness in s
+    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled them; `sequence` tells in
+                            which drain of the buses it was there, or which it followed, and `publish_time` when that was
+    /tickwork/events        what happened besides: the begin by both clocks, live changes, marks, the end
 
 Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0. Records are written
 as they come, without chunks, so that a file which was cut off anywhere holds all that is complete before the cut. What was known before the
@@ -35,9 +36,10 @@ class FlightLog(Service):
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
         self.files[self.file.path] = ""
         self.rows = self.frames = 0
+        self.drain = self.drained = 0       # how often the buses had been drained, and when last
         self.heads = {}                     # what a frame's message begins with, and its channel
         self.writer = None
-        self.began = 0
+        self.begun, self.began = False, 0
 
     def begin(self, about):
         """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
@@ -51,9 +53,9 @@ class FlightLog(Service):
         self.subsystems = [
             (subsystem, self.channel(subsystem.topic, *subsystem.descriptor()))
             for subsystem in messages.subsystems(self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])])]
-        self.tick = self.channel("/tick", *messages.simple("Tick", messages.TICK))
-        self.buses = [self.channel(f"/can/{bus}", *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
-        self.events = self.channel("/events", *messages.simple("Event", messages.EVENT))
+        self.tick = self.channel(messages.ROW_END, *messages.simple("Tick", messages.TICK))
+        self.buses = [self.channel(messages.BUS + bus, *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
+        self.events = self.channel(messages.EVENTS, *messages.simple("Event", messages.EVENT))
 
     def attach(self, name, data):
         self.writer.add_attachment(create_time=0, log_time=0, name=name, media_type=JSON, data=data)
@@ -64,8 +66,11 @@ class FlightLog(Service):
 
     def wall(self, time):
         """ns in the file of ns since the run's begin."""
-        if not self.began and not self.plan["virtual"]:
-            self.began = self.page.wall
+        if not self.begun:
+            self.begun = True
+            self.began = 0 if self.plan["virtual"] else self.page.wall
+            if not self.plan["virtual"]:
+                self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
         return self.began + time
 
     def row(self, tick, time, values, lateness=0.0):
@@ -76,14 +81,19 @@ class FlightLog(Service):
         write(self.tick, at, messages.tick(tick, time, lateness), at, tick)
         self.rows += 1
 
+    def received(self, payload):
+        """The buses were drained: what comes now was received then. payload : ns since the run's begin"""
+        self.drain += 1
+        self.drained = int.from_bytes(payload, "little", signed=True)
+
     def frame(self, payload):
         key = payload[8:16]
         head = self.heads.get(key)
         if head is None:
             head = self.heads[key] = self.frame_head(payload)
         channel, begin, length = head
-        at = self.wall(int.from_bytes(payload[:8], "little"))
-        self.writer.add_message(channel, at, begin + payload[16 : 16 + length], at, self.frames)
+        at = self.wall(int.from_bytes(payload[:8], "little", signed=True))
+        self.writer.add_message(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
         self.frames += 1
 
     def frame_head(self, payload):

@@ -9,6 +9,7 @@ from itertools import count, groupby
 from struct import Struct
 
 PACKAGE = "tickwork"
+ROW_END, EVENTS, BUS = f"/{PACKAGE}/tick", f"/{PACKAGE}/events", f"/{PACKAGE}/can/"      # topics besides those of subsystems
 DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11        # FieldDescriptorProto.Type
 OPTIONAL, REPEATED = 1, 3                                                               # FieldDescriptorProto.Label
 WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32, WIRE_VARINT = 1, 2, 5, 0
@@ -50,6 +51,29 @@ def event(kind, at, text):
         tag(3, WIRE_LENGTH), varint(len(text)), text))
 
 
+def read(fields, data):
+    """{name: value} of a flat message."""
+    found, at = {}, 0
+    while at < len(data):
+        number, wire = data[at] >> 3, data[at] & 7
+        name, kind = fields[number - 1]
+        at += 1
+        if wire == WIRE_FIXED64:
+            found[name], at = int.from_bytes(data[at : at + 8], "little", signed=True), at + 8
+        elif wire == WIRE_FIXED32:
+            found[name], at = int.from_bytes(data[at : at + 4], "little"), at + 4
+        else:
+            value = shift = 0
+            while data[at] & 128:
+                value, shift, at = value | (data[at] & 127) << shift, shift + 7, at + 1
+            value, at = value | data[at] << shift, at + 1
+            if wire == WIRE_LENGTH:
+                value, at = bytes(data[at : at + value]), at + value
+                value = value.decode() if kind == STRING else value
+            found[name] = value
+    return found
+
+
 class Subsystem:
     """The message of one subsystem.
 
@@ -82,6 +106,18 @@ class Subsystem:
         self._items[1::2] = values
         return self._pack(*self._items)
 
+    def dtype(self):
+        """What NumPy calls the message: a field for each value, named by its place in the row."""
+        import numpy as np
+
+        names, offsets, at = [], [], 0
+        for place, text in zip(self.columns, self._items[::2]):
+            at += len(text)
+            names.append(str(place))
+            offsets.append(at)
+            at += 8
+        return np.dtype({"names": names, "formats": ["<f8"] * len(names), "offsets": offsets, "itemsize": at})
+
     def descriptor(self):
         """A serialised FileDescriptorSet, and the name of the message in it."""
         outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]
@@ -95,7 +131,11 @@ def subsystems(name, columns):
     grouped = {}
     for index, path in columns:
         grouped.setdefault(split(path)[0] or name, []).append((index, path))
-    return [Subsystem(f"/{topic}", sorted(own, key=lambda column: split(column[1])[1])) for topic, own in grouped.items()]
+    return [Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1])) for folder, own in grouped.items()]
+
+
+def topic_of(folder):
+    return f"/{folder}_" if folder.split("/")[0] == PACKAGE else f"/{folder}"       # /tickwork/... are our own
 
 
 def split(path):

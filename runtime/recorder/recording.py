@@ -11,7 +11,7 @@ from operator import itemgetter
 from signal import Signals
 from struct import Struct
 
-from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_ROW
+from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
 from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog
@@ -114,6 +114,9 @@ class Recording:
                         log.frame(payload)
                     except Exception as error:
                         self.stop(log, error)
+            elif kind == RECORD_RECEIVED:
+                if self.flight_log is not None:
+                    self.flight_log.received(payload)
             elif kind == RECORD_EVENT:
                 self.take_event(json.loads(payload))
 

@@ -92,11 +92,11 @@ def test_every_signal_of_every_tick_is_there_under_its_subsystem_and_block(tmp_p
     rates = found.signal("/left/foot imu rate")
     assert [rate[:2] for rate in rates] == [[k / 200, 2 * k / 200] for k in range(100)] and all(math.isnan(rate[2]) for rate in rates)
     assert found.signal("/left/foot imu x_ffnung") == [0.5] * 100
-    assert found.signal("/tick tick") == list(range(100)) and found.signal("/tick time") == [k / 200 for k in range(100)]
-    assert [time for time, _ in found.channels["/tick"]] == [5_000_000 * k for k in range(100)]
+    assert found.signal("/tickwork/tick tick") == list(range(100)) and found.signal("/tickwork/tick time") == [k / 200 for k in range(100)]
+    assert [time for time, _ in found.channels["/tickwork/tick"]] == [5_000_000 * k for k in range(100)]
     assert [signal["path"] for signal in found.attachments["about.json"]["signals"]] == [
         "left/foot/imu.rate[0]", "left/foot/imu.rate[1]", "left/foot/imu.rate[2]", "left/foot/imu.öffnung", "wave.y"]
-    assert found.order[:3] == ["/left/foot", "/robot", "/tick"]                     # the row is whole when /tick has come
+    assert found.order[:3] == ["/left/foot", "/robot", "/tickwork/tick"]                     # the row is whole when /tickwork/tick has come
 
 
 def test_names_that_become_the_same_are_kept_apart(tmp_path):
@@ -114,7 +114,7 @@ def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):
     found = log(folder / "bench_1.mcap")
     got = [found.signal(f"/left b{i // 5} x{i}")[0] for i in range(len(values))]
     assert [repr(value) for value in got] == [repr(value) for value in values]
-    assert found.signal("/tick lateness") == [1.25e-5] and found.signal("/tick tick") == [3]
+    assert found.signal("/tickwork/tick lateness") == [1.25e-5] and found.signal("/tickwork/tick tick") == [3]
 
 
 def test_frames_keep_order_bus_direction_kind_and_nanoseconds(tmp_path):
@@ -123,21 +123,21 @@ def test_frames_keep_order_bus_direction_kind_and_nanoseconds(tmp_path):
         frame(2_000_000_000, 0x7 | REMOTE, b"")]
     record(plan(tmp_path, buses=["legs", "arms"]), frames)
     found = log(tmp_path / "bench_1.mcap")
-    first, second, third = found.channels["/can/legs"]
+    first, second, third = found.channels["/tickwork/can/legs"]
     assert first[0] == 1 and (first[1].id, first[1].data, first[1].sent, first[1].extended, first[1].fd) == (0x123, b"\1\2", False, False, False)
     assert second[0] == 1_000_000_007 and (second[1].id, second[1].data, second[1].sent, second[1].extended) == (0x801, b"", True, True)
     assert third[1].remote and third[1].id == 7
-    [(time, long)] = found.channels["/can/arms"]
+    [(time, long)] = found.channels["/tickwork/can/arms"]
     assert (time, long.id, long.data, long.fd, long.rate_switch) == (1_000_000_007, 5, bytes(range(64)), True, True)
-    assert found.order == ["/can/legs", "/can/legs", "/can/arms", "/can/legs", "/events"]
+    assert found.order == ["/tickwork/can/legs", "/tickwork/can/legs", "/tickwork/can/arms", "/tickwork/can/legs", "/tickwork/events"]
 
 
 def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tmp_path):
     outcome, report, page = run(counting(rate=500), tmp_path, 50, virtual=False)
     found = log(tmp_path / "counting.mcap")
-    ticks, times = found.signal("/tick tick"), [time for time, _ in found.channels["/tick"]]
+    ticks, times = found.signal("/tickwork/tick tick"), [time for time, _ in found.channels["/tickwork/tick"]]
     assert [time - page.wall for time in times] == [2_000_000 * tick for tick in ticks]
-    late = found.signal("/tick lateness")
+    late = found.signal("/tickwork/tick lateness")
     assert max(late) == page.statistics()["lateness"]["max"] and min(late) > 0.0
     assert found.attachments["end.json"]["statistics"]["ticks"] == len(ticks)
 
@@ -162,7 +162,7 @@ def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
     assert len(positions) == 30 and not whole.cut
     for cut in range(0, len(data), 13):
         found = Log(data[:cut])
-        ticks = found.signal("/tick tick") if "/tick" in found.channels else []
+        ticks = found.signal("/tickwork/tick tick") if "/tickwork/tick" in found.channels else []
         assert ticks == list(range(len(ticks))) and len(ticks) >= at
         assert found.signal("/left knee position")[:len(ticks)] == positions[:len(ticks)] if ticks else True
         at = len(ticks)
@@ -186,7 +186,7 @@ def test_a_block_in_several_subsystems_of_any_depth_has_a_topic_each(tmp_path):
         CsvRecorder()
     run(diagram, tmp_path, 3)
     found = log(tmp_path / "deep.mcap")
-    assert [topic for topic in found.channels if "can" not in topic] == ["/left", "/left/knee", "/right", "/right/knee", "/deep", "/tick", "/events"]
+    assert [topic for topic in found.channels if "/can" not in topic] == ["/left", "/left/knee", "/right", "/right/knee", "/deep", "/tickwork/tick", "/tickwork/events"]
     assert found.signal("/right/knee a y") == found.signal("/deep sine y")
 
 
@@ -194,4 +194,4 @@ def test_a_block_in_several_subsystems_of_any_depth_has_a_topic_each(tmp_path):
 def test_a_long_or_empty_recording_is_one_valid_file(tmp_path, count):
     report = record(plan(tmp_path, sink(CSV, "a", columns("a.x m"))), [row(tick, 1.0) for tick in range(count)])
     found = log(tmp_path / "bench_1.mcap")
-    assert len(found.channels["/tick"]) == count == report["sinks"]["flight log"]["rows"]
+    assert len(found.channels["/tickwork/tick"]) == count == report["sinks"]["flight log"]["rows"]

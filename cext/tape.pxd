@@ -1,0 +1,23 @@
+from libc.stdint cimport int64_t
+
+from cext.abi cimport Frame
+from cext.buses cimport BusEnd
+
+cdef struct Reel:                # what one bus received, drain by drain
+    Frame *frames
+    int64_t *ends                # index of the frame behind the last one of each drain
+    int64_t count                # drains
+    int64_t next
+
+cdef class TapeBus:
+    cdef Reel reel
+    cdef readonly BusEnd host
+
+cdef class Tape:
+    cdef const int64_t *ticks
+    cdef const int64_t *late     # ns
+    cdef int64_t count, next
+    cdef object keep
+    cdef readonly bint simulated
+
+    cdef bint advance(self, int64_t *tick, int64_t *late) noexcept nogil

@@ -1,0 +1,207 @@
+"""`python -m runtime replay`: a recorded run once more, from what its buses received, tick by tick on the recorded clock.
+
+    Trial ──> Tape, TapeBus ──> Executor ──> a new recording ──> compare
+
+An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a divergence, never a guess.
+"""
+
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cext.executor import Executor
+from cext.page import RECORD_EVENT, Page
+from cext.program import Program
+from cext.tape import Tape, TapeBus
+
+from blocks.recorders import CsvRecorder
+from graph import DiagramError, Sink
+from graph.store import content_hash, from_json, to_json
+from runtime.compare import Comparison, compare, sent_frames
+from runtime.errors import BadInput
+from runtime.load import compiled, load
+from runtime.recorder import RecorderProcess
+from runtime.trial import Trial
+
+RING = 1 << 22                  # bytes
+
+
+@dataclass
+class Replayed:
+    """
+    there : Trial, the recording; here : Trial, what came of it now
+    unchanged : whether the diagram has the recorded content
+    outcome : cext.executor.Outcome
+    comparison : Comparison of `there` with `here`
+    frame : number of the first sent frame that differs, None where all are the same
+    frames : how many there were
+    files : paths of the new recording, if it was kept
+    """
+
+    there: Trial
+    here: Trial
+    unchanged: bool
+    outcome: object
+    comparison: Comparison
+    frame: int | None
+    frames: int
+    files: list
+
+    @property
+    def same(self):
+        return self.comparison.identical and self.frame is None and self.ended_alike
+
+    @property
+    def ended_alike(self):
+        end = (self.there.end or {}).get("end")
+        return end is None or (end["status"], end["culprit"]) == (self.outcome.status, self.outcome.culprit)
+
+
+def replay(path, file=None, folder=None):
+    """Run a recording again.
+
+    path : of the .mcap file
+    file : a changed diagram; by default the one that was recorded
+    folder : keeps the new recording; by default it goes away
+
+    BadInput where the recording cannot be run again.
+    """
+    trial = Trial(path)
+    check(trial)
+    diagram, where = diagram_of(trial, file)
+    add_recorder(trial, diagram)
+    schedule = compiled(where, diagram)
+    ends = buses(trial, schedule)
+    with tempfile.TemporaryDirectory() as scratch:
+        target = str(folder or scratch)
+        outcome, report = run(trial, diagram, schedule, ends, target)
+        if report["problems"]:
+            raise BadInput(report["problems"][0])
+        files = [entry["path"] for entry in report["files"]]
+        here = Trial(next(name for name in files if name.endswith(".mcap")))
+    mine, theirs = sent_frames(trial), sent_frames(here)
+    frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
+    unchanged = trial.about.get("hash") == content_hash(diagram)
+    return Replayed(trial, here, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [])
+
+
+def check(trial):
+    """BadInput where something that went in is not in the recording."""
+    dropped = (trial.end or {}).get("statistics", {}).get("dropped", 0)
+    if dropped:
+        raise BadInput(f"{trial.path}: {dropped} records were dropped while it was made, so that it cannot be run again")
+    if not len(trial):
+        raise BadInput(f"{trial.path} holds no tick")
+
+
+def diagram_of(trial, file):
+    """The diagram to run, and where it is from: the file that is given, or the one that was recorded, or the recording's own JSON."""
+    metadata = trial.about["metadata"]
+    source = Path(file or metadata.get("diagram_file", ""))
+    if file is not None or source.is_file():
+        _, diagram = load(source, list(metadata.get("settings", {}).items()))
+    elif trial.diagram is not None:
+        try:
+            diagram, source = from_json(json.dumps(trial.diagram)), trial.path
+        except DiagramError as error:
+            raise BadInput(f"{trial.path}: {source} is not there, and from the recording: {error}") from None
+    else:
+        raise BadInput(f"{trial.path}: its diagram, {source}, is not there: name one with --diagram FILE")
+    diagram.rate = trial.about["rate"]
+    return diagram, source
+
+
+def add_recorder(trial, diagram):
+    """As `--record` added one then; and to a diagram that has nothing that records."""
+    recorded = any(block["type"].endswith(":CsvRecorder") for block in (trial.diagram or {}).get("blocks", []))
+    if not any(isinstance(block, CsvRecorder) if recorded else isinstance(block, Sink) for block in diagram):
+        with diagram:
+            CsvRecorder()
+
+
+def buses(trial, schedule):
+    """The robot's end of each bus. BadInput for one that was not recorded."""
+    drains = max((frame.drain for frame in trial.frames), default=0)
+    ends = []
+    for name in schedule.buses:
+        if name not in trial.about["buses"]:
+            known = ", ".join(trial.about["buses"]) or "none"
+            raise BadInput(f"the diagram is on bus {name!r}, of which the recording has no frames; its buses are {known}")
+        reel = [[] for _ in range(drains)]
+        for frame in trial.frames:
+            if frame.bus == name and not frame.sent and frame.drain > 0:
+                reel[frame.drain - 1].append(frame.payload)
+        ends.append(TapeBus(reel).host)
+    return ends
+
+
+def tape(trial):
+    """The ticks that ran: those with a row, and the one that a fault ended."""
+    ticks, late = trial.tick, np.rint(trial.lateness * 1e9).astype(np.int64)
+    end = (trial.end or {}).get("end")
+    if end is not None and end["status"] != "ok" and end["tick"] > ticks[-1]:
+        ticks, late = np.append(ticks, end["tick"]), np.append(late, 0)
+    return Tape(ticks, late, trial.about["simulated"])
+
+
+def order(schedule):
+    """Paths of what is recorded, in the order in which a tick computes it; devices last, as what they heard is the same and what they sent an effect."""
+    devices = {device.name for device in schedule.devices}
+    place = {column.path: (column.path.rpartition(".")[0] in devices, int(slot)) for slot, column in zip(schedule.columns, schedule.recorded)}
+    return sorted(place, key=place.get)
+
+
+def run(trial, diagram, schedule, ends, folder):
+    """(Outcome, the recorder's report)"""
+    page = Page(RING)
+    recorder = RecorderProcess(page)
+    try:
+        recorder.configure(plan(trial, diagram, schedule, folder))
+        executor = Executor(Program(schedule, ends), schedule.rate, page=page, virtual=True, reader=recorder.pidfd, tape=tape(trial))
+        outcome = executor.run()
+        end = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
+        while not page.push(RECORD_EVENT, json.dumps(end).encode()) and recorder.alive:
+            pass
+        page.close()
+    except BaseException:
+        recorder.abandon()
+        raise
+    return outcome, recorder.finish()
+
+
+def plan(trial, diagram, schedule, folder):
+    return {
+        "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "duration": None, "virtual": True,
+        "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses, "sinks": [],
+        "status_line": False, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
+    }
+
+
+def told(result):
+    """Lines for standard output."""
+    there, comparison = result.there, result.comparison
+    what = "the diagram as it was recorded" if result.unchanged else "a changed diagram"
+    lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} run again, {what}"]
+    if not there.complete:
+        lines.append("  the recording was cut off; it was run again up to its last complete tick")
+    signals = len(comparison.same) + len(comparison.differences)
+    if result.same:
+        lines.append(f"  all {signals} signals and {result.frames} sent frames are the same, bit for bit")
+    if comparison.differences:
+        first = comparison.differences[0]
+        lines.append(f"  differs first: {first.path} at tick {first.first}: {first.here!r} was recorded, and now it is {first.there!r} {first.unit}")
+        lines.append(f"  {len(comparison.differences)} of {signals} signals differ, {len(comparison.same)} are the same")
+    if result.frame is not None:
+        lines.append(f"  the frames sent differ from number {result.frame} of {result.frames} on")
+    for label, paths in (("only in the recording", comparison.only_here), ("only now", comparison.only_there)):
+        if paths:
+            lines.append(f"  {label}: {', '.join(paths[:5])}{f' and {len(paths) - 5} more' if len(paths) > 5 else ''}")
+    if any(comparison.missing):
+        lines.append(f"  {comparison.missing[0]} ticks of the recording did not run now, {comparison.missing[1]} ran now only")
+    if not result.ended_alike:
+        end = there.end["end"]
+        lines.append(f"  it ended otherwise: {end['status']} at {end['culprit']} then, {result.outcome.status} at {result.outcome.culprit} now")
+    return lines + [f"  {path}" for path in result.files]

@@ -1,0 +1,149 @@
+"""A recording, read back: every signal of every tick, the frames, what happened, and what the recording says of itself.
+
+    trial = Trial("recordings/knee_exo_2026-11-21_10-00-00.mcap")
+    trial["left/knee.position"]     # array over the ticks
+    trial.time                      # s
+
+A file that was cut off anywhere is read up to the last complete row; `complete` then is False.
+"""
+
+import json
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from runtime.errors import BadInput
+from runtime.recorder import messages
+
+FORMATS = ("1",)
+FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
+FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
+FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
+TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A CAN frame.
+
+    time : ns since the run's begin
+    drain : which drain of the buses, counted from 1, found it there, or came before it was sent; 0 before the first
+    drained : ns since the run's begin, when that was
+    row : how many rows were complete before it
+    payload : bytes of a struct Frame
+    """
+
+    time: int
+    bus: str
+    sent: bool
+    drain: int
+    drained: int
+    row: int
+    payload: bytes
+
+
+class Trial:
+    """
+    signals : {path: {"index", "path", "dtype", "unit"}}, in the order of the row
+    rows : (ticks, signals) array of doubles
+    tick, time, lateness : arrays over the rows; s
+    frames : [Recorded], in order
+    events : [dict]
+    about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
+    complete : whether the recording was finished
+
+    BadInput if the file is no recording, or one of a newer Tickwork.
+    """
+
+    def __init__(self, path):
+        self.path = Path(path)
+        reader = Reader(self.path)
+        self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
+        self.events, self.complete = reader.events, reader.finished
+        self.signals = {signal["path"]: signal for signal in self.about["signals"]}
+        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=TICK)
+        self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
+        self.rows = np.full((len(ticks), len(self.signals)), np.nan)
+        for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
+            values = np.frombuffer(b"".join(reader.messages[subsystem.topic][:len(ticks)]), dtype=subsystem.dtype())
+            for place in subsystem.columns:
+                self.rows[:, place] = values[str(place)]
+        self.frames = reader.frames
+
+    def __getitem__(self, path):
+        """The signal over the ticks: (ticks,), or (ticks, ...) for one with elements."""
+        if path in self.signals:
+            return self.rows[:, list(self.signals).index(path)]
+        columns = [index for index, name in enumerate(self.signals) if name.startswith(f"{path}[")]
+        if not columns:
+            from graph.block import suggestion
+
+            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if (hint := suggestion(path, list(self.signals))) else ""))
+        return self.rows[:, columns]
+
+    def __len__(self):
+        return len(self.tick)
+
+
+class Reader:
+    """The records of a file, sorted by what they are."""
+
+    def __init__(self, path):
+        self.about = self.end = self.diagram = None
+        self.events, self.frames = [], []
+        self.began = 0              # ns of the wall clock; in virtual time the file's times begin at 0
+        self.messages, self.topics = {messages.ROW_END: []}, {}
+        self.finished = False
+        try:
+            with open(path, "rb") as stream:
+                self.read(stream)
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}") from None
+        if self.about is None:
+            raise BadInput(f"{path} is no recording of Tickwork, or was cut off before its first tick")
+        if self.about.get("format") not in FORMATS:
+            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
+
+    def read(self, stream):
+        from mcap.exceptions import McapError
+        from mcap.records import Attachment, Channel, Footer, Message
+        from mcap.stream_reader import StreamReader
+
+        try:
+            for record in StreamReader(stream, record_size_limit=None).records:
+                if isinstance(record, Message):
+                    self.take(record)
+                elif isinstance(record, Attachment):
+                    setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
+                elif isinstance(record, Channel):
+                    self.topics[record.id] = record.topic
+                    self.messages.setdefault(record.topic, [])
+                elif isinstance(record, Footer):
+                    self.finished = True
+        except (McapError, EOFError, struct.error):             # cut off in the middle of a record
+            pass
+
+    def take(self, record):
+        topic = self.topics[record.channel_id]
+        if topic.startswith(messages.BUS):
+            self.frames.append(self.frame(topic.removeprefix(messages.BUS), record))
+        elif topic == messages.EVENTS:
+            event = json.loads(messages.read(messages.EVENT, record.data)["json"])
+            self.events.append(event)
+            if event["event"] == "begin":
+                self.began = event["wall"]
+        else:
+            self.messages[topic].append(record.data)
+
+    def frame(self, bus, record):
+        fields = messages.read(messages.FRAME, record.data)
+        data = fields.get("data", b"")
+        identifier = fields["id"] | sum(bit for name, bit in FLAGS.items() if fields.get(name))
+        flags = sum(bit for name, bit in FD_FLAGS.items() if fields.get(name))
+        sent = bool(fields.get("sent"))
+        time = record.log_time - self.began
+        payload = FRAME.pack(time, identifier, len(data), flags, self.about["buses"].index(bus), sent, data)
+        rows = len(self.messages[messages.ROW_END])
+        return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)

@@ -1,0 +1,203 @@
+"""Replay: a recorded run once more, bit for bit, or the first place where it is not."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK
+from runtime.trial import Trial
+from tests.runtime.runs import write
+
+ROOT = Path(__file__).parents[2]
+KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
+
+# A knee whose law has state, knows the clock, and does what `law` says.
+LAW = """
+import os
+import random
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from graph import Block, Diagram, Input, Output
+
+class Law(Block):
+    position, velocity = Input("rad"), Input("rad/s")
+    torque = Output("N·m")
+
+    def reset(self):
+        self.sum = 0.0
+
+    def step(self, position, velocity, t, tick, dt):
+        self.sum += dt
+        {law}
+
+def build():
+    with Diagram("law", rate=500) as diagram:
+        knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, name="knee")
+        knee(torque_command=TorqueLimiter(limit=12.0)(Law(name="law")(knee.position, knee.velocity)))
+    return diagram
+"""
+STEADY = "return 3.0 - 20.0 * position - 0.5 * velocity + self.sum"
+
+
+@pytest.fixture
+def recorded(command_line, tmp_path):
+    """recorded(path, *words): run a diagram in a folder of its own and return the path of its recording."""
+    count = 0
+
+    def record(path, *words, code=OK):
+        nonlocal count
+        count += 1
+        folder = tmp_path / f"recordings{count}"
+        assert command_line(path, "--record", folder, *words)[0] == code
+        [file] = folder.glob("*.mcap")
+        return file
+
+    return record
+
+
+def law(folder, text=STEADY, name="robot.py"):
+    return write(folder, LAW.format(law=text), name)
+
+
+def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
+    file = recorded(KNEE_EXO, "--fast", "--duration", "5")
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "")
+    assert out == (
+        f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
+        "  all 32 signals and 2004 sent frames are the same, bit for bit\n")
+    assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
+
+
+def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_line, tmp_path):
+    path = law(tmp_path, "if tick in (20, 60): import time; time.sleep(0.007)\n        " + STEADY)
+    file = recorded(path, "--duration", "0.3")
+    trial = Trial(file)
+    assert 0 < len(trial) < 150 and np.diff(trial.tick).max() > 1 and trial.lateness.max() > 0.0
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "are the same, bit for bit" in out
+
+
+def test_a_block_that_reads_how_late_it_is_hears_it_again(recorded, command_line, tmp_path):
+    path = write(tmp_path, '''
+from blocks.recorders import CsvRecorder
+from blocks.clock import Clock
+from graph import Diagram
+
+def build():
+    with Diagram("late", rate=1000) as diagram:
+        Clock()
+        CsvRecorder()
+    return diagram
+''')
+    file = recorded(path, "--duration", "0.2")
+    assert Trial(file)["clock.lateness"].max() > 0.0
+    assert command_line("replay", file)[0] == OK
+
+
+def test_a_block_that_throws_dice_is_named_with_the_first_tick(recorded, command_line, tmp_path):
+    path = law(tmp_path, "return random.random() if tick > 40 else 1.0")
+    file = recorded(path, "--fast", "--duration", "0.2")
+    code, out, _ = command_line("replay", file)
+    assert code == CHECK_FAILED
+    assert "the diagram as it was recorded" in out and "differs first: law.torque at tick 41: 0." in out
+
+
+def test_a_fault_happens_again(recorded, command_line, tmp_path):
+    path = law(tmp_path, "return 1.0 / (tick - 70)")
+    file = recorded(path, "--fast", "--duration", "1", code=FAULT)
+    assert Trial(file).tick[-1] == 69
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "70 ticks of" in out and "bit for bit" in out
+    law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")                   # the fault is mended
+    code, out, _ = command_line("replay", file)
+    assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
+
+
+def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.5")
+    other = law(tmp_path, STEADY.replace("0.5", "0.6"), "other.py")
+    code, out, err = command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
+    assert (code, err) == (CHECK_FAILED, "") and "250 ticks" in out and "a changed diagram" in out and "differs first: law.torque at tick " in out
+    [new] = (tmp_path / "again").glob("*_replay.mcap")
+    there, here = Trial(file), Trial(new)
+    assert here.tick.tolist() == there.tick.tolist()
+    assert here["knee.position"].tolist() == there["knee.position"].tolist()                            # what was heard stays
+    changed = there["law.torque"] - 0.1 * there["knee.velocity"]
+    assert here["law.torque"] == pytest.approx(changed, abs=1e-12)
+    picture = tmp_path / "diff.png"
+    code, out, err = command_line("diff", file, new, "-o", picture)
+    assert (code, err) == (CHECK_FAILED, "") and "law.torque [N*m]".replace("*", "·") in out and picture.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_diff_of_a_recording_with_itself_says_so(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    code, out, _ = command_line("diff", file, file)
+    assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()
+
+
+def test_a_bus_that_was_not_recorded_is_a_divergence_and_no_guess(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    other = write(tmp_path, LAW.format(law=STEADY).replace('bus="legs"', 'bus="arms"'), "other.py")
+    complaint = command_line.refused("replay", file, "--diagram", other)
+    assert complaint == "the diagram is on bus 'arms', of which the recording has no frames; its buses are legs"
+
+
+def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    path.unlink()
+    code, _, err = command_line("replay", file)
+    assert code == BAD_INPUT and "robot.py is not there" in err
+    file = recorded(KNEE_EXO, "--fast", "--duration", "0.1")
+    data = json.loads(file.with_suffix(".json").read_text())
+    assert data["metadata"]["diagram_file"].endswith("knee_exo.py")
+
+
+def test_what_is_no_recording_is_refused(command_line, tmp_path):
+    assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
+    (command_line.folder / "text.mcap").write_text("hello")
+    assert command_line.refused("replay", "text.mcap") == "text.mcap is no recording of Tickwork, or was cut off before its first tick"
+
+
+def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_tick(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.2")
+    data = file.read_bytes()
+    for share in (0.35, 0.6, 0.9):
+        cut = file.with_name("cut.mcap")
+        cut.write_bytes(data[: int(share * len(data))])
+        trial = Trial(cut)
+        code, out, _ = command_line("replay", cut)
+        assert not trial.complete and 0 < len(trial) < 100
+        assert code == OK and f"{len(trial)} ticks of cut.mcap" in out and "the recording was cut off" in out
+
+
+def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
+    path = law(tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")], cwd=ROOT, stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline and not any(file.stat().st_size > 60_000 for file in (tmp_path / "killed").glob("*.mcap")):
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    [sidecar] = (tmp_path / "killed").glob("*.json")
+    while time.monotonic() < deadline and json.loads(sidecar.read_text())["ended"] != "the control process died":
+        time.sleep(0.02)
+    [file] = (tmp_path / "killed").glob("*.mcap")
+    code, out, err = command_line("replay", file)
+    assert code == OK, out + err
+
+
+def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
+    file = recorded(KNEE_EXO, "--fast", "--duration", "1", "--rate", "100", "--set", "assistance=0.5", "--set", "left/damper.damping=0.4")
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "") and "100 ticks" in out and "as it was recorded" in out
