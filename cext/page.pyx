@@ -5,7 +5,7 @@ import mmap
 import os
 
 from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
 from cext.histogram cimport summary
@@ -40,6 +40,7 @@ cdef class Page:
         if self.layout.magic == 0:
             self.layout.capacity = len(self.memory) - sizeof(PageLayout)
             self.layout.tick = -1
+            memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
             self.layout.magic = MAGIC
         elif self.layout.magic != MAGIC:
             raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)

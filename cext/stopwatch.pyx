@@ -16,6 +16,20 @@ PHASES = {
 }
 
 
+def time_of_lap(int64_t laps=20000):
+    """s that one stamp with its histogram takes."""
+    cdef Histogram histogram
+    cdef Laps watch
+    cdef int64_t index
+    memset(&histogram, 0, sizeof(Histogram))
+    memset(&watch, 0, sizeof(Laps))
+    watch.each = &histogram
+    watch.last = began = monotonic()
+    for index in range(laps):
+        lap(&watch, 0)
+    return (watch.last - began) * 1e-9 / laps
+
+
 @cython.final
 cdef class Stopwatch:
     """Of one schedule. profile : whether every step is stamped and counted"""
