@@ -310,7 +310,8 @@ def profile_command(arguments):
 
     parser = Parser("profile", "Run a diagram in simulation, and tell where the time of a tick goes, block by block.")
     add_diagram(parser)
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S", help="stop after S seconds (default: 5)")
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S",
+                        help="stop after S seconds (default: 5)")
     parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can")
     parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)")
     add_pace(parser)

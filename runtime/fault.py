@@ -61,7 +61,8 @@ def overran(result):
     """What was missed, and the time that it took."""
     row = next((row for row in result.overruns if row["name"] == result.outcome.culprit), None)
     took = f"it took {micro(row['longest'])} (tick {row['at_tick']}); " if row else ""
-    return f"{took}{result.statistics['missed']} grid points were missed in all, which is more than --overrun {result.request.overrun} allows"
+    missed = f"{result.statistics['missed']} grid points were missed in all"
+    return f"{took}{missed}, which is more than --overrun {result.request.overrun} allows"
 
 
 def circumstances(outcome, diagram, schedule, program, block):

@@ -43,9 +43,10 @@ def listed(rows, title):
     lines = [f"  {title:<{width}}  {'kind':<14}{'calls':>9}{'p50':>9}{'p99':>9}{'max':>9}{'(tick)':>10}{'share':>9}"]
     for row in rows[:SHOWN]:
         bar = full * round(BAR * row["share"] / longest)
+        durations = "".join(f"{short(row[name]):>9}" for name in ("p50", "p99", "max"))
         lines.append((
-            f"  {row['name']:<{width}}  {row['kind']:<14}{row['count']:>9}{short(row['p50']):>9}{short(row['p99']):>9}{short(row['max']):>9}"
-            f"{row['max_at_tick']:>10}{100 * row['share']:>7.1f} %  {bar}").rstrip())
+            f"  {row['name']:<{width}}  {row['kind']:<14}{row['count']:>9}{durations}{row['max_at_tick']:>10}{100 * row['share']:>7.1f} %  {bar}"
+        ).rstrip())
     rest = rows[SHOWN:]
     if rest:
         lines.append(f"  and {len(rest)} more, {100 * sum(row['share'] for row in rest):.1f} % together")
@@ -61,7 +62,7 @@ def short(seconds):
 
 
 def picture(result, file):
-    """A PNG with a bar for every block: what a call takes at the median, at p99 and at most, and its share of the tick. Returns its path."""
+    """A PNG with a bar for every block, its share of the tick, and what a call takes at the median, at p99 and at most. Returns its path."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -91,7 +92,8 @@ def picture(result, file):
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
     ticks = max(1, result.statistics["ticks"])
-    figure.suptitle(f"{result.schedule.name}: {ticks} ticks of {short(result.statistics['busy'] / ticks)} at {result.schedule.rate:g} Hz", fontsize=11)
+    a_tick = short(result.statistics["busy"] / ticks)
+    figure.suptitle(f"{result.schedule.name}: {ticks} ticks of {a_tick} at {result.schedule.rate:g} Hz", fontsize=11)
     try:
         figure.savefig(file, dpi=120)
     except OSError as error:

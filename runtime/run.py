@@ -71,6 +71,7 @@ class Result(Prepared):
     realtime : what the system granted
     overruns : who took the time where grid points were missed, as cext.executor.Executor.overruns has it
     profile : (rows of the robot, rows of its plant), likewise
+    page : the shared page, with all that was counted
     """
 
     outcome: object
@@ -81,10 +82,12 @@ class Result(Prepared):
     realtime: Realtime
     overruns: list
     profile: tuple
+    page: Page
 
     @property
     def failed_in_plant(self):
-        return self.outcome.faulted and self.outcome.status != "overrun" and self.control.culprit is None and self.outcome.culprit is not None
+        outcome = self.outcome
+        return outcome.faulted and outcome.status != "overrun" and self.control.culprit is None and outcome.culprit is not None
 
 
 def prepare(request):
@@ -137,7 +140,7 @@ def run(prepared, say=lambda lines: None):
             recording = recorder.finish()
     return Result(
         **vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control,
-        realtime=realtime, overruns=executor.overruns, profile=executor.profile)
+        realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
 
 
 @contextmanager
@@ -229,7 +232,8 @@ def tell(page, event, recorder):
 
 def ending(outcome, overruns):
     event = {
-        "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal, "overruns": overruns,
+        "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
+        "overruns": overruns,
     }
     return json.dumps(event).encode()
 
