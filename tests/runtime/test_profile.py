@@ -7,7 +7,7 @@ import pytest
 
 from runtime.cli import parse_run
 from runtime.profile import short
-from tests.runtime.runs import KNEE_EXO, knee
+from tests.runtime.runs import DISABLE, KNEE_EXO, Files, assert_safely_stopped, knee
 
 
 @pytest.mark.parametrize("text, seconds", [("50us", 50e-6), ("50 µs", 50e-6), ("0.1ms", 1e-4), ("0s", 0.0), ("250ns", 250e-9)])
@@ -47,6 +47,18 @@ def test_a_fault_by_overrun_names_the_block_and_the_policy(command_line):
     assert code == 3 and first.startswith("FAULT at law, tick 20 (0.1 s): it took 4") and first.endswith(
         "grid points were missed in all, which is more than --overrun fault:4 allows")
     assert "safe stop   zero torque, then disable: confirmed by knee" in out
+
+
+def test_after_a_fault_by_overrun_the_stop_frames_stand_in_the_can_log_within_two_ticks(command_line):
+    law = "import time\n        time.sleep(0.11 if tick == 20 else 0.0)\n        return 0.5"         # at 50 Hz, five periods and a half
+    code, *_ = command_line(knee(command_line.folder, law), "--rate", "50", "--duration", "2", "--record", "here", "--overrun", "fault:4")
+    files = Files(command_line.folder / "here")
+    assert code == 3 and len(files.table["tick"]) == 21
+    assert_safely_stopped(files, [1])
+    ours = [(time, data) for time, _, identifier, data, sent in files.frames if sent and identifier == 1]
+    stop = next(index for index, (_, data) in enumerate(ours) if data == DISABLE) - 1
+    late = ours[stop][0] - ours[stop - 1][0]                        # from the last command, which bears the time of its grid point
+    assert len(ours[:stop]) == 2 + 21 and 0.11 <= late <= 0.11 + 2 * 0.02
 
 
 def test_profile_tells_every_block_with_its_share_and_draws_a_picture(command_line):
