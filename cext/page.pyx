@@ -5,10 +5,10 @@ import mmap
 import os
 
 from cpython.buffer cimport PyBUF_WRITABLE, PyObject_GetBuffer, PyBuffer_Release
-from libc.string cimport memcpy
+from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
-from cext.histogram cimport summary
+from cext.histogram cimport buckets, summary
 
 cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
 
@@ -40,6 +40,7 @@ cdef class Page:
         if self.layout.magic == 0:
             self.layout.capacity = len(self.memory) - sizeof(PageLayout)
             self.layout.tick = -1
+            memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
             self.layout.magic = MAGIC
         elif self.layout.magic != MAGIC:
             raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
@@ -130,6 +131,14 @@ cdef class Page:
             "gil": summary(&page.gil),
             "bus": summary(&page.bus),
         }
+
+    def counts(self, str name):
+        """The buckets of one of the histograms, to be added up over runs: an array, as cext.histogram.counts_of makes it."""
+        if name == "lateness":
+            return buckets(&self.layout.lateness)
+        if name == "period":
+            return buckets(&self.layout.period)
+        raise KeyError(name)
 
     @property
     def wall(self):

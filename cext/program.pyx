@@ -67,9 +67,8 @@ cdef class Program:
         cdef Segment *segment = NULL
         cdef int index
         # The tables of all steps lie in one run of memory, in the order of the tick, so that the cache gets them ahead of time.
-        cdef const int32_t *table = self.hold(np.array(
-            [word for entry in steps if entry.kernel is not None for word in (*entry.table.counts, *entry.table.slots, *entry.table.sizes)] or [0],
-            dtype=np.int32))
+        tables = [entry.table for entry in steps if entry.kernel is not None]
+        cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.counts, *each.slots, *each.sizes)))
         phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
         phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
         phase.step_count = len(steps)

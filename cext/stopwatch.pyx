@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
 """Where the time of a tick goes: a stamp of the clock between its parts, and what each part was.
 
-In real time there is a stamp at each end of a Python step and of a run of native steps, and between the phases: enough to name who took the time of a
-tick that was too long. With a profile there is one after every step, and a histogram of each.
+In real time there is a stamp at each end of a Python step and of a run of native steps, and between the phases: enough to name who took the time
+of a tick that was too long. With a profile there is one after every step, and a histogram of each.
 """
 
 cimport cython
@@ -14,6 +14,20 @@ PHASES = {
     WOKEN_LATE: "the machine, which woke the loop late", RECEIVE: "receiving", COMMAND: "encoding", TRANSMIT: "sending",
     GIL_WAIT: "waiting for the GIL", PLANT: "the plant", RECORD: "recording",
 }
+
+
+def time_of_lap(int64_t laps=20000):
+    """s that one stamp with its histogram takes."""
+    cdef Histogram histogram
+    cdef Laps watch
+    cdef int64_t index
+    memset(&histogram, 0, sizeof(Histogram))
+    memset(&watch, 0, sizeof(Laps))
+    watch.each = &histogram
+    watch.last = began = monotonic()
+    for index in range(laps):
+        lap(&watch, 0)
+    return (watch.last - began) * 1e-9 / laps
 
 
 @cython.final
@@ -48,7 +62,7 @@ cdef class Stopwatch:
             blamed.longest, blamed.at = ns, self.laps.tick
 
     def name(self, int item):
-        """Path of a block or device, 'left/a to left/b' for a run of native blocks that were not stamped one by one, or words for a phase."""
+        """Path of a block or device, 'left/a to left/b' for a run of native blocks that have no stamps in between, or words for a phase."""
         cdef int first = item - FIRST_STEP
         cdef int last = first
         if first < 0:
@@ -84,7 +98,7 @@ cdef class Stopwatch:
         return sorted(found, key=lambda row: -row["missed"])
 
     def rows(self):
-        """The profile, what took most first: dicts of name, kind, count, total, p50, p99, p99.9, max (s) and max_at_tick. Empty without one."""
+        """The profile, what took most first: dicts of name, kind, and what a histogram tells. Empty without one."""
         if self.laps.each == NULL:
             return []
         found = [

@@ -17,6 +17,7 @@ COMMANDS = {
     "replay": "run a recording again, bit for bit, or through a changed diagram",
     "diff": "compare two recordings: a table and a picture",
     "blocks": "list the blocks that are installed, or tell all about one",
+    "profile": "run a diagram and tell where the time of a tick goes, block by block",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
 }
@@ -57,8 +58,8 @@ def command(arguments):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run_command(arguments)
     commands = {
-        "run": run_command, "check": check_command, "draw": draw_command, "blocks": blocks_command, "bench": bench_command,
-        "doctor": doctor_command, "replay": replay_command, "diff": diff_command,
+        "run": run_command, "check": check_command, "draw": draw_command, "replay": replay_command, "diff": diff_command,
+        "blocks": blocks_command, "profile": profile_command, "bench": bench_command, "doctor": doctor_command,
     }
     return commands[first](arguments[1:])
 
@@ -99,12 +100,25 @@ class Parser(argparse.ArgumentParser):
 
 
 def run_command(arguments):
+    from runtime import report
+
+    result = carried_out(parse_run(arguments))
+    tell(report.summary(result))
+    if result.request.profile and not result.outcome.faulted:
+        tell(profiled(result))
+    if not result.outcome.faulted:
+        tell(report.hints(result, program()))
+    return report.exit_code(result.outcome)
+
+
+def carried_out(request):
+    """The Result of a run, with what went wrong told."""
     from runtime import fault, report
     from runtime.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.run import prepare, run
 
-    prepared = prepare(parse_run(arguments))
+    prepared = prepare(request)
     complain(map(str, prepared.schedule.warnings))
     try:
         result = run(prepared, complain)
@@ -114,10 +128,14 @@ def run_command(arguments):
         complain(fault.explain(result))
     elif result.outcome.signal:
         complain([report.stopped(result.outcome)])
-    tell(report.summary(result))
-    if not result.outcome.faulted:
-        tell(report.hints(result, program()))
-    return report.exit_code(result.outcome)
+    return result
+
+
+def profiled(result):
+    from cext.stopwatch import time_of_lap
+    from runtime.profile import table
+
+    return table(result, time_of_lap())
 
 
 def parse_run(arguments):
@@ -143,6 +161,8 @@ def parse_run(arguments):
                         help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
     parser.add_argument("--cpu", type=processor, metavar="N",
                         help="stay on this processor (default: the last isolated one, if one is isolated)")
+    add_pace(parser)
+    parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
     options = parser.parse_args(arguments)
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
@@ -154,7 +174,18 @@ def parse_run(arguments):
     return Request(
         file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
         record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial),
-        realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu)
+        realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu, overrun=options.overrun, spin=options.spin,
+        profile=options.profile)
+
+
+def add_pace(parser):
+    from runtime.timing import overrun_policy, spin_window
+
+    parser.add_argument("--overrun", type=overrun_policy, default="skip", metavar="POLICY",
+                        help="of a tick that comes too late: skip (default), catch-up:N ticks run late at most, fault:N missed in a row, "
+                             "fault:N/WINDOW; or several, with commas")
+    parser.add_argument("--spin", type=spin_window, default=0.0, metavar="TIME",
+                        help="spin instead of sleeping this long before a deadline: 50us")
 
 
 def add_diagram(parser):
@@ -303,6 +334,28 @@ def diff_command(arguments):
     if comparison.differences:
         tell([f"  {diff.draw(options.output or Path('diff.png'), here, there, comparison)}"])
     return OK if comparison.identical else CHECK_FAILED
+
+
+def profile_command(arguments):
+    from runtime import report
+    from runtime.profile import picture
+    from runtime.run import Request
+
+    parser = Parser("profile", "Run a diagram in simulation, and tell where the time of a tick goes, block by block.")
+    add_diagram(parser)
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S",
+                        help="stop after S seconds (default: 5)")
+    parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can")
+    parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)")
+    add_pace(parser)
+    options = parser.parse_args(arguments)
+    result = carried_out(Request(
+        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
+        no_record=True, overrun=options.overrun, spin=options.spin, profile=True))
+    tell(report.summary(result))
+    tell(profiled(result))
+    tell([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
+    return report.exit_code(result.outcome)
 
 
 def bench_command(arguments):

@@ -6,6 +6,7 @@ import traceback
 from graph import Device
 from graph.diagram import Signal
 from runtime.load import own_frames
+from runtime.timing import micro
 
 
 def explain(result):
@@ -43,6 +44,7 @@ def what(result, block, program):
         "silent": f"no reply for longer than its timeout{timeout}",
         "device fault": "the device reports a fault",
         "bus error": "the bus can neither send nor receive",
+        "overrun": overran(result),
     }.get(outcome.status, f"it ended with {outcome.status}")
 
 
@@ -53,6 +55,14 @@ def unanswered(result):
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
     return f"no answer from {names}; {frames}"
+
+
+def overran(result):
+    """What was missed, and the time that it took."""
+    row = next((row for row in result.overruns if row["name"] == result.outcome.culprit), None)
+    took = f"it took {micro(row['longest'])} (tick {row['at_tick']}); " if row else ""
+    missed = f"{result.statistics['missed']} grid points were missed in all"
+    return f"{took}{missed}, which is more than --overrun {result.request.overrun} allows"
 
 
 def circumstances(outcome, diagram, schedule, program, block):

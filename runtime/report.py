@@ -4,6 +4,7 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
+from runtime.timing import timing
 
 STREAMED = "runtime.recorder.plotjuggler:PlotJugglerSender"
 
@@ -59,26 +60,6 @@ def ticks_text(statistics, asked):
     return f"{statistics['ticks']}{of} done, {statistics['missed']} missed; {statistics['dropped']} records dropped"
 
 
-def timing(result, passed):
-    """(label, text) of how the clock was kept, or in virtual time how fast it went."""
-    statistics, rate = result.statistics, result.schedule.rate
-    late = statistics["lateness"]
-    if not late["count"]:
-        return
-    if result.request.fast:
-        waited = statistics["waited_for_recorder"]
-        yield "speed", (
-            f"{passed / rate / result.seconds:.0f} times real time: {micro(statistics['busy'] / statistics['ticks'])} a tick"
-            + (f", {waited:.1f} s of waiting for the recorder" if waited > 0.05 else ""))
-        return
-    yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
-    yield "late by", (
-        f"{micro(late['p50'])} median, {micro(late['p99'])} p99, {micro(late['p99.9'])} p99.9, "
-        f"{micro(late['max'])} at most (tick {late['max_at_tick']})")
-    share, long = statistics["busy"] * rate / passed, statistics["execution"]["p99"]
-    yield "load", f"{100 * share:.2f} % of the time inside ticks, {micro(long)} a tick at p99"
-
-
 def buses_text(buses, frames):
     spoilt = ", ".join(f"{frames[kind]} {kind}" for kind in ("foreign", "malformed") if frames[kind])
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (f" ({spoilt})" if spoilt else "")
@@ -102,14 +83,6 @@ def stop_text(outcome, schedule):
 
 def note(file):
     return f"({file['note']})" if file.get("note") else ""
-
-
-def micro(seconds):
-    if seconds < 1e-5:
-        return f"{seconds * 1e6:.1f} µs"
-    if seconds < 1e-3:
-        return f"{seconds * 1e6:.0f} µs"
-    return f"{seconds * 1e3:.1f} ms"
 
 
 def hints(result, program):

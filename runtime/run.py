@@ -43,6 +43,9 @@ class Request:
     realtime: str = "off"               # or "try", "require"
     priority: int = PRIORITY            # of SCHED_FIFO
     cpu: int | None = None              # number of the processor to stay on
+    overrun: str = "skip"               # cext.overrun.Overrun
+    spin: float = 0.0                   # s
+    profile: bool = False
 
 
 @dataclass
@@ -66,6 +69,9 @@ class Result(Prepared):
     seconds : of the wall clock, from arming to the end of the safe stop
     control : the robot's Program, as the run has left it
     realtime : what the system granted
+    overruns : who took the time where grid points were missed, as cext.executor.Executor.overruns has it
+    profile : (rows of the robot, rows of its plant), likewise
+    page : the shared page, with all that was counted
     """
 
     outcome: object
@@ -74,10 +80,14 @@ class Result(Prepared):
     seconds: float
     control: Program
     realtime: Realtime
+    overruns: list
+    profile: tuple
+    page: Page
 
     @property
     def failed_in_plant(self):
-        return self.outcome.faulted and self.control.culprit is None and self.outcome.culprit is not None
+        outcome = self.outcome
+        return outcome.faulted and outcome.status != "overrun" and self.control.culprit is None and outcome.culprit is not None
 
 
 def prepare(request):
@@ -109,7 +119,7 @@ def run(prepared, say=lambda lines: None):
         control = Program(schedule, simulation.ends())
         executor = Executor(
             control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
-            reader=recorder.pidfd)
+            reader=recorder.pidfd, overrun=request.overrun, spin=request.spin, profile=request.profile)
     except BaseException:
         realtime.release()
         recorder.abandon()
@@ -125,12 +135,12 @@ def run(prepared, say=lambda lines: None):
             if realtime.spun:
                 tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
             if outcome is not None:
-                tell(page, ending(outcome), recorder)
+                tell(page, ending(outcome, executor.overruns), recorder)
             page.close()
             recording = recorder.finish()
     return Result(
         **vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control,
-        realtime=realtime)
+        realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
 
 
 @contextmanager
@@ -220,7 +230,10 @@ def tell(page, event, recorder):
         time.sleep(0.001)
 
 
-def ending(outcome):
-    event = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
+def ending(outcome, overruns):
+    event = {
+        "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
+        "overruns": overruns,
+    }
     return json.dumps(event).encode()
 

@@ -119,8 +119,9 @@ class Bdsim:
 
     def block(self, node, clock, n):
         made = {
-            "sine": lambda: Wave(node.amplitude, node.frequency, node.phase), "constant": lambda: Constant(node.value), "gain": lambda: Gain(node.gain),
-            "sum": lambda: Sum(node.signs), "saturation": lambda: Clip(node.lower, node.upper) if n == 1 else VectorClip(node.lower, node.upper),
+            "sine": lambda: Wave(node.amplitude, node.frequency, node.phase), "constant": lambda: Constant(node.value),
+            "gain": lambda: Gain(node.gain), "sum": lambda: Sum(node.signs),
+            "saturation": lambda: Clip(node.lower, node.upper) if n == 1 else VectorClip(node.lower, node.upper),
             "delay": lambda: ZOH(clock, x0=np.zeros(n)), "lowpass": lambda: Lowpass(clock, node.b0, node.b1, node.b2, node.a1, node.a2),
             "pd": lambda: PD(clock, node.kp, node.kd, node.filter_time, node.start), "rate": lambda: Rate(clock, node.rate), "sink": Sink,
         }

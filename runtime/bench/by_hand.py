@@ -105,7 +105,8 @@ class StraightC:
 
     def __init__(self, netlist):
         state, body = lines(netlist, "c")
-        numbers = sorted({line.split(" = ")[0] for line in body} - set(state) - {line.split(" = ")[0] for line in body if line.startswith("sinks[")})
+        assigned = {line.split(" = ")[0] for line in body}
+        numbers = sorted(name for name in assigned - set(state) if not name.startswith("sinks["))
         text = [
             "#include <math.h>", "#include <time.h>", "",
             "double run(long first, long ticks, double *memory, volatile double *sinks)", "{",
@@ -133,7 +134,8 @@ class StraightC:
 
 def build(text):
     """The function `run` of a C text, compiled in a temporary folder. NoCompiler where there is none."""
-    compiler = next((c for c in (os.environ.get("CC"), sysconfig.get_config_var("CC"), "cc", "gcc", "clang") if c and shutil.which(shlex.split(c)[0])), None)
+    known = (os.environ.get("CC"), sysconfig.get_config_var("CC"), "cc", "gcc", "clang")
+    compiler = next((command for command in known if command and shutil.which(shlex.split(command)[0])), None)
     if compiler is None:
         raise NoCompiler("there is no C compiler here")
     with tempfile.TemporaryDirectory() as folder:

@@ -1,16 +1,13 @@
 """`python -m runtime bench`: the command line, and what it prints."""
 
 import importlib
-import json
-import os
-import platform
 from pathlib import Path
 
-from runtime.bench import goals, netlists
+from runtime.bench import clock_command, goals, netlists
 from runtime.bench.measure import check, interleave
+from runtime.bench.report import Report, machine, words
 from runtime.cli import Parser, count, number
 from runtime.errors import OK, BadInput
-from runtime.terminal import tell
 
 DIAGRAMS = {"knee": netlists.knee, "wide": netlists.wide, "wide6": netlists.wide6, "chain": netlists.chain}
 PARTS = (*DIAGRAMS, "compile")
@@ -26,15 +23,20 @@ def main(arguments):
     """Returns the exit code."""
     if arguments[:1] == ["start"]:
         return start_command(arguments[1:])
+    if arguments[:1] == ["clock"]:
+        return clock_command.main(arguments[1:])
     parser = Parser("bench", "Measure ticks and compiles on this machine, beside the same by hand and in other frameworks.",
-                    "`bench start [FILE]` measures start-up and memory.")
+                    "`bench start [FILE]` measures start-up and memory, `bench clock` how well the clock is kept.")
     parser.add_argument("--only", type=parts, default=PARTS, metavar="PART,...", help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.05, metavar="S", help="of each measurement (default 0.05)")
-    parser.add_argument("--repeats", type=count("--repeats"), default=15, metavar="N", help="measurements of each row, taken in turn (default 15)")
+    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.05, metavar="S",
+                        help="of each measurement (default 0.05)")
+    parser.add_argument("--repeats", type=count("--repeats"), default=15, metavar="N",
+                        help="measurements of each row, taken in turn (default 15)")
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     report = Report(options.json)
-    report.say([f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row, taken in turn", *words()], **machine())
+    how = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row, taken in turn"
+    report.say([how, *words()], **machine())
     for part in options.only:
         if part == "compile":
             compile_part(report)
@@ -53,39 +55,6 @@ def parts(text):
             hint = suggestion(name, PARTS) or f"the parts are {', '.join(PARTS)}"
             raise BadInput(f"--only {text}: there is no part {name!r}; {hint}")
     return names
-
-
-def machine():
-    return {"python": platform.python_version(), "machine": platform.machine(), "processors": os.cpu_count()}
-
-
-def words():
-    return ["Python {python} on {machine}, {processors} processors".format(**machine())]
-
-
-class Report:
-    """Prints as it goes, or gathers for one JSON text at the end."""
-
-    def __init__(self, for_machines):
-        self.for_machines = for_machines
-        self.data = {}
-        self.goals = []
-
-    def say(self, lines, **data):
-        self.data |= data
-        if not self.for_machines:
-            tell(lines)
-
-    def finish(self):
-        if self.for_machines:
-            found = [{"what": g.what, "value": g.value, "goal": g.bound, "unit": g.unit, "at_least": g.at_least, "reached": g.reached} for g in self.goals]
-            tell([json.dumps({**self.data, "goals": found}, indent=1, ensure_ascii=False)])
-            return
-        lines = ["", f"{'goals':46}{'found':>12}{'wanted':>18}"]
-        for goal in self.goals:
-            bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
-            lines.append(f"  {goal.what:44}{goal.value:12.3g}{bound:>18} {goal.unit:10}{'' if goal.reached else 'not reached'}".rstrip())
-        tell(lines)
 
 
 # Ticks
@@ -107,7 +76,8 @@ def contenders_of(netlist, with_peers):
         try:
             peers = importlib.import_module(f"runtime.bench.{module}")
         except ImportError as error:
-            left_out[package] = "not installed: pip install 'tickwork[bench]'" if (error.name or "").split(".")[0] != "runtime" else str(error)
+            ours = (error.name or "").split(".")[0] == "runtime"
+            left_out[package] = str(error) if ours else "not installed: pip install 'tickwork[bench]'"
             continue
         for kind in kinds:
             try:
@@ -124,13 +94,17 @@ def tick_part(report, netlist, seconds, repeats):
     times = interleave(contenders, seconds, repeats)
     native = times["Tickwork, native blocks"]
     rows = {
-        name: {"min": row.least, "median": row.median, "max": row.most, "ns_a_block": row.median * 1e3 / netlist.blocks, "times_native": row.over(native)}
+        name: {
+            "min": row.least, "median": row.median, "max": row.most, "ns_a_block": row.median * 1e3 / netlist.blocks,
+            "times_native": row.over(native),
+        }
         for name, row in times.items()
     }
     title = f"{netlist.name}: {netlist.blocks} blocks" + (f" of {netlist.width} elements" if netlist.width > 1 else "")
     lines = ["", f"{title:38}{'µs a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>13}{'x native':>11}"]
     for name, row in rows.items():
-        lines.append(f"  {name:36}{row['min']:16.4g}{row['median']:12.4g}{row['max']:12.4g}{row['ns_a_block']:13.3g}{row['times_native']:11.3g}")
+        lines.append(
+            f"  {name:36}{row['min']:16.4g}{row['median']:12.4g}{row['max']:12.4g}{row['ns_a_block']:13.3g}{row['times_native']:11.3g}")
     lines += [f"  {name:36}left out: {why}" for name, why in left_out.items()]
     report.say(lines, **{netlist.name: {"blocks": netlist.blocks, "width": netlist.width, "us_a_tick": rows, "left_out": left_out}})
     report.goals += goals.of_ticks(netlist, times)
@@ -151,7 +125,13 @@ def compile_part(report):
                      f"{row.build.median * 1e3 / row.blocks:13.3g}")
     lines.append(f"  it grows as blocks^{grown:.2f}; n log n would be blocks^{wanted:.2f} here")
     rows = [
-        {"blocks": row.blocks, **{f"{name}_ms": {"min": t.least, "median": t.median, "max": t.most} for name, t in (("compile", row.compile), ("build", row.build))}}
+        {
+            "blocks": row.blocks,
+            **{
+                f"{name}_ms": {"min": times.least, "median": times.median, "max": times.most}
+                for name, times in (("compile", row.compile), ("build", row.build))
+            },
+        }
         for row in found
     ]
     report.say(lines, compile={"rows": rows, "exponent": grown, "n_log_n": wanted})

@@ -28,7 +28,7 @@ class Compiles:
 
 
 def measure():
-    """[Compiles] from the smallest diagram to the largest. The first round is the first compile of this process, where there was none before."""
+    """[Compiles] from the smallest diagram to the largest. The first round is the first compile of this process, if there was none before."""
     return [Compiles(lanes, repeats) for lanes, repeats in LANES.items()]
 
 
@@ -39,4 +39,5 @@ def exponent(smaller, larger):
 
 def n_log_n(smaller, larger):
     """The same of a time that grows as n log n."""
-    return math.log(larger.blocks * math.log(larger.blocks) / (smaller.blocks * math.log(smaller.blocks))) / math.log(larger.blocks / smaller.blocks)
+    more, less = (size.blocks * math.log(size.blocks) for size in (larger, smaller))
+    return math.log(more / less) / math.log(larger.blocks / smaller.blocks)

@@ -221,7 +221,8 @@ class PyRate(PythonSystem):
 
 
 SYSTEMS = {
-    "sine": PySine, "constant": PyConstant, "gain": PyGain, "sum": PySum, "saturation": PySaturation, "delay": PyDelay, "lowpass": PyLowpass,
+    "sine": PySine, "constant": PyConstant, "gain": PyGain, "sum": PySum, "saturation": PySaturation, "delay": PyDelay,
+    "lowpass": PyLowpass,
     "pd": PyPD, "rate": PyRate,
 }
 

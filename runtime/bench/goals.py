@@ -10,6 +10,12 @@ CHAIN = {"native": 5.0, "python": 150.0}                    # ns a block
 COMPILE = 20.0                                              # ms, 200 blocks
 START = 450.0                                               # ms
 MEMORY = 60.0                                               # MB
+CLOCK = {"native": 1.3, "python": 2.0, "disturbed": 2.0}    # times the C loop
+RECORDED = 0.2                                              # µs a tick, 60 signals
+ADD = 5.0                                                   # ns
+DRIFT = 1.0                                                 # ns
+GROWTH = 1.0                                                # MiB
+KNEE_MINUTE = 0.2                                           # s
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,8 @@ def of_ticks(netlist, times):
     if netlist.width == 1:
         goals.append(Goal(f"{netlist.name}, a Python block", a_block, PYTHON_BLOCK, "ns"))
     if "Drake, C++ systems" in times:
-        goals.append(Goal(f"{netlist.name}, faster than Drake's C++ systems", times["Drake, C++ systems"].over(native), OVER_DRAKE[netlist.name], "times", True))
+        faster = times["Drake, C++ systems"].over(native)
+        goals.append(Goal(f"{netlist.name}, faster than Drake's C++ systems", faster, OVER_DRAKE[netlist.name], "times", True))
     if "C, one straight line" in times:
         goals.append(Goal(f"{netlist.name}, slower than straight C", native.over(times["C, one straight line"]), OVER_C, "times"))
     return goals
@@ -55,4 +62,33 @@ def of_compiles(compiles, exponent, n_log_n):
 
 def of_start(found):
     times, memory = found["run"]
-    return [Goal("from process start to the first tick", times.median, START, "ms"), Goal("resident memory of the control process", memory.median, MEMORY, "MB")]
+    return [
+        Goal("from process start to the first tick", times.median, START, "ms"),
+        Goal("resident memory of the control process", memory.median, MEMORY, "MB"),
+    ]
+
+
+def of_clock(found, disturbed):
+    """found : {rate: {contender: runtime.bench.clock.Kept}}"""
+    goals = []
+    for rate, contenders in found.items():
+        reference, native, python = contenders.values()
+        bound = CLOCK["disturbed" if disturbed else "native"]
+        goals.append(Goal(f"{rate} Hz, |period-T| p99 over C", native.off(0.99) / reference.off(0.99), bound, "times"))
+        if disturbed:
+            goals.append(Goal(f"{rate} Hz, ticks lost beyond the C loop's", max(0, native.missed - reference.missed), 0, ""))
+        else:
+            goals.append(Goal(f"{rate} Hz, late p50 over C", native.late(0.5) / reference.late(0.5), bound, "times"))
+            slower = python.off(0.99) / reference.off(0.99)
+            goals.append(Goal(f"{rate} Hz, ten Python blocks, p99 over C", slower, CLOCK["python"], "times"))
+    return goals
+
+
+def of_costs(found):
+    return [
+        Goal("60 recorded signals", found["recorded_signals_us"], RECORDED, "µs a tick"),
+        Goal("a histogram add", found["histogram_add_ns"], ADD, "ns"),
+        Goal("drift over 10^9 grid points", found["drift_ns"], DRIFT, "ns"),
+        Goal("growth of resident memory", found["growth_mib"], GROWTH, "MiB"),
+        Goal("60 s of knee_exo, loop time", found["knee_minute_s"], KNEE_MINUTE, "s"),
+    ]

@@ -82,7 +82,8 @@ def wide(lanes=8, width=1, name="wide"):
     """24 blocks a lane, and 8."""
     nodes = [
         Node(f"sine_{i}", "sine", (), {
-            "amplitude": (1.0,) * width, "frequency": tuple(0.5 + 0.3 * i + 0.1 * j for j in range(width)), "phase": tuple(0.2 * j for j in range(width))})
+            "amplitude": (1.0,) * width, "frequency": tuple(0.5 + 0.3 * i + 0.1 * j for j in range(width)),
+            "phase": tuple(0.2 * j for j in range(width))})
         for i in range(4)
     ]
     ends = []
@@ -107,7 +108,8 @@ def wide6():
 
 
 def chain():
-    nodes = [Node("sine", "sine", (), {"amplitude": (1.0,), "frequency": (1.0,), "phase": (0.0,)}), Node("offset", "constant", (), {"value": 0.001})]
+    wave = {"amplitude": (1.0,), "frequency": (1.0,), "phase": (0.0,)}
+    nodes = [Node("sine", "sine", (), wave), Node("offset", "constant", (), {"value": 0.001})]
     before = "sine"
     for i in range(33):
         nodes += [

@@ -37,7 +37,8 @@ class PySines(Block):
     y = Output("any")
 
     def configure(self):
-        self.amplitudes, self.pulsations, self.phases = np.array(self.amplitude), 6.283185307179586 * np.array(self.frequency), np.array(self.phase)
+        self.amplitudes, self.phases = np.array(self.amplitude), np.array(self.phase)
+        self.pulsations = 6.283185307179586 * np.array(self.frequency)
         self.outputs = {"y": Output("any", shape=(len(self.amplitude),)).named("y")}
 
     def step(self, t):

@@ -137,7 +137,8 @@ class PathSim:
         if node.kind == "sum":
             return Adder() if n == 1 else VectorSum(len(node.inputs))
         made = {
-            "constant": lambda: Constant(node.value), "gain": lambda: Amplifier(node.gain), "saturation": lambda: Clip(node.lower, node.upper),
+            "constant": lambda: Constant(node.value), "gain": lambda: Amplifier(node.gain),
+            "saturation": lambda: Clip(node.lower, node.upper),
             "delay": lambda: UnitDelay(n), "lowpass": lambda: Lowpass(node.b0, node.b1, node.b2, node.a1, node.a2),
             "pd": lambda: PD(node.kp, node.kd, node.filter_time, node.start), "rate": lambda: Rate(node.rate), "sink": Sink,
         }

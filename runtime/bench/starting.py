@@ -45,8 +45,8 @@ def first_tick(file):
     with tempfile.TemporaryDirectory() as folder:
         began = time.time_ns()
         child = subprocess.Popen(
-            [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
-            cwd=Path(__file__).parents[2])
+            [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder], stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE, cwd=Path(__file__).parents[2])
         try:
             page = wait_for(child, lambda: page_of(child.pid))
             wait_for(child, lambda: page.statistics()["ticks"] > 0)

@@ -1,8 +1,10 @@
 """A tick allocates nothing: however long it runs, a native loop leaves no block of memory and a Python one none that stays."""
 
 import gc
+import os
 import sys
 import tracemalloc
+from pathlib import Path
 
 import pytest
 
@@ -85,6 +87,18 @@ def test_native_ticks_trace_no_allocation_at_all():
     finally:
         tracemalloc.stop()
     assert many <= few + 1024
+
+
+def test_the_memory_of_the_process_stays_what_it_was():
+    """Rows and frames into the ring included, until it is full."""
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    rig = one_drive(lambda knee: TorqueLimiter(limit=5.0, slew=50.0)(Impedance()(knee.position, knee.velocity, 0.2)))
+    rig.executor.run(10_000)
+    before = resident()
+    rig.executor.run(200_000)
+    assert abs(resident() - before) <= 2**20
 
 
 def test_a_robot_with_its_plant_leaves_no_memory_behind():

@@ -61,7 +61,7 @@ def test_too_long_a_block_is_a_fault_that_names_it_and_is_followed_by_the_stop_f
     assert 3 <= statistics["missed"] and statistics["ticks"] == len(rig.tick) == len(rig.commands())
     assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == ()
     last, stop = [frame for frame in rig.frames if frame.sent and frame.id == 1][-3:-1]
-    due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9          # the grid point that found the others missed
+    due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9          # where the others were found missed
     assert last.time < stop.time and due <= stop.time <= due + 2 * PERIOD * 1e9
 
 

@@ -1,4 +1,6 @@
-"""Where the time of a tick goes: the histograms of a run, the GIL taken no more than needed, the profile of every block, and the window to spin in."""
+"""Where the time of a tick goes: histograms, the GIL taken no more than needed, the profile of every block, and the window to spin in."""
+
+import sys
 
 import pytest
 
@@ -65,7 +67,8 @@ def native_blocks():
 
 
 @pytest.mark.parametrize("build, taken", [
-    (two_chains, 60), (a_native_block_between, 120), (neighbours_of_other_rates, 60), (step_and_update, 120), (only_slow_ones, 12), (native_blocks, 0),
+    (two_chains, 60), (a_native_block_between, 120), (neighbours_of_other_rates, 60), (step_and_update, 120), (only_slow_ones, 12),
+    (native_blocks, 0),
 ])
 def test_the_gil_is_taken_once_for_all_python_neighbours_and_not_at_all_while_they_rest(build, taken):
     with Diagram("d", rate=RATE) as diagram:
@@ -97,6 +100,23 @@ def test_blocks_of_other_rates_under_one_hold_of_the_gil_have_their_own_clock():
         assert rig[f"{name}.passed"] == pytest.approx([every / RATE] * 8)
 
 
+def test_other_python_threads_hand_over_the_gil_within_a_tenth_of_a_millisecond_while_it_runs():
+    class Looks(Block):
+        """How long they may keep it."""
+
+        interval = Output("s")
+
+        def step(self):
+            return sys.getswitchinterval()
+
+    with Diagram("d", rate=RATE) as diagram:
+        Looks(name="looks")
+    rig = Rig(diagram)
+    before = sys.getswitchinterval()
+    rig.run(1)
+    assert rig["looks.interval"] == pytest.approx([1e-4]) and before > 1e-3 and sys.getswitchinterval() == before
+
+
 def test_every_histogram_of_a_run_counts_what_it_should():
     def law(knee):
         return TorqueLimiter(limit=5.0)(Passes(name="a")(Gain(2.0)(Passes(name="b")(knee.torque))))
@@ -122,8 +142,8 @@ def test_a_profile_counts_every_step_of_every_block_and_shares_out_the_time():
     rows, plant = rig.executor.profile
     calls = {(row["name"], row["kind"]): row["count"] for row in rows}
     assert calls == {
-        ("filter", "native"): 100, ("python", "Python"): 100, ("slow", "native"): 25, ("delay", "native"): 100, ("delay", "native update"): 100,
-        ("waiting for the GIL", "phase"): 100, ("recording", "phase"): 100,
+        ("filter", "native"): 100, ("python", "Python"): 100, ("slow", "native"): 25, ("delay", "native"): 100,
+        ("delay", "native update"): 100, ("waiting for the GIL", "phase"): 100, ("recording", "phase"): 100,
     } and plant == []
     spent = sum(row["total"] for row in rows)
     assert 0.5 * rig.statistics()["busy"] <= spent <= rig.statistics()["busy"] * 1.001

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from cext.executor import Outcome
-from runtime import fault, report
+from runtime import fault, report, timing
 from runtime.recorder import RecorderProcess
 from runtime.run import Request, prepare, run
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
@@ -76,7 +76,7 @@ def test_speed_is_by_the_wall_clock(walked):
     (4e-7, "0.4 µs"), (9.94e-6, "9.9 µs"), (2e-5, "20 µs"), (9.994e-4, "999 µs"), (1.5e-3, "1.5 ms"), (0.25, "250.0 ms"),
 ])
 def test_durations_have_a_fitting_unit(seconds, text):
-    assert report.micro(seconds) == text
+    assert timing.micro(seconds) == text
 
 
 def test_strides_in_words():

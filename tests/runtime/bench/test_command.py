@@ -14,7 +14,8 @@ def test_a_diagram_is_a_table_of_all_who_computed_it(command_line):
     code, out, err = command_line("bench", "--only", "chain", *QUICK)
     lines = out.splitlines()
     assert (code, err) == (OK, "") and "chain: 102 blocks" in out
-    rows = {match[1]: list(map(float, match[2].split())) for match in map(re.compile(r"  (\S.{34,}?)((?:\s+[\d.e+]+){5})").fullmatch, lines) if match}
+    matches = map(re.compile(r"  (\S.{34,}?)((?:\s+[\d.e+]+){5})").fullmatch, lines)
+    rows = {match[1]: list(map(float, match[2].split())) for match in matches if match}
     assert [name.strip() for name in rows] == [
         "Tickwork, native blocks", "Tickwork, Python blocks", "plain Python, one straight line", "C, one straight line"]
     for least, median, most, a_block, _ in rows.values():

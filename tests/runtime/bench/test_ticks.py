@@ -82,7 +82,8 @@ def test_without_a_compiler_straight_c_is_left_out_in_words(monkeypatch):
     with pytest.raises(NoCompiler, match="false fails"):
         StraightC(NETLISTS[0])
     found, left_out = contenders_of(NETLISTS[0], with_peers=False)
-    assert [contender.name for contender in found] == ["Tickwork, native blocks", "Tickwork, Python blocks", "plain Python, one straight line"]
+    assert [contender.name for contender in found] == [
+        "Tickwork, native blocks", "Tickwork, Python blocks", "plain Python, one straight line"]
     assert list(left_out) == ["C, one straight line"]
 
 

@@ -1,0 +1,176 @@
+"""How well the executor keeps its clock, beside a loop in C that only sleeps, built here and now: chunks in turn, samples pooled."""
+
+import ctypes
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from blocks.mathematics import Gain
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from cext.histogram import counts_of, percentile
+from graph import Block, Diagram, Input, Output, compile
+from runtime.bench.by_hand import build
+from runtime.realtime import Realtime
+from runtime.run import Prepared, Request, run
+from runtime.simulation import Simulation
+
+SIGNALS = 60                    # that are recorded
+PYTHON_BLOCKS = 10
+C, NATIVE, PYTHON = "C, clock_nanosleep", "Tickwork, native blocks", "Tickwork, ten Python blocks"
+
+C_LOOP = """
+#include <errno.h>
+#include <time.h>
+
+/* Wake-ups behind the grid, in ns; -1 where a grid point was missed. Point k of the grid stands at k times the period. */
+double run(long period, long ticks, double *late, double *unused)
+{
+    struct timespec now, next;
+    long long began, deadline, behind;
+    long k;
+    (void)unused;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    began = now.tv_sec * 1000000000LL + now.tv_nsec + period;
+    for (k = 0; k < ticks; k++) {
+        deadline = began + k * period;
+        next.tv_sec = deadline / 1000000000LL;
+        next.tv_nsec = deadline % 1000000000LL;
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
+            ;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        behind = now.tv_sec * 1000000000LL + now.tv_nsec - deadline;
+        for (; behind >= period && k < ticks - 1; behind -= period)
+            late[k++] = -1.0;
+        late[k] = (double)behind;
+    }
+    return 0.0;
+}
+"""
+
+
+@dataclass
+class Kept:
+    """Samples of one contender at one rate, pooled over its chunks.
+
+    lateness, period : counts, as of cext.histogram.counts_of
+    ticks, missed : grid points
+    """
+
+    lateness: np.ndarray = field(default_factory=lambda: counts_of([]))
+    period: np.ndarray = field(default_factory=lambda: counts_of([]))
+    ticks: int = 0
+    missed: int = 0
+
+    def add(self, lateness, period, ticks, missed):
+        self.lateness, self.period = self.lateness + lateness, self.period + period
+        self.ticks, self.missed = self.ticks + ticks, self.missed + missed
+
+    def late(self, share):
+        """s, lateness that this share of the ticks does not exceed."""
+        return percentile(self.lateness, share)
+
+    def off(self, share):
+        """s, likewise of |period - T|."""
+        return percentile(self.period, share)
+
+
+class Pass(Block):
+    """A Python block that does next to nothing."""
+
+    u = Input("any")
+    y = Output("any")
+
+    def step(self, u):
+        return 0.5 * u
+
+
+def diagram(rate, python_blocks=0, signals=SIGNALS):
+    """Native blocks with so many signals in all, every one recorded, and Python blocks one behind the other."""
+    with Diagram("clock", rate) as made:
+        heard = Sine(name="sine0")()
+        for index in range(python_blocks):
+            heard = Pass(name=f"python{index}")(heard)
+        for index in range(1, (signals - python_blocks) // 2):
+            Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
+        Gain(2.0, name="gain0")(heard)
+        CsvRecorder()
+    return made
+
+
+def chunk(rate, seconds, python_blocks, realtime, folder):
+    """One run with a recorder that writes files. Returns the Result."""
+    made = diagram(rate, python_blocks)
+    schedule = compile(made)
+    request = Request(Path(__file__), duration=seconds, record=Path(folder), realtime=realtime)
+    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), round(seconds * rate)))
+
+
+def c_chunk(loop, rate, seconds, realtime):
+    """(lateness of every tick of the C loop, in ns; how many grid points it missed)"""
+    ticks = round(seconds * rate)
+    late, unused = (ctypes.c_double * ticks)(), (ctypes.c_double * 1)()
+    with Realtime(realtime):
+        loop(round(1e9 / rate), ticks, late, unused)
+    found = np.frombuffer(late).astype(np.int64)
+    return found[found >= 0], int(np.sum(found < 0))
+
+
+def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=False):
+    """{rate: {contender: Kept}}. NoCompiler where there is no C compiler."""
+    loop = build(C_LOOP)
+    found = {rate: {name: Kept() for name in (C, NATIVE, PYTHON)} for rate in rates}
+    with ExitStack() as stack:
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        if load:
+            stack.enter_context(loaded())
+        if busy_thread:
+            stack.enter_context(busy())
+        for _ in range(repeats):
+            for rate, contenders in found.items():
+                late, missed = c_chunk(loop, rate, seconds, realtime)
+                contenders[C].add(counts_of(late), counts_of(abs(np.diff(late))), len(late), missed)
+                for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
+                    result = chunk(rate, seconds, python_blocks, realtime, folder)
+                    statistics = result.statistics
+                    counts = [result.page.counts(what) for what in ("lateness", "period")]
+                    contenders[name].add(*counts, statistics["ticks"], statistics["missed"])
+    return found
+
+
+@contextmanager
+def loaded():
+    """Every processor busy with another process."""
+    children = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count())]
+    try:
+        yield
+    finally:
+        for child in children:
+            child.kill()
+        for child in children:
+            child.wait()
+
+
+@contextmanager
+def busy():
+    """A Python thread of this process that never rests."""
+    done = False
+
+    def work():
+        while not done:
+            pass
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done = True
+        thread.join()

@@ -1,0 +1,87 @@
+"""What single parts of a tick cost: recording, a histogram, a stamp; the grid, memory, and a minute in virtual time."""
+
+import os
+import statistics
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from blocks.mathematics import Gain
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from cext.executor import Executor
+from cext.histogram import time_of_add
+from cext.pace import Pace
+from cext.page import Page
+from cext.program import Program
+from cext.signals import Signals
+from cext.stopwatch import time_of_lap
+from graph import Diagram, compile
+from runtime.bench.clock import SIGNALS, diagram
+from runtime.run import Request, prepare, run
+
+KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
+RATES = ("200", "1000", "3000", "333.3", "0.7")                    # Hz
+POINTS = 10**9
+
+
+def recording(rounds=7, ticks=10_000):
+    """s that a tick takes longer when 60 signals are recorded than when none are."""
+    def recorded(signals):
+        with Diagram("recorded", 1000) as made:
+            for index in range(SIGNALS // 2):
+                Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
+            if signals:
+                CsvRecorder()
+        return compile(made)
+
+    schedules = [recorded(signals) for signals in (False, True)]
+    differences = []
+    for _ in range(rounds):
+        took = []
+        for schedule in schedules:
+            page = Page((ticks + 1) * 8 * (3 + len(schedule.columns)))
+            Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks)
+            found = page.statistics()
+            took.append(found["busy"] / found["ticks"])
+        differences.append(took[1] - took[0])
+    return statistics.median(differences)
+
+
+def histogram_add(rounds=9):
+    """s of one add."""
+    durations = np.random.default_rng(1).lognormal(np.log(25_000.0), 1.0, 4096).astype(np.int64)
+    return statistics.median(time_of_add(durations, 50) for _ in range(rounds)) * 1e-9
+
+
+def stamp(rounds=9):
+    """s of one look at the clock, with its histogram."""
+    return statistics.median(time_of_lap() for _ in range(rounds))
+
+
+def drift():
+    """s by which 10**9 points of the grid, the farthest off of some rates, are off."""
+    signals = Signals()
+    return max(abs(Pace(float(rate), signals).grid(POINTS) - POINTS * 10**9 / Fraction(rate)) for rate in RATES) * 1e-9
+
+
+def growth(few=10_000, many=10_000_000):
+    """Bytes of resident memory after many fast ticks beyond those after few, in one process, with a page that nobody reads."""
+    schedule = compile(diagram(1000, 3, 12))
+    executor = Executor(Program(schedule), 1000, page=Page(1 << 20), virtual=True)
+    executor.run(few)
+    before = resident()
+    executor.run(many)
+    return resident() - before
+
+
+def resident():
+    """Bytes."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def knee_minute():
+    """(s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
+    found = run(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).statistics
+    return found["busy"], found["waited_for_recorder"]

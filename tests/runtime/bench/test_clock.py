@@ -1,0 +1,56 @@
+"""`python -m runtime bench clock`: what it counts, and that what it says of itself holds. How well this machine keeps time is not tested."""
+
+import json
+
+import numpy as np
+import psutil
+import pytest
+
+from cext.histogram import counts_of, percentile, percentiles
+from runtime.bench import clock, costs
+from runtime.bench.by_hand import build
+from runtime.errors import OK
+
+
+def test_it_tells_of_both_loops_at_every_rate_and_what_parts_of_a_tick_cost(command_line):
+    code, out, err = command_line("bench", "clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")
+    told = json.loads(out)
+    assert (code, err) == (OK, "")
+    assert list(told["clock"]) == [f"{rate} Hz, {name}" for rate in (200, 1000, 2000) for name in (clock.C, clock.NATIVE, clock.PYTHON)]
+    for name, row in told["clock"].items():
+        assert row["ticks"] + row["missed"] == 0.1 * int(name.split()[0])
+        assert 0.0 <= row["period_p50_us"] <= row["period_p99_us"]
+    assert told["costs"]["drift_ns"] <= 0.5 and 0.0 < told["costs"]["histogram_add_ns"] and 0.0 < told["costs"]["knee_minute_s"]
+    assert len(told["goals"]) == 14 and list(command_line.folder.iterdir()) == []
+
+
+def test_under_load_the_processors_are_kept_busy_and_left_alone_afterwards(command_line):
+    code, out, _ = command_line("bench", "clock", "--seconds", "0.05", "--repeats", "1", "--load", "--busy-thread")
+    assert code == OK and "every processor loaded, a busy Python thread" in out and "1000 Hz, ticks lost beyond the C loop's" in out
+    assert [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE] == []
+
+
+def test_the_loop_in_c_keeps_the_same_grid():
+    late, missed = clock.c_chunk(build(clock.C_LOOP), 500, 0.1, "off")
+    assert len(late) + missed == 50 and late.min() >= 0 and late[:-1].max() < 2_000_000
+
+
+def test_samples_are_pooled_by_their_counts():
+    one, two = np.array([100, 200, 300]), np.array([400, 10**6])
+    pooled = counts_of(one) + counts_of(two)
+    assert pooled.sum() == 5
+    for share, true in ((0.2, 100e-9), (0.5, 300e-9), (0.99, 1e-3)):
+        assert true < percentile(pooled, share) <= 1.033 * true
+    assert percentile(pooled, 0.5) == pytest.approx(percentiles([*one, *two])["p50"], rel=1e-12)
+    with pytest.raises(ValueError, match="there are no durations"):
+        percentile(counts_of([]), 0.5)
+
+
+def test_the_diagram_has_as_many_signals_as_it_says():
+    for python_blocks in (0, 10):
+        made = clock.diagram(1000, python_blocks)
+        assert sum(len(block.outputs) for block in made) == clock.SIGNALS
+
+
+def test_memory_after_many_ticks_is_what_it_was_after_few():
+    assert abs(costs.growth(few=10_000, many=1_000_000)) <= 2**20
