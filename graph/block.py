@@ -30,6 +30,7 @@ class Block:
     kernel = update_kernel = settle_kernel = None
     feedthrough = None
     inputs = outputs = parameters = memory = {}
+    free_units = ()             # "any" inputs that need not share the one unit of the others
     variadic = False            # takes any number of signals
     width = 1                   # how many elements its `...` ports have, once it is known
     every = 1                   # runs at every n-th tick
@@ -147,7 +148,7 @@ class Block:
         return self.output_range(**inputs)
 
     def output_units(self, **inputs):
-        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name."""
+        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name. See `free_units` for inputs."""
         return {}
 
     # Using a block

@@ -15,7 +15,7 @@ from graph.budget import bus_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
-from graph.inference import has_units_of_its_own, infer_shapes, infer_units
+from graph.inference import infer_shapes, infer_units
 from graph.order import cluster, computes, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
 from graph.schedule import Proof
@@ -190,7 +190,7 @@ class Compilation:
         for (block, name), source in self.wired_inputs():
             unit = block.inputs[name].unit
             if unit == units.ANY:
-                unit = units.ANY if has_units_of_its_own(block) else shared.get(block, units.ANY)
+                unit = units.ANY if name in block.free_units else shared.get(block, units.ANY)
             got = self.units[source.block, source.port] if isinstance(source, Signal) else units.ANY
             if units.ANY not in (unit, got) and unit != got:
                 self.report("TW002", f"expected {unit}, got {got}{self.origin(source)}", block, name, self.where(block, name),
