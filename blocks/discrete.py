@@ -27,6 +27,9 @@ class UnitDelay(Block):
     def prepare(self, dt):
         self.held = [self.initial] * self.width
 
+    def start_range(self, u):
+        return self.span("initial")
+
     def output_range(self, u):
         return u | self.span("initial")
 
@@ -51,6 +54,9 @@ class Delay(Block):
 
     def prepare(self, dt):
         self.held = [self.initial] * (self.samples * self.width)
+
+    def start_range(self, u):
+        return self.span("initial")
 
     def output_range(self, u):
         return u | self.span("initial")

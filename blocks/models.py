@@ -78,7 +78,7 @@ class RecordedKnee(Block):
     stride, with a small step at the seam; one of less than four seconds is played whole. `at_start` is the angle at t = 0.
     """
 
-    file = Param("", "1", "path of the CSV file", required=True, dtype=str)
+    file = Param("", "1", "path of the CSV file", required=True, dtype=str, file=True)
     column = Param("", "1", "name of its column, in degrees", required=True, dtype=str)
 
     angle = Output("rad", "knee flexion")

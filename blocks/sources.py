@@ -163,7 +163,7 @@ class Playback(_OverTime, Block):
     A NaN in the file is played as NaN, and shows on the way to it and from it.
     """
 
-    file = Param("", "1", "path of the CSV file; commas, semicolons or tabs", required=True, dtype=str)
+    file = Param("", "1", "path of the CSV file; commas, semicolons or tabs", required=True, dtype=str, file=True)
     column = Param("", "1", "name of the column", required=True, dtype=str)
     time = Param("time", "1", "name of the column of times, in s")
     interpolation = Param("linear", "1", "between two rows: on a line, or at the value of the row before", choices=("linear", "previous"))

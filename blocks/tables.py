@@ -83,6 +83,8 @@ class LookupTable2D(UnitOfOutput, Block):
     column_knots = Memory(0.0, "breakpoints of the columns")
     heights = Memory(0.0, "values, one row after the other")
 
+    free_units = ("row", "column")
+
     def configure(self):
         super().configure()
         self.row_knots = rising_numbers("rows", self.rows)

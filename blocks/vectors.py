@@ -54,6 +54,7 @@ class Dot(Block):
     y = Output("any", "their product")
 
     kernel = kernels.dot
+    free_units = ("a", "b")
 
     def output_units(self, a, b):
         return {"y": multiply(a, b)}
@@ -70,6 +71,7 @@ class Cross(Block):
     y = Output("any", "their product", shape=(3,))
 
     kernel = kernels.cross
+    free_units = ("a", "b")
 
     def output_units(self, a, b):
         return {"y": multiply(a, b)}

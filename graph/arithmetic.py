@@ -68,6 +68,7 @@ class Product(Block):
     y = Output("any", "a · b", shape=...)
 
     kernel = kernels.product
+    free_units = ("a", "b")
 
     def output_units(self, a, b):
         return {"y": multiply(a, b)}
@@ -84,6 +85,7 @@ class Divide(Block):
     y = Output("any", "a / b", shape=...)
 
     kernel = kernels.divide
+    free_units = ("a", "b")
 
     def output_units(self, a, b):
         return {"y": divide(a, b)}

@@ -30,6 +30,7 @@ class Block:
     kernel = update_kernel = settle_kernel = None
     feedthrough = None
     inputs = outputs = parameters = memory = {}
+    free_units = ()             # "any" inputs that need not share the one unit of the others
     variadic = False            # takes any number of signals
     width = 1                   # how many elements its `...` ports have, once it is known
     every = 1                   # runs at every n-th tick
@@ -78,7 +79,7 @@ class Block:
             scope.adopt(self, name)
         else:
             self.path = name or snake_case(type(self).__name__)
-        self._attempt(self.configure)
+        self._configure()
         if self.is_python and (self.dt is not None or type(self).prepare is Block.prepare):
             self._attempt(self.prepare, self.dt)
             self.reset()
@@ -120,6 +121,12 @@ class Block:
         if problems:
             raise DiagramError(problems)
 
+    def _configure(self):
+        self._attempt(self.configure)
+        for name in self.outputs:
+            if not hasattr(type(self), name):
+                setattr(self, name, Signal(self, name))         # of an output that the parameters have made
+
     # What a block's author may define
 
     def configure(self):
@@ -136,8 +143,12 @@ class Block:
         """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs declare."""
         return {}
 
+    def start_range(self, **inputs):
+        """Interval of each output at the first tick, where the proof of a loop begins, inputs not yet known being 0. Default: `output_range`."""
+        return self.output_range(**inputs)
+
     def output_units(self, **inputs):
-        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name."""
+        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name. See `free_units` for inputs."""
         return {}
 
     # Using a block
@@ -220,7 +231,7 @@ class Block:
             setattr(self, name, self.check_live(name, self.parameters[name].parse(text)))
         except ValueError as error:
             raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
-        self._attempt(self.configure)
+        self._configure()
 
     def check_live(self, name, value):
         """The value, if the parameter may have it at the start of a run too: a proof rests on its live bounds."""

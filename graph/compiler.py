@@ -10,14 +10,14 @@ import numpy as np
 
 from graph import units
 from graph.assembly import assemble
-from graph.block import Sink, range_of, size_of
+from graph.block import Sink, size_of
 from graph.budget import bus_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
-from graph.inference import has_units_of_its_own, infer_shapes, infer_units
-from graph.interval import EVERYTHING, Interval
+from graph.inference import infer_shapes, infer_units
 from graph.order import cluster, computes, dependencies, take_out_loops
+from graph.ranges import find_ranges, interval_of
 from graph.schedule import Proof
 
 NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before it
@@ -190,7 +190,7 @@ class Compilation:
         for (block, name), source in self.wired_inputs():
             unit = block.inputs[name].unit
             if unit == units.ANY:
-                unit = units.ANY if has_units_of_its_own(block) else shared.get(block, units.ANY)
+                unit = units.ANY if name in block.free_units else shared.get(block, units.ANY)
             got = self.units[source.block, source.port] if isinstance(source, Signal) else units.ANY
             if units.ANY not in (unit, got) and unit != got:
                 self.report("TW002", f"expected {unit}, got {got}{self.origin(source)}", block, name, self.where(block, name),
@@ -289,34 +289,16 @@ class Compilation:
     # Range proof
 
     def prove(self):
-        for _ in range(2):          # every pass starts from a sound answer, so a second one only narrows what loops left open
-            for block in [b for b in self.blocks if not computes(b)] + self.order:
-                self.find_ranges(block)
+        self.ranges = find_ranges(self.blocks, self.order, self.sources, self.attempt)
         self.proofs = []
         for block in self.blocks:
             if isinstance(block, Actuator):
                 for name, limit in (self.attempt(block, block.command_limits) or {}).items():
                     self.prove_command(block, name, limit)
 
-    def find_ranges(self, block):
-        if not block.outputs:
-            return
-        inputs = {name: self.interval(self.sources[block, name]) for name in block.inputs}
-        found = self.attempt(block, block.output_range, **inputs)
-        for name in block.outputs:
-            interval = range_of(block, name, found)
-            if block.conditions:
-                interval = interval | Interval.point(0.0)           # what it holds until it has been enabled
-            self.ranges[Signal(block, name)] = interval
-
-    def interval(self, source):
-        if isinstance(source, Signal):
-            return self.ranges.get(source, EVERYTHING)
-        return Interval.point(float(source)) if source.ndim == 0 else Interval.point(float(source.min())) | Interval.point(float(source.max()))
-
     def prove_command(self, block, name, limit):
         source = self.sources[block, name]
-        interval = self.interval(source)
+        interval = interval_of(source, self.ranges)
         bounded_by = source.block.path if isinstance(source, Signal) else "a constant"
         unit = block.inputs[name].unit
         proof = Proof(block.path, name, unit, interval, limit, bounded_by)

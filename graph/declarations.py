@@ -79,13 +79,15 @@ class Param(Declaration):
     fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
     slew : how fast it may change while running, in its unit per second
     required : there is no default
+    file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
     """
 
     def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
-                 live=False, fixed=False, slew=None, required=False, dtype=None):
+                 live=False, fixed=False, slew=None, required=False, dtype=None, file=False):
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.live, self.slew, self.required = live, math.inf if slew is None else slew, required
+        self.file = file
         self.dtype = dtype or (float if default is None else type(default))
         self.fixed = fixed or not self.numeric
         if live and (min is None or max is None):

@@ -70,11 +70,11 @@ def infer_units(blocks, sources, attempt):
     def visit(block):
         of_inputs = {name: unit_of(block, name) for name in block.inputs}
         if block not in shared:
-            found = (of_inputs[name] for name, port in block.inputs.items() if port.unit == units.ANY)
+            found = (of_inputs[name] for name, port in block.inputs.items() if port.unit == units.ANY and name not in block.free_units)
             unit = next((unit for unit in found if unit != units.ANY), None)
             if unit is not None:
                 shared[block] = unit
-        own = attempt(block, lambda: stated_units(block, of_inputs)) or {} if has_units_of_its_own(block) else {}
+        own = attempt(block, lambda: stated_units(block, of_inputs)) or {} if type(block).output_units is not Block.output_units else {}
         changed = False
         for name, port in block.outputs.items():
             if known[block, name] == units.ANY:
@@ -92,8 +92,3 @@ def infer_units(blocks, sources, attempt):
 def stated_units(block, of_inputs):
     """What a block says of its outputs' units, canonical. ValueError if one is no unit."""
     return {name: units.canonical(unit) for name, unit in (block.output_units(**of_inputs) or {}).items()}
-
-
-def has_units_of_its_own(block):
-    """Whether the units of its outputs are computed, so that those of its "any" inputs may differ."""
-    return type(block).output_units is not Block.output_units

@@ -42,11 +42,11 @@ class Interval:
         return Interval(-self.high, -self.low)
 
     def __add__(self, other):
-        exact = 0.0 in (self.low, other.low) and 0.0 in (self.high, other.high)
         low, high = self.low + other.low, self.high + other.high
         if math.isnan(low) or math.isnan(high):
             return EVERYTHING                               # an infinity less itself: NaN, or whatever else the ends hold
-        return Interval(low, high) if exact else Interval(_down(low), _up(high))
+        return Interval(                                    # a sum with 0 is exact
+            low if self.low == 0.0 or other.low == 0.0 else _down(low), high if self.high == 0.0 or other.high == 0.0 else _up(high))
 
     def __sub__(self, other):
         return self + -other
@@ -72,6 +72,10 @@ class Interval:
         """What lies in both; the nearer end of this one where nothing does."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return Interval(low, high) if low <= high else Interval.point(self.low if other.high < self.low else self.high)
+
+    def widened(self, before):
+        """This interval, with every end that lies outside an earlier one at infinity."""
+        return Interval(self.low if self.low >= before.low else -math.inf, self.high if self.high <= before.high else math.inf)
 
     def __abs__(self):
         low = 0.0 if 0.0 in self else min(abs(self.low), abs(self.high))

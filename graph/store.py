@@ -1,7 +1,8 @@
 """Diagrams as JSON, and their content hash.
 
 The text holds blocks as `module:qualname` with their parameters, wires, and the versions of the libraries they come from. Two diagrams with one
-hash compute the same: it covers blocks with their source, parameters, wires and rate, and nothing of files, lines or the order of making.
+hash compute the same: it covers blocks with their source, parameters, wires and rate, the content of files that blocks read, and nothing of
+where these or the source stand, or of the order of making.
 """
 
 import hashlib
@@ -62,6 +63,9 @@ def describe_block(block, known, source):
         parameters[name] = {"live": [value, *map(encode, block.live_bounds[name])]} if name in block.live_bounds else value
     if parameters:
         data["parameters"] = parameters
+    files = {name: file_hash(block, name) for name, param in block.parameters.items() if param.file and getattr(block, name)}
+    if files:
+        data["files"] = files
     if block.every != 1:
         data["every"] = block.every
     if block.conditions:
@@ -102,6 +106,8 @@ def decode(value):
 
 def digest(data):
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
+    essence["blocks"] = [
+        {**entry, "parameters": {**entry["parameters"], **entry["files"]}} if "files" in entry else entry for entry in data["blocks"]]
     text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
     return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
 
@@ -113,6 +119,16 @@ def source_hash(kind):
     except (OSError, TypeError):
         source = f"{kind.__module__}:{kind.__qualname__}"
     return hashlib.sha256(source.encode()).hexdigest()[:16]
+
+
+def file_hash(block, name):
+    """Of the content of a file that a block reads. DiagramError where it cannot be read any more."""
+    try:
+        return "sha256:" + hashlib.sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
+    except OSError as error:
+        raise DiagramError(Diagnostic(
+            "TW010", f"{name}: cannot read {getattr(block, name)}: {error.strerror}", path=block.path, where=block.location,
+            hint="the content of the file belongs to the diagram: put it back")) from None
 
 
 def loadable(kind, known):

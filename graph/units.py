@@ -174,11 +174,16 @@ def deg(angle):
 
 
 def parse_quantity(text, unit):
-    """A number that may carry a unit, '60 deg', in `unit`. ValueError if it is not a number or the unit does not convert."""
+    """A number that may carry a unit, '60 deg', in `unit`; in SI units, angles in rad, where that is None.
+
+    ValueError if it is not a number, the unit does not convert, or `unit` is "any": what has the unit of whatever is wired takes a number.
+    """
     match = re.match(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf|nan)\s*(.*)$", text)
     if not match:
         raise ValueError(f"{text!r} is not a number")
     value = float(match[1])
     if not match[2]:
         return value
-    return value if unit == ANY else convert(value, match[2], unit)
+    if unit == ANY:
+        raise ValueError(f"takes the unit of what is wired to its block, so it is given as a number alone, not {text!r}")
+    return convert(value, match[2], unit) if unit is not None else value if canonical(match[2]) == "°C" else value * _scale(match[2])[0]

@@ -3,7 +3,7 @@
 import ast
 import inspect
 
-from graph import DiagramError
+from graph import DiagramError, units
 from graph.block import suggestion
 from runtime.errors import BadInput
 
@@ -48,9 +48,9 @@ def parse_like(default, name, text):
         raise BadInput(f"--set {name}={text}: expected true or false")
     if isinstance(default, (int, float)):
         try:
-            return int(text) if isinstance(default, int) and text.lstrip("+-").isdigit() else float(text)
+            return int(text) if isinstance(default, int) and text.lstrip("+-").isdigit() else units.parse_quantity(text, None)
         except ValueError:
-            raise BadInput(f"--set {name}={text}: expected a number, such as {default}") from None
+            raise BadInput(f"--set {name}={text}: expected a number, such as {default}; with a unit it is converted to SI, deg to rad") from None
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):

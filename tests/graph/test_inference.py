@@ -2,10 +2,18 @@
 
 import sys
 
-from blocks.discrete import UnitDelay
-from blocks.mathematics import Gain, Product, Sum
-from blocks.sources import Sine
-from graph import Block, Diagram, Input, Output, compile
+import pytest
+
+from blocks.controllers import PID
+from blocks.discrete import Derivative, Integrator, UnitDelay
+from blocks.linear import TransferFunction
+from blocks.logic import Switch
+from blocks.mathematics import Divide, Gain, Product, Sum
+from blocks.sources import Constant, Sine
+from blocks.tables import LookupTable2D
+from blocks.trigonometry import Atan2
+from blocks.vectors import Cross, Dot
+from graph import Block, Diagram, Input, Output, compile, stack
 from tests.graph.complaints import complaint, complaints, here
 
 
@@ -205,3 +213,66 @@ def test_every_mismatch_of_a_diagram_is_told():
         for number in range(5):
             TakesTorque(name=f"takes{number}")(Angle().angle)
     assert [d.path for d in complaints(diagram)] == [f"takes{number}" for number in range(5)]
+
+
+def in_unit(unit):
+    return Constant(1.0, unit=unit)()
+
+
+@pytest.mark.parametrize("make", [PID, lambda: Sum("+-"), Switch, Atan2, lambda: PID(unit="N·m")])
+def test_inputs_that_are_compared_or_added_share_one_unit(make):
+    with Diagram("d", rate=100) as diagram:
+        block = make()
+        first, second = [name for name, port in block.inputs.items() if port.unit == "any"][:2]
+        wires = {"condition": True} if "condition" in block.inputs else {}
+        block(**wires, **{first: in_unit("rad"), second: in_unit("deg")}); at = here()
+    found = complaint(diagram)
+    assert (found.code, found.port, found.where) == ("TW002", second, at)
+    assert found.message.startswith("expected rad, got deg from") and "signal.to('rad')" in found.hint
+
+
+def test_a_block_that_computes_the_unit_of_its_output_still_holds_its_inputs_to_one():
+    class Work(Block):
+        """The square root of the sum of two squares, times a second."""
+
+        a = Input("any", "one")
+        b = Input("any", "other")
+        y = Output("any", "sum")
+
+        def output_units(self, a, b):
+            return {"y": f"{a}·s" if a != "any" else "any"}
+
+        def step(self, a, b):
+            return a + b
+
+    with Diagram("d", rate=100) as diagram:
+        Work(name="work")(in_unit("rad"), in_unit("N·m"))
+    assert complaint(diagram).message == "expected rad, got N·m from constant_2.y"
+
+
+@pytest.mark.parametrize("make, unit", [
+    (Product, "N·m·rad"), (Divide, "rad/N/m"), (lambda: LookupTable2D(unit="A"), "A"),
+])
+def test_factors_and_axes_have_units_of_their_own(make, unit):
+    with Diagram("d", rate=100) as diagram:
+        block = make()
+        block(in_unit("rad"), in_unit("N·m"))
+    assert unit_of(compile(diagram), f"{block.path}.y") == unit
+
+
+def test_vector_products_multiply_units():
+    with Diagram("d", rate=100) as diagram:
+        for kind in (Dot, Cross):
+            kind(name=kind.__name__)(stack(*[in_unit("N")] * 3), stack(*[in_unit("m")] * 3))
+    schedule = compile(diagram)
+    assert unit_of(schedule, "Dot.y") == unit_of(schedule, "Cross.y") == "N·m"
+
+
+@pytest.mark.parametrize("make, unit", [
+    (Derivative, "rad/s"), (Integrator, "s·rad"), (lambda: TransferFunction((1.0,), (1.0, -0.5), unit="N*m/rad"), "N·m"), (UnitDelay, "rad"),
+])
+def test_time_enters_the_unit_of_a_derivative_and_an_integral(make, unit):
+    with Diagram("d", rate=100) as diagram:
+        block = make()
+        block(in_unit("rad"))
+    assert unit_of(compile(diagram), f"{block.path}.y") == unit

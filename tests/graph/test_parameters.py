@@ -106,6 +106,7 @@ def test_the_command_line_sets_parameters_by_text():
     ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
     ("limit", "seven", "limit: 'seven' is not a number", "largest torque, either way"),
     ("limit", "7 rad", "limit: rad does not convert to N·m", "largest torque, either way"),
+    ("limit", "7 furlongs", "limit: 'furlongs' in 'furlongs' is not a unit", "largest torque, either way"),
     ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest torque, either way"),
     ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest torque, either way"),
 ])
@@ -113,6 +114,13 @@ def test_what_the_command_line_cannot_set_is_told_with_a_hint(name, text, messag
     limiter = TorqueLimiter(limit=Live(12.0, max=15.0), name="limiter")
     found = refusal(limiter.set, name, text)
     assert (found.code, found.path, found.message, found.hint) == ("TW010", "limiter", message, hint) and limiter.limit == 12.0
+
+
+def test_a_parameter_in_the_unit_of_its_blocks_wires_takes_no_other():
+    saturation = Saturation(-1.0, 1.0, name="s")
+    found = refusal(saturation.set, "upper", "60 deg")
+    assert found.message == "upper: takes the unit of what is wired to its block, so it is given as a number alone, not '60 deg'"
+    assert saturation.upper == 1.0
 
 
 def test_a_value_that_a_block_cannot_be_configured_with_is_told_at_the_blocks_line():

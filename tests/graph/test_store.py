@@ -12,7 +12,7 @@ from blocks.discrete import UnitDelay
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
-from blocks.sources import StepSource
+from blocks.sources import Playback, StepSource
 from blocks.states import StateMachine
 from graph import Block, Diagram, DiagramError, Input, Live, Output, compile, subsystem
 from graph.store import content_hash, from_json, to_json
@@ -107,3 +107,28 @@ def test_a_name_that_is_no_block_is_not_imported_as_one():
         with pytest.raises(DiagramError) as refused:
             from_json(json.dumps(data))
         assert refused.value.diagnostics[0].code == "TW031"
+
+
+def test_the_hash_knows_the_content_of_a_file_that_is_played_and_not_its_place(tmp_path):
+    def playing(path):
+        with Diagram("playing", rate=100) as diagram:
+            Playback(str(path), "angle")
+        return diagram
+
+    file, moved = tmp_path / "walk.csv", tmp_path / "elsewhere.csv"
+    file.write_text("time,angle\n0,1\n1,2\n")
+    before = content_hash(playing(file))
+    moved.write_text(file.read_text())
+    assert content_hash(playing(moved)) == before == json.loads(to_json(playing(file)))["hash"]
+    assert content_hash(from_json(to_json(playing(file)))) == before
+    diagram = playing(file)
+    file.write_text("time,angle\n0,1\n1,3\n")
+    assert content_hash(playing(file)) != before
+    text = to_json(diagram)
+    file.unlink()
+    with pytest.raises(DiagramError) as caught:
+        to_json(diagram)
+    (found,) = caught.value.diagnostics
+    assert (found.code, found.path) == ("TW010", "playback") and found.message == f"file: cannot read {file}: No such file or directory"
+    with pytest.raises(DiagramError, match=f"cannot read {file}"):
+        from_json(text)

@@ -75,7 +75,7 @@ def test_what_measures_something_else_does_not_convert(source, target):
 @pytest.mark.parametrize("text, unit, value", [
     ("40", "N·m", 40.0), ("60 deg", "rad", math.pi / 3), ("60deg", "rad", math.pi / 3), ("-1e-3", "any", -1e-3), (".5 s", "s", 0.5),
     ("5.", "1", 5.0),
-    ("inf", "N·m/s", math.inf), ("250 ms", "s", 0.25), ("7 apples", "any", 7.0),
+    ("inf", "N·m/s", math.inf), ("250 ms", "s", 0.25), ("60 deg", None, math.pi / 3), ("250 ms", None, 0.25), ("30 degC", None, 30.0), ("7", None, 7.0),
 ])
 def test_quantities_are_read_in_the_unit_that_is_wanted(text, unit, value):
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-12)
@@ -83,7 +83,7 @@ def test_quantities_are_read_in_the_unit_that_is_wanted(text, unit, value):
 
 @pytest.mark.parametrize("text, unit, complaint", [
     ("forty", "N·m", "'forty' is not a number"), ("", "1", "is not a number"), ("40 rad", "N·m", "rad does not convert to N·m"),
-    ("1,5", "s", "not a unit"),
+    ("1,5", "s", "not a unit"), ("60 deg", "any", "takes the unit of what is wired to its block"), ("7 apples", None, "not a unit"),
     ("0x10", "1", "not a unit"),
 ])
 def test_what_is_no_quantity_is_refused(text, unit, complaint):

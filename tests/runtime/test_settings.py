@@ -1,5 +1,6 @@
 """--set NAME=VALUE: which text becomes which value, and who gets it."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -11,7 +12,7 @@ from tests.runtime.runs import KNEE_EXO
 
 
 @pytest.mark.parametrize("default, text, value", [
-    (1.0, "2", 2.0), (1.0, "-1e-3", -1e-3), (3, "4", 4), (3, "+4", 4), (3, "4.5", 4.5), (True, "false", False), (True, "No", False),
+    (1.0, "2", 2.0), (1.0, "-1e-3", -1e-3), (0.5, "180 deg", math.pi), (1.0, "250 ms", 0.25), (3, "2 m", 2.0), (3, "4", 4), (3, "+4", 4), (3, "4.5", 4.5), (True, "false", False), (True, "No", False),
     (False, "1", True), (False, "YES", True), ("walk", "12", "12"), ("", "", ""), ("", "a=b", "a=b"), (None, "12", 12),
     (None, "walk", "walk"), (None, "(1.0, 2.0)", (1.0, 2.0)), ((0.0,), "[1, 2]", [1, 2]),
 ])
@@ -20,7 +21,7 @@ def test_a_text_becomes_what_the_default_is(default, text, value):
     assert found == value and type(found) is type(value)
 
 
-@pytest.mark.parametrize("default, text", [(1.0, "much"), (1.0, ""), (1, "one"), (True, "maybe"), (False, "2")])
+@pytest.mark.parametrize("default, text", [(1.0, "much"), (1.0, ""), (1.0, "7 apples"), (1, "one"), (True, "maybe"), (False, "2")])
 def test_a_text_that_is_no_such_value_is_refused(default, text):
     with pytest.raises(BadInput, match=f"--set name={text}: expected "):
         parse_like(default, "name", text)
