@@ -1,8 +1,6 @@
 # cython: freethreading_compatible=True
 """What a histogram tells."""
 
-import numpy as np
-
 from libc.string cimport memset
 
 from cext.pace cimport clock
@@ -43,14 +41,20 @@ def counts_of(durations):
 
 
 cdef object buckets(const Histogram *histogram):
+    import numpy as np                          # the recorder process, which maps the page too, goes without
+
     return np.asarray(<uint64_t[:BUCKETS]>(<uint64_t *>histogram.buckets)).copy()
 
 
 def percentile(uint64_t[::1] counts, double share):
     """s, at most 3.2 % above the duration that this share of all does not exceed. counts : of `counts_of`, or of a page"""
     cdef uint64_t seen = 0
-    cdef double wanted = share * np.sum(counts)
+    cdef uint64_t total = 0
+    cdef double wanted
     cdef int bucket
+    for bucket in range(BUCKETS):
+        total += counts[bucket]
+    wanted = share * total
     for bucket in range(BUCKETS):
         seen += counts[bucket]
         if seen > 0 and seen >= wanted:

@@ -1,8 +1,6 @@
 # cython: freethreading_compatible=True
 """The grid of a run, and the waiting for its points: absolute instants of CLOCK_MONOTONIC."""
 
-from fractions import Fraction
-
 cimport cython
 from libc.errno cimport EINTR
 
@@ -23,6 +21,8 @@ cdef class Pace:
             raise ValueError("the rate must be above 0 Hz and at most 1e9 Hz, as the grid is in ns, not %r" % rate)
         if spin < 0:
             raise ValueError("the window in which to spin is 0 ns or more, not %d" % spin)
+        from fractions import Fraction              # 9 ms, and whoever reads the page comes by here
+
         period = 10**9 / Fraction(repr(rate))
         if period >= 2**62:
             raise ValueError("a period of %g s is longer than the clock can count" % (1.0 / rate))
