@@ -1,8 +1,6 @@
 # cython: freethreading_compatible=True
 """What a histogram tells."""
 
-import numpy as np
-
 from libc.string cimport memset
 
 from cext.pace cimport clock
@@ -34,7 +32,7 @@ def percentiles(durations):
 
 
 def counts_of(durations):
-    """Durations in ns, counted in the buckets of a histogram: an array, to be added to others of its kind."""
+    """Durations in ns, counted in the buckets of a histogram: a list, whose numbers can be added to those of others."""
     cdef Histogram histogram
     memset(&histogram, 0, sizeof(Histogram))
     for ns in durations:
@@ -42,14 +40,15 @@ def counts_of(durations):
     return buckets(&histogram)
 
 
-cdef object buckets(const Histogram *histogram):
-    return np.asarray(<uint64_t[:BUCKETS]>(<uint64_t *>histogram.buckets)).copy()
+cdef list buckets(const Histogram *histogram):
+    cdef int bucket
+    return [histogram.buckets[bucket] for bucket in range(BUCKETS)]
 
 
-def percentile(uint64_t[::1] counts, double share):
+def percentile(counts, double share):
     """s, at most 3.2 % above the duration that this share of all does not exceed. counts : of `counts_of`, or of a page"""
     cdef uint64_t seen = 0
-    cdef double wanted = share * np.sum(counts)
+    cdef double wanted = share * sum(counts)
     cdef int bucket
     for bucket in range(BUCKETS):
         seen += counts[bucket]
