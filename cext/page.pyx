@@ -133,7 +133,7 @@ cdef class Page:
         }
 
     def counts(self, str name):
-        """The buckets of one of the histograms, to be added up over runs: an array, as cext.histogram.counts_of makes it."""
+        """The buckets of one of the histograms, to be added up over runs: a list, as cext.histogram.counts_of makes it."""
         if name == "lateness":
             return buckets(&self.layout.lateness)
         if name == "period":
