@@ -20,6 +20,7 @@ from cext.abi cimport AUTHORITY, FENCED, NO_ANSWER, OK, OVERRUN
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.journal cimport Journal
+from cext.live cimport STOP_WANTED, apply_changes
 from cext.overrun cimport Overrun
 from cext.pace cimport Pace, clock, monotonic
 from cext.page cimport ARMING, RUNNING, SAFE, STOPPING, Page, PageLayout, store_i32, store_i64
@@ -89,6 +90,7 @@ cdef class Executor:
         """
         cdef int status
         cdef tuple unanswered = ()
+        cdef bint stopped = False
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
@@ -116,6 +118,8 @@ cdef class Executor:
             with nogil:
                 if status == OK and not self.signals.caught[0]:
                     status = self.loop(ticks, fade)
+                if status == STOP_WANTED:
+                    stopped, status = True, OK
                 self.stop(stopping_timeout)
         finally:
             self.signals.give_back()
@@ -125,7 +129,8 @@ cdef class Executor:
                 gc.enable()
         if self.layout != NULL:
             store_i32(&self.layout.status, status)
-        error = self.control.error
+        self.control.live.leave()
+        error = self.control.error or self.control.live.error
         culprit = self.control.culprit if status != OK else None
         if self.plant is not None and culprit is None and status != OK:
             error, culprit = self.plant.error, self.plant.culprit
@@ -133,6 +138,7 @@ cdef class Executor:
             culprit = self.body.watch.name(self.to_blame)
         return Outcome(
             name_of(status), culprit, self.tick, self.signals.caught[0], error, tuple(self.control.devices.silent()), unanswered,
+            stopped,
         )
 
     @property
@@ -185,7 +191,9 @@ cdef class Executor:
                 return OK
             if self.journal.fenced():
                 return FENCED
-            status = self.control.devices.receive(now, self.layout)
+            status = apply_changes(self.control.live, self.layout, -1, 0.0)
+            if status == OK:
+                status = self.control.devices.receive(now, self.layout)
             if status != OK:
                 return status
             if self.control.devices.all_answered():
@@ -274,7 +282,7 @@ cdef class Executor:
         add(&page.lateness, late, tick)
         if not self.virtual and self.previous >= 0:
             add(&page.period, late - self.late if late > self.late else self.late - late, tick)
-        page.gil_taken = self.control.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
+        page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
         page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
         store_i64(&page.tick, tick)
         store_i64(&page.ticks, page.ticks + 1)
@@ -302,4 +310,5 @@ cdef class Executor:
             if self.control.devices.all_answered() or waited >= timeout * 1e9:
                 break
         self.control.devices.failed = blame
+        self.control.live.dismiss(self.layout)
         self.journal.set_state(SAFE)

@@ -33,4 +33,4 @@ cdef inline int64_t lower_edge(int bucket) noexcept nogil:
     return <int64_t>((bucket & ((1 << BITS) - 1)) + (1 << BITS)) << shift
 
 cdef dict summary(const Histogram *histogram)
-cdef list buckets(const Histogram *histogram)
+cdef object buckets(const Histogram *histogram)

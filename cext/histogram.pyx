@@ -32,7 +32,7 @@ def percentiles(durations):
 
 
 def counts_of(durations):
-    """Durations in ns, counted in the buckets of a histogram: a list, whose numbers can be added to those of others."""
+    """Durations in ns, counted in the buckets of a histogram: an array, to be added to others of its kind."""
     cdef Histogram histogram
     memset(&histogram, 0, sizeof(Histogram))
     for ns in durations:
@@ -40,16 +40,21 @@ def counts_of(durations):
     return buckets(&histogram)
 
 
-cdef list buckets(const Histogram *histogram):
-    cdef int bucket
-    return [histogram.buckets[bucket] for bucket in range(BUCKETS)]
+cdef object buckets(const Histogram *histogram):
+    import numpy as np                          # the recorder process, which maps the page too, goes without
+
+    return np.asarray(<uint64_t[:BUCKETS]>(<uint64_t *>histogram.buckets)).copy()
 
 
-def percentile(counts, double share):
+def percentile(uint64_t[::1] counts, double share):
     """s, at most 3.2 % above the duration that this share of all does not exceed. counts : of `counts_of`, or of a page"""
     cdef uint64_t seen = 0
-    cdef double wanted = share * sum(counts)
+    cdef uint64_t total = 0
+    cdef double wanted
     cdef int bucket
+    for bucket in range(BUCKETS):
+        total += counts[bucket]
+    wanted = share * total
     for bucket in range(BUCKETS):
         seen += counts[bucket]
         if seen > 0 and seen >= wanted:

@@ -5,6 +5,7 @@ from libc.string cimport memset
 
 from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, Frame
 from cext.histogram cimport Histogram
+from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
 from cext.page cimport ROW, commit, load_i32, load_u64, reserve, store_i32
 from cext.posix cimport POLLIN, poll, pollfd
@@ -27,8 +28,10 @@ cdef class Journal:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
+        program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
+        self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
 
@@ -48,6 +51,7 @@ cdef class Journal:
         memset(&page.execution, 0, sizeof(Histogram))
         memset(&page.gil, 0, sizeof(Histogram))
         memset(&page.bus, 0, sizeof(Histogram))
+        self.program.live.show(page)
 
     cdef void set_state(self, int32_t state) noexcept nogil:
         if self.layout != NULL:

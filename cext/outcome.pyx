@@ -32,6 +32,7 @@ class Outcome:
     error : the exception of a Python block, or None
     unconfirmed : paths of the devices that did not confirm the safe stop
     unanswered : paths of the devices that did not answer while arming
+    stopped : somebody asked for the end through the mailbox
     """
 
     status: str
@@ -41,6 +42,7 @@ class Outcome:
     error: BaseException | None
     unconfirmed: tuple
     unanswered: tuple
+    stopped: bool = False
 
     @property
     def faulted(self):

@@ -1,25 +1,15 @@
 """The shared page: what the control process shows to the others, and the ring that its recording runs through.
 
-One memory file, mapped by every process of a run. The control process writes, the recorder reads; only `fence` and the
-ring's tail go the other way. Nothing here locks.
+One memory file, mapped by every process of a run: the layout below, the ring, then what there is to know of live parameters. The
+control process writes, the others read; only `fence`, the mailbox and the ring's tail go the other way. Nothing here locks.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 
 from cext.abi cimport Frame
+from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64
 from cext.histogram cimport Histogram
-
-cdef extern from *:
-    """
-    #define tw_load(pointer) __atomic_load_n((pointer), __ATOMIC_ACQUIRE)
-    #define tw_store(pointer, value) __atomic_store_n((pointer), (value), __ATOMIC_RELEASE)
-    """
-    uint64_t load_u64 "tw_load"(const uint64_t *pointer) noexcept nogil
-    int64_t load_i64 "tw_load"(const int64_t *pointer) noexcept nogil
-    int32_t load_i32 "tw_load"(const int32_t *pointer) noexcept nogil
-    void store_u64 "tw_store"(uint64_t *pointer, uint64_t value) noexcept nogil
-    void store_i64 "tw_store"(int64_t *pointer, int64_t value) noexcept nogil
-    void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
+from cext.mailbox cimport Mailbox
 
 cdef enum:
     INIT = 0
@@ -34,6 +24,7 @@ cdef enum: # of a record in the ring
     FRAME = 2                   # a struct Frame
     EVENT = 3                   # JSON
     RECEIVED = 4                # int64: ns from the run's begin at which the buses were drained; the frames that were there follow
+    CHANGE = 5                  # structs Change: what the mailbox has brought in one tick
 
 cdef struct Header:             # in front of every record
     uint32_t kind
@@ -46,6 +37,9 @@ cdef struct PageLayout:
     int32_t fence               # once 1, no process sends a command frame
     int32_t closed              # 1: nothing will be pushed any more
     int32_t status              # why it stopped
+    int64_t control             # number of the control process
+    int64_t live_count          # live parameters
+    int64_t live_bytes          # of the JSON that describes them
     int64_t began               # ns, CLOCK_MONOTONIC of the run's begin; frames are timed from here
     int64_t wall                # ns, CLOCK_REALTIME of the run's begin
     int64_t first_tick          # ns from the run's begin to tick 0; rows are timed from there
@@ -71,9 +65,17 @@ cdef struct PageLayout:
     uint64_t spare[7]           # keeps the two ends on cache lines of their own
     uint64_t tail               # bytes ever read; the consumer's
     uint64_t more[7]
+    Mailbox mailbox
+
+cdef struct Shown:              # a live parameter, behind the ring; the JSON stands behind them all
+    double value                # as the tick has it
+    double target               # where it is going
 
 cdef inline char *ring(PageLayout *page) noexcept nogil:
     return <char *>page + sizeof(PageLayout)
+
+cdef inline Shown *shown(PageLayout *page) noexcept nogil:
+    return <Shown *>(ring(page) + page.capacity)
 
 cdef inline void *reserve(PageLayout *page, uint32_t kind, uint32_t size) noexcept nogil:
     """Room for one record, `size` a multiple of 8; NULL when the ring is full. Nothing is visible before `commit`."""

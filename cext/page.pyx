@@ -10,26 +10,27 @@ from posix.unistd cimport close
 
 from cext.histogram cimport buckets, summary
 
-cdef uint64_t MAGIC = 0x314B52574B434954     # "TICKWRK1"
+cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(PageLayout)      # "TICKWRK1", and another for another layout
 
 STATES = ("init", "arming", "running", "stopping", "safe")
-RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED = ROW, FRAME, EVENT, RECEIVED
+RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
 
 cdef class Page:
     """One memory file shared by the processes of a run.
 
-    Page(capacity)  makes it, with a ring of `capacity` bytes rounded up to a power of two
-    Page(fd=fd)     maps the one behind `fd`, which another process made
+    Page(capacity)                  makes it, with a ring of `capacity` bytes rounded up to a power of two
+    Page(capacity, live=(n, text))  the same with room for n live parameters, which the text (bytes) describes
+    Page(fd=fd)                     maps the one behind `fd`, which another process made
     """
 
-    def __cinit__(self, capacity=1 << 22, fd=None):
+    def __cinit__(self, capacity=1 << 22, fd=None, live=(0, b"")):
         cdef Py_buffer buffer
         if fd is None:
             room = 1 << max(12, (int(capacity) - 1).bit_length())
             self.fd = fd = os.memfd_create("tickwork")
             self.made_here = True
-            os.ftruncate(fd, sizeof(PageLayout) + room)
+            os.ftruncate(fd, sizeof(PageLayout) + room + live[0] * sizeof(Shown) + len(live[1]))
         self.fd = fd
         self.memory = mmap.mmap(fd, 0)
         if len(self.memory) <= <Py_ssize_t>sizeof(PageLayout):
@@ -38,10 +39,15 @@ cdef class Page:
         self.layout = <PageLayout *>buffer.buf
         PyBuffer_Release(&buffer)                  # self.memory stays mapped as long as this object lives
         if self.layout.magic == 0:
-            self.layout.capacity = len(self.memory) - sizeof(PageLayout)
+            if not self.made_here:
+                raise ValueError("file descriptor %d holds a Tickwork page that is still being made" % fd)
+            self.layout.capacity = room
             self.layout.tick = -1
             memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
-            self.layout.magic = MAGIC
+            self.layout.control = os.getpid()
+            self.layout.live_count, self.layout.live_bytes = live[0], len(live[1])
+            self.memory[len(self.memory) - len(live[1]) :] = live[1]
+            store_u64(&self.layout.magic, MAGIC)
         elif self.layout.magic != MAGIC:
             raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
 
@@ -133,12 +139,27 @@ cdef class Page:
         }
 
     def counts(self, str name):
-        """The buckets of one of the histograms, to be added up over runs: a list, as cext.histogram.counts_of makes it."""
+        """The buckets of one of the histograms, to be added up over runs: an array, as cext.histogram.counts_of makes it."""
         if name == "lateness":
             return buckets(&self.layout.lateness)
         if name == "period":
             return buckets(&self.layout.period)
         raise KeyError(name)
+
+    @property
+    def control(self):
+        """Number of the control process."""
+        return self.layout.control
+
+    @property
+    def live(self):
+        """What describes the live parameters, as it was given."""
+        return self.memory[len(self.memory) - self.layout.live_bytes :]
+
+    def live_values(self):
+        """Of each live parameter (its value in the latest tick, where it is going)."""
+        cdef Shown *values = shown(self.layout)
+        return [(values[index].value, values[index].target) for index in range(self.layout.live_count)]
 
     @property
     def wall(self):

@@ -3,6 +3,7 @@ from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport kernel_t
 from cext.devices cimport Devices
+from cext.live cimport LiveTable
 from cext.stopwatch cimport Laps, Stopwatch
 
 cdef struct Step:
@@ -39,6 +40,7 @@ cdef class Program:
     cdef Phase look, settle, output, update
     cdef int memory_start        # slot from which on the arena is state
     cdef Devices devices
+    cdef readonly LiveTable live
     cdef int32_t *columns
     cdef int column_count
     cdef public object error     # what a Python step raised

@@ -41,6 +41,7 @@ cdef class Program:
         self.size = len(self.memory)
         self.keep = []
         self.blocks = list(schedule.python_blocks)
+        self.live = LiveTable(schedule.live, self.memory)
         self.memory_start = schedule.memory_start
         self.load_phase(&self.look, schedule.look)
         self.load_phase(&self.settle, schedule.settle)
@@ -104,6 +105,7 @@ cdef class Program:
     def reset(self):
         """Everything as at the first tick: arena, devices, Python blocks."""
         self.memory[:] = self.image
+        self.live.reset()
         for block in self.blocks:
             block.reset()
         self.devices.reset()
@@ -124,12 +126,12 @@ cdef class Program:
         if self.failed.step >= 0:
             phases = self.schedule.look, self.schedule.settle, self.schedule.output, self.schedule.update
             return phases[self.failed.phase][self.failed.step].name
-        return None
+        return self.live.culprit
 
     cdef void stamp(self, Stopwatch watch):
         """Time the parts of each tick with a stopwatch, or with None, not."""
         self.watch = watch
-        self.laps = self.devices.laps = NULL if watch is None else &watch.laps
+        self.laps = self.devices.laps = self.live.laps = NULL if watch is None else &watch.laps
         self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
 
     def inputs(self, str path):

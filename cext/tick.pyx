@@ -5,6 +5,7 @@ from libc.stdlib cimport calloc, free
 
 from cext.abi cimport DT, FENCED, LATENESS, OK, PERIOD, TICK, TIME, WAKE
 from cext.histogram cimport add
+from cext.live cimport apply_changes
 from cext.pace cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
 from cext.stopwatch cimport PLANT, RECEIVE, TRANSMIT, Laps, lap
@@ -43,10 +44,12 @@ cdef class Tick:
         write_clock(self.control.arena, tick, previous, self.pace.rate, late)
 
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
-        """From the first frame received to the last state updated. now : ns from the run's begin"""
+        """From the mailbox and the first frame received to the last state updated. now : ns from the run's begin"""
         cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
         cdef int64_t on_wires = 0
-        cdef int status = self.control.devices.receive(now, self.journal.layout)
+        cdef int status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
+        if status == OK:
+            status = self.control.devices.receive(now, self.journal.layout)
         if laps != NULL:
             on_wires = lap(laps, RECEIVE)
         if status == OK:

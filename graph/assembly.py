@@ -8,7 +8,7 @@ from graph.diagram import Signal
 from graph.interval import EVERYTHING
 from graph.layout import Layout, kernel_table, place_memory, place_parameters
 from graph.order import computes, upstream
-from graph.schedule import Column, DeviceSteps, Schedule, SignalPlace, SinkColumns, Step
+from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step
 
 
 def assemble(facts):
@@ -129,11 +129,26 @@ class Assembly:
                 for block in self.blocks if not isinstance(block, Sink)
             },
             parameters=self.parameters,
+            live=self.live_parameters(),
             proofs=facts.proofs,
             holds=facts.holds,
             loads=facts.loads,
             warnings=[diagnostic for diagnostic in facts.diagnostics if diagnostic.severity == "warning"],
         )
+
+    def live_parameters(self):
+        found = []
+        for block in self.blocks:
+            for name, param in block.parameters.items():
+                bounds = block.live(name)
+                if bounds is None or isinstance(block, Sink):
+                    continue
+                path = f"{block.path}.{name}"
+                found.append(LiveParameter(
+                    path, self.parameters.get(path, -1), block if block.is_python or block.has_python_update else None, name,
+                    param.dtype.__name__, param.unit, param.description, float(getattr(block, name)), float(bounds.min), float(bounds.max),
+                    float(bounds.slew)))
+        return found
 
     def device_steps(self, block, buses):
         def slot(name):

@@ -73,6 +73,23 @@ class SinkColumns:
 
 
 @dataclass(frozen=True)
+class LiveParameter:
+    """A parameter that may change while running: its slot in the arena (-1: it has none), its block if it is a Python block's attribute."""
+
+    path: str                   # "left/impedance.stiffness"
+    slot: int
+    block: object
+    name: str
+    dtype: str
+    unit: str
+    description: str
+    built: float
+    low: float
+    high: float
+    slew: float                 # unit per second, infinite where it steps
+
+
+@dataclass(frozen=True)
 class Proof:
     """What is known of one command of one actuator before anything moves."""
 
@@ -107,6 +124,7 @@ class Schedule:
     python_blocks: list
     inputs: dict                # path: {input name: slot}, scalars only
     parameters: dict            # "left/impedance.stiffness": slot, native blocks only
+    live: list = field(default_factory=list)        # LiveParameter, by path
     proofs: list = field(default_factory=list)
     loads: list = field(default_factory=list)       # graph.budget.BusLoad, one a bus
     holds: list = field(default_factory=list)       # (source, its every, input, its every) where rates meet

@@ -11,11 +11,12 @@ from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.buses import MemoryBus
 from cext.executor import Executor
-from cext.page import RECORD_FRAME, RECORD_ROW, Page
+from cext.page import RECORD_CHANGE, RECORD_FRAME, RECORD_ROW, Page
 from cext.program import Program
 from graph import Diagram, compile
 
 FRAME = struct.Struct("=qIBBBB64s")
+CHANGE = struct.Struct("=q4i3d")
 STOP = [NOTHING, DISABLE]
 
 
@@ -27,6 +28,19 @@ class Frame(NamedTuple):
     bus: int
     sent: bool
     data: bytes
+
+
+class Change(NamedTuple):
+    """What the mailbox has brought, as the page has it. kind : 0 a set, 1 a mark, 2 a stop; index : of the live parameter"""
+
+    tick: int
+    kind: int
+    origin: int
+    writer: int
+    index: int
+    value: float
+    before: float
+    slew: float
 
 
 class Rig:
@@ -57,13 +71,15 @@ class Rig:
         """Run, and take what was recorded: rows by column, frames in their order. Returns the Outcome."""
         outcome = self.executor.run(ticks, **options)
         width = 2 + len(self.schedule.columns)
-        rows, self.frames = [], []
+        rows, self.frames, self.changes = [], [], []
         for kind, record in self.page.drain(1 << 30):
             if kind == RECORD_ROW:
                 rows.append(struct.unpack(f"={width}d", record))
             elif kind == RECORD_FRAME:
                 time, identifier, length, _, bus, sent, data = FRAME.unpack(record)
                 self.frames.append(Frame(time, identifier, bus, bool(sent), data[:length]))
+            elif kind == RECORD_CHANGE:
+                self.changes += map(Change._make, CHANGE.iter_unpack(record))
         rows = np.array(rows).reshape(-1, width)
         self.tick, self.time = rows[:, 0].astype(int), rows[:, 0] / self.schedule.rate
         self.signals = {column.path: rows[:, 2 + column.index] for sink in self.schedule.sinks for column in sink.columns}

@@ -1,0 +1,22 @@
+"""Words that several processes read and write: loads that acquire, stores that release, and the two steps nobody can come between."""
+
+from libc.stdint cimport int32_t, int64_t, uint64_t
+
+cdef extern from *:
+    """
+    #include <stdint.h>
+    #define tw_load(pointer) __atomic_load_n((pointer), __ATOMIC_ACQUIRE)
+    #define tw_store(pointer, value) __atomic_store_n((pointer), (value), __ATOMIC_RELEASE)
+    #define tw_count(pointer) __atomic_add_fetch((pointer), 1, __ATOMIC_ACQ_REL)
+    static inline int tw_swap(uint64_t *pointer, uint64_t old, uint64_t value) {
+        return __atomic_compare_exchange_n(pointer, &old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE);
+    }
+    """
+    uint64_t load_u64 "tw_load"(const uint64_t *pointer) noexcept nogil
+    int64_t load_i64 "tw_load"(const int64_t *pointer) noexcept nogil
+    int32_t load_i32 "tw_load"(const int32_t *pointer) noexcept nogil
+    void store_u64 "tw_store"(uint64_t *pointer, uint64_t value) noexcept nogil
+    void store_i64 "tw_store"(int64_t *pointer, int64_t value) noexcept nogil
+    void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
+    uint64_t count_up "tw_count"(uint64_t *pointer) noexcept nogil                          # the new count
+    bint swap "tw_swap"(uint64_t *pointer, uint64_t old, uint64_t value) noexcept nogil     # False: it was not `old`
