@@ -20,6 +20,7 @@ COMMANDS = {
     "profile": "run a diagram and tell where the time of a tick goes, block by block",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
+    "set": "change live parameters of a run that goes on, or list them",
 }
 LONGEST = 1e9                   # s: 30 years
 INTERRUPTED = 130
@@ -60,6 +61,7 @@ def command(arguments):
     commands = {
         "run": run_command, "check": check_command, "draw": draw_command, "replay": replay_command, "diff": diff_command,
         "blocks": blocks_command, "profile": profile_command, "bench": bench_command, "doctor": doctor_command,
+        "set": set_command,
     }
     return commands[first](arguments[1:])
 
@@ -126,7 +128,7 @@ def carried_out(request):
         raise BadInput(str(error)) from None
     if result.outcome.faulted:
         complain(fault.explain(result))
-    elif result.outcome.signal:
+    elif report.stopped(result.outcome):
         complain([report.stopped(result.outcome)])
     return result
 
@@ -172,7 +174,7 @@ def parse_run(arguments):
         if options.realtime == "off" and getattr(options, name) is not None:
             raise BadInput(f"--{name} needs --realtime try or --realtime require")
     return Request(
-        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
+        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=settings(options.settings),
         record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial),
         realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu, overrun=options.overrun, spin=options.spin,
         profile=options.profile)
@@ -193,7 +195,8 @@ def add_diagram(parser):
     parser.add_argument("file", type=Path, metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
     parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
-                        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'")
+                        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'; "
+                             "@FILE reads such settings, one a line")
 
 
 def number(option, unit, most=math.inf):
@@ -248,10 +251,27 @@ def trial(texts):
     return fields
 
 
-def setting(text):
+def settings(words, option="--set "):
+    """Pairs (name, text) of NAME=VALUE words; @FILE stands for the lines of a file, in which `#` and a space begin a remark."""
+    found = []
+    for word in words:
+        if not word.startswith("@"):
+            found.append(setting(word, f"{option}{word}", option))
+            continue
+        try:
+            lines = Path(word[1:]).expanduser().read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInput(f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}") from None
+        found += [
+            setting(line, f"{word[1:]}:{number}: {line}", option) for number, line in enumerate(map(str.strip, lines), 1)
+            if line and line != "#" and not line.startswith("# ")]
+    return found
+
+
+def setting(text, told, option="--set "):
     name, equals, value = text.partition("=")
     if not equals or not name:
-        raise BadInput(f"--set {text}: expected NAME=VALUE, as in --set left/impedance.stiffness=40")
+        raise BadInput(f"{told}: expected NAME=VALUE, as in {option}left/impedance.stiffness=40")
     return name.strip(), value.strip()
 
 
@@ -271,7 +291,7 @@ def check_command(arguments):
     add_diagram(parser)
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
     options = parser.parse_args(arguments)
-    found = check(options.file, [setting(s) for s in options.settings], options.rate)
+    found = check(options.file, settings(options.settings), options.rate)
     tell(told(found, options.json))
     return OK if found["ok"] else CHECK_FAILED
 
@@ -286,8 +306,7 @@ def draw_command(arguments):
                         help="svg, for papers; png; mermaid, for Markdown; html, a page to explore (default: what NAME ends in, or svg)")
     parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
     options = parser.parse_args(arguments)
-    settings = [setting(s) for s in options.settings]
-    said, remarks = draw_file(options.file, settings, options.rate, options.output, options.format, options.all_ports)
+    said, remarks = draw_file(options.file, settings(options.settings), options.rate, options.output, options.format, options.all_ports)
     complain(remarks)
     tell(said)
     return OK
@@ -350,7 +369,7 @@ def profile_command(arguments):
     add_pace(parser)
     options = parser.parse_args(arguments)
     result = carried_out(Request(
-        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=[setting(s) for s in options.settings],
+        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=settings(options.settings),
         no_record=True, overrun=options.overrun, spin=options.spin, profile=True))
     tell(report.summary(result))
     tell(profiled(result))
@@ -368,3 +387,17 @@ def doctor_command(arguments):
     from runtime.doctor.command import main
 
     return main(arguments)
+
+
+def set_command(arguments):
+    from runtime.live.command import set_live
+
+    parser = Parser("set", "Change live parameters of a run that goes on, or list them. The exit code is 0 once the run has them.")
+    parser.add_argument("pid", metavar="PID", help="process number of the run")
+    parser.add_argument("settings", nargs="*", metavar="PATH=VALUE",
+                        help="a live parameter: left/impedance.stiffness=40, wall.angle='60 deg'; @FILE reads such lines")
+    options = parser.parse_args(arguments)
+    if not options.pid.isdecimal():
+        raise BadInput(f"set {options.pid}: expected the process number of a run, as in {program()} set 1234 left/impedance.stiffness=40")
+    tell(set_live(int(options.pid), settings(options.settings, "")))
+    return OK

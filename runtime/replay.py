@@ -22,6 +22,7 @@ from graph import DiagramError, Sink
 from graph.store import content_hash, from_json, to_json
 from runtime.compare import Comparison, compare, sent_frames
 from runtime.errors import BadInput
+from runtime.live.table import describe
 from runtime.load import compiled, load
 from runtime.recorder import RecorderProcess
 from runtime.trial import Trial
@@ -75,9 +76,10 @@ def replay(path, file=None, folder=None):
     add_recorder(trial, diagram)
     schedule = compiled(where, diagram)
     ends = buses(trial, schedule)
+    changes = live_changes(trial, schedule)
     with tempfile.TemporaryDirectory() as scratch:
         target = str(folder or scratch)
-        outcome, report = run(trial, diagram, schedule, ends, target)
+        outcome, report = run(trial, diagram, schedule, ends, changes, target)
         if report["problems"]:
             raise BadInput(report["problems"][0])
         files = [entry["path"] for entry in report["files"]]
@@ -154,13 +156,33 @@ def order(schedule):
     return sorted(place, key=place.get)
 
 
-def run(trial, diagram, schedule, ends, folder):
+def live_changes(trial, schedule):
+    """What was changed while it ran: (tick, index among the live parameters, value). BadInput for what the diagram does not allow."""
+    index = {live.path: number for number, live in enumerate(schedule.live)}
+    changes = []
+    for event in trial.events:
+        if event["event"] != "set":
+            continue
+        path, value = event["path"], event["value"]
+        what = f"{trial.path}: {path} was set to {value} at tick {event['tick']}"
+        if path not in index:
+            raise BadInput(f"{what}, and the diagram has no live parameter of that name")
+        live = schedule.live[index[path]]
+        if not live.low <= value <= live.high:
+            raise BadInput(f"{what}, and the diagram has it live from {live.low:g} to {live.high:g}")
+        changes.append((event["tick"], index[path], float(value)))
+    return changes
+
+
+def run(trial, diagram, schedule, ends, changes, folder):
     """(Outcome, the recorder's report)"""
-    page = Page(RING)
+    page = Page(RING, live=describe(schedule))
     recorder = RecorderProcess(page)
     try:
         recorder.configure(plan(trial, diagram, schedule, folder))
-        executor = Executor(Program(schedule, ends), schedule.rate, page=page, virtual=True, reader=recorder.pidfd, tape=tape(trial))
+        program = Program(schedule, ends)
+        program.live.follow(changes)
+        executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.pidfd, tape=tape(trial))
         outcome = executor.run()
         end = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
         while not page.push(RECORD_EVENT, json.dumps(end).encode()) and recorder.alive:

@@ -4,6 +4,7 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
+from runtime.lines import count
 from runtime.timing import timing
 
 STREAMED = "runtime.recorder.plotjuggler:PlotJugglerSender"
@@ -17,7 +18,9 @@ def exit_code(outcome):
 
 
 def stopped(outcome):
-    """What a signal did, or None."""
+    """What a signal or a key did, or None."""
+    if outcome.stopped:
+        return "stopped by the space bar"
     if not outcome.signal:
         return None
     name = signal.Signals(outcome.signal).name
@@ -44,6 +47,9 @@ def summary(result):
         row("realtime", result.realtime.summary())
     if schedule.buses:
         row("buses", buses_text(schedule.buses, statistics["frames"]))
+    events = [event["event"] for event in result.recording.get("events", [])]
+    if "set" in events or "mark" in events:
+        row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
     if schedule.devices:

@@ -16,6 +16,7 @@ from cext.program import Program
 from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
+from runtime.live.table import describe
 from runtime.load import compiled, load
 from runtime.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess
@@ -109,7 +110,7 @@ def run(prepared, say=lambda lines: None):
     say : called with the lines that a person should read before the run
     """
     request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
-    page = Page(ring_bytes(schedule))
+    page = Page(ring_bytes(schedule), live=describe(schedule))
     recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
@@ -233,7 +234,7 @@ def tell(page, event, recorder):
 def ending(outcome, overruns):
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
-        "overruns": overruns,
+        "stopped": outcome.stopped, "overruns": overruns,
     }
     return json.dumps(event).encode()
 

@@ -64,8 +64,8 @@ class Kept:
     ticks, missed : grid points
     """
 
-    lateness: np.ndarray = field(default_factory=lambda: np.array(counts_of([])))
-    period: np.ndarray = field(default_factory=lambda: np.array(counts_of([])))
+    lateness: np.ndarray = field(default_factory=lambda: counts_of([]))
+    period: np.ndarray = field(default_factory=lambda: counts_of([]))
     ticks: int = 0
     missed: int = 0
 

@@ -7,9 +7,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from cext.page import Page
 from runtime.bench.measure import Times
 from runtime.errors import BadInput
+from runtime.live.runs import page_of
 
 IMPORTS = "numpy, networkx, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
@@ -66,22 +66,6 @@ def wait_for(child, look):
         time.sleep(0.001)
     complaint = child.stderr.read().decode().strip() if child.poll() is not None else f"nothing within {TIMEOUT:g} s"
     raise BadInput(f"the run did not come to its first tick: {complaint}")
-
-
-def page_of(pid):
-    """The shared page of another process, None while it has none."""
-    folder = Path("/proc", str(pid), "fd")
-    try:
-        for entry in folder.iterdir():
-            if os.readlink(entry).startswith("/memfd:tickwork"):
-                descriptor = os.open(entry, os.O_RDWR)
-                try:
-                    return Page(fd=descriptor)
-                except ValueError:                  # made, but not yet filled
-                    os.close(descriptor)
-    except OSError:
-        pass
-    return None
 
 
 def resident(pid):

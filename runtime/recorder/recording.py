@@ -11,14 +11,16 @@ from operator import itemgetter
 from signal import Signals
 from struct import Struct
 
-from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
+from runtime.live import table
 from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog
+from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
 from runtime.recorder.service import find
 
-KEPT_EVENTS = 10_000
+KEPT_EVENTS = 100_000
 STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 
 
@@ -37,14 +39,15 @@ class Recording:
         self.plan, self.page = plan, page
         self.row = Struct(f"={2 + len(plan['signals'])}d")
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
-        self.events, self.end = [], None
+        self.events, self.events_left_out, self.end = [], 0, None
+        self.changes = Changes(table.read(page).parameters)
         self.services = []                      # (path, service), those that live
         self.pickers = []                       # (what picks the columns out of a row, service)
         self.about = {}
         self.logs = []                          # that take frames
         self.flight_log = None
         self.sidecar = None
-        self.files, self.folders = {}, []
+        self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, []
         self.say = lambda line: None
 
@@ -119,12 +122,17 @@ class Recording:
                     self.flight_log.received(payload)
             elif kind == RECORD_EVENT:
                 self.take_event(json.loads(payload))
+            elif kind == RECORD_CHANGE:
+                for event in self.changes.events(payload):
+                    self.take_event(event)
 
     def take_event(self, event):
         if event.get("event") == "end":
             self.end = event
         elif len(self.events) < KEPT_EVENTS:
             self.events.append(event)
+        else:
+            self.events_left_out += 1
         if self.flight_log is not None:
             self.attempt("flight log", self.flight_log, lambda: self.flight_log.event(event))
 
@@ -205,13 +213,13 @@ class Recording:
             "ended": ending(self.end, orphaned), "end": self.end,
             "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
             "missed": statistics["missed"], "dropped": statistics["dropped"], "statistics": statistics,
-            "events": self.events, "sinks": self.sinks, "files": self.list_files(), "problems": self.problems,
-            **self.about, "control_pid": plan.get("control_pid"),
+            "events": self.events, "events_left_out": self.events_left_out, "sinks": self.sinks, "files": self.list_files(),
+            "problems": self.problems, **self.about, "control_pid": plan.get("control_pid"),
         }
 
     def list_files(self):
         """Of each file its path and a remark on it; the sidecar comes last."""
-        known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}}
+        known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
         if self.sidecar is not None:
             known[self.sidecar] = known.pop(self.sidecar)
         return [{"path": path, "note": note} for path, note in known.items()]
@@ -246,6 +254,8 @@ def ending(end, orphaned):
         return "the control process died" if orphaned else "without a word"
     if end["status"] != "ok":
         return f"fault: {end['status']} at {end.get('culprit')}, tick {end.get('tick')}"
+    if end.get("stopped"):
+        return "stopped by the space bar"
     return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
 
 

@@ -1,0 +1,102 @@
+"""What may be changed in a run, as its page tells it: read by `set` and by the keys, neither of which knows the diagram."""
+
+import json
+import math
+from dataclasses import dataclass
+
+STEPS = 20                      # about so many steps of the keys from bound to bound
+FINE = 10                       # and so many fine ones in a step
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A live parameter. dtype is "float", "int" or "bool"; slew in unit per second, math.inf where it steps."""
+
+    index: int
+    path: str
+    dtype: str
+    unit: str
+    description: str
+    built: float
+    low: float
+    high: float
+    slew: float
+
+    def plain(self, value):
+        """A value in the parameter's type."""
+        return {"float": float, "int": int, "bool": bool}[self.dtype](value)
+
+    def written(self, value):
+        """A value as `--set` reads it, exactly: '40.0', '3', 'true'."""
+        return repr(self.plain(value)).lower()
+
+    def shown(self, value):
+        """A value for people, with its unit: '40 N·m/rad'."""
+        return f"{self.plain(value)}".lower() if self.dtype == "bool" else f"{value:.6g}" + self.behind
+
+    @property
+    def behind(self):
+        return "" if self.unit in ("1", "any") else f" {self.unit}"
+
+    @property
+    def bounds(self):
+        return "false or true" if self.dtype == "bool" else f"{self.low:g} to {self.high:g}{self.behind}"
+
+    def stepped(self, value, steps):
+        """The value that many fine steps of the keys further, on whole steps and within the bounds.
+
+        steps : 1 or -1, or FINE times that for a step of about a twentieth of the range, 1, 2 or 5 times a power of ten
+        """
+        if self.dtype == "bool":
+            return float(steps > 0)
+        step = nice((self.high - self.low) / STEPS)
+        if abs(steps) < FINE:
+            step /= FINE
+        if self.dtype == "int":
+            step = max(1.0, round(step))
+        if not step > 0.0:
+            return value
+        up = steps > 0
+        count = math.floor(value / step + 1e-6) + 1 if up else math.ceil(value / step - 1e-6) - 1
+        digits = max(0, 1 - math.floor(math.log10(step)))
+        return min(self.high, max(self.low, round(count * step, digits)))
+
+
+def nice(number):
+    """The largest of 1, 2 and 5 times a power of ten that is not above a number; 0 for 0."""
+    if not number > 0.0:
+        return 0.0
+    power = 10.0 ** math.floor(math.log10(number))
+    return power * max(factor for factor in (1, 2, 5) if factor * power <= number * (1 + 1e-9))
+
+
+def describe(schedule):
+    """What Page(live=...) wants of a schedule: (number of live parameters, bytes)."""
+    parameters = [
+        {"path": live.path, "dtype": live.dtype, "unit": live.unit, "description": live.description, "built": live.built,
+         "low": live.low, "high": live.high, "slew": live.slew if math.isfinite(live.slew) else None}
+        for live in schedule.live
+    ]
+    return len(parameters), json.dumps({"name": schedule.name, "rate": schedule.rate, "parameters": parameters}).encode()
+
+
+@dataclass(frozen=True)
+class Table:
+    """name, rate : of the diagram; parameters : a Parameter for each, in the order in which the page and its mailbox count them"""
+
+    name: str
+    rate: float
+    parameters: tuple
+
+
+def values(page, parameters):
+    """Of each live parameter (its value in the latest tick, where it is going)."""
+    return [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
+
+
+def read(page):
+    """The Table that a page carries; an empty one where it carries none."""
+    told = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
+    return Table(told["name"], told["rate"], tuple(
+        Parameter(index, **{**found, "slew": math.inf if found["slew"] is None else found["slew"]})
+        for index, found in enumerate(told["parameters"])))

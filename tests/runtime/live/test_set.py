@@ -1,0 +1,159 @@
+"""`set PID`: another process changes live parameters of a run, or is told in words why it cannot."""
+
+import signal
+import subprocess
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from runtime.live.runs import page_of, runs
+from tests.runtime.runs import Files, finished, started, write
+from tests.runtime.terminals import live_diagram, patient
+
+
+@contextmanager
+def going(folder, *words):
+    """A run in real time that goes on: its Popen."""
+    process = started(*words, cwd=folder)
+    try:
+        page = patient(lambda: page_of(process.pid))
+        patient(lambda: page.statistics()["ticks"] > 0)
+        yield process
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run that none of these tests changes."""
+    folder = tmp_path_factory.mktemp("run")
+    live_diagram(folder)
+    with going(folder, "springs.py", "--no-record") as process:
+        yield process
+
+
+def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
+    code, out, err = command_line("set", run.pid)
+    assert (code, err) == (0, "")
+    head, *lines = out.splitlines()
+    assert head.startswith(f"springs (process {run.pid}, running, tick ")
+    assert lines == [
+        "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  K",
+        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad)  B",
+        "  wave.angle        0.5 rad  (-1 to 1.5 rad; built as 0.5 rad)  of the wave",
+        "  wave.count        3  (0 to 12; built as 3)",
+        "  wave.on           true  (false or true; built as true)",
+    ]
+
+
+REFUSED = {
+    "spring.stiffness=151": "spring.stiffness=151: must be at most 150.0 N·m/rad, got 151.0",
+    "wave.angle=-90 deg": "wave.angle=-90 deg: must be at least -1.0 rad, got -1.5707963267948966",
+    "spring.stiffness=nan": "spring.stiffness=nan: NaN is not allowed",
+    "spring.stiffness=inf": "spring.stiffness=inf: must be at most 150.0 N·m/rad, got inf",
+    "spring.stiffness=stiff": "spring.stiffness=stiff: 'stiff' is not a number",
+    "wave.angle=1 N": "wave.angle=1 N: N does not convert to rad",
+    "wave.count=2.5": "wave.count=2.5: expected a whole number, got 2.5",
+    "wave.on=perhaps": "wave.on=perhaps: expected true or false, got 'perhaps'",
+    "spring.stifness=40": "spring.stifness=40: springs has no live parameter 'spring.stifness'; did you mean 'spring.stiffness'?",
+    "zzz=1": "zzz=1: springs has no live parameter 'zzz'; live are spring.stiffness, spring.damping, wave.angle, wave.count, wave.on",
+    "wave.on": "wave.on: expected NAME=VALUE, as in left/impedance.stiffness=40",
+}
+
+
+@pytest.mark.parametrize("setting", REFUSED)
+def test_what_cannot_be_set_is_told_in_words_and_nothing_is_changed(run, command_line, setting):
+    assert command_line.refused("set", run.pid, "spring.damping=9", setting) == REFUSED[setting]
+    assert page_of(run.pid).live_values()[1] == (1.0, 1.0)
+
+
+def test_a_parameter_that_is_not_live_is_told_which_are(run, command_line):
+    said = command_line.refused("set", run.pid, "wave.shape=1")
+    assert said.startswith("wave.shape=1: springs has no live parameter 'wave.shape'; ")
+
+
+def test_a_process_that_is_no_run_is_told_which_are(run, command_line):
+    with subprocess.Popen(["sleep", "60"]) as stranger:
+        for pid, trouble in ((stranger.pid, "is no run of a diagram"), (2**22 + 1, "does not exist")):
+            said = command_line.refused("set", pid, "spring.damping=9")
+            assert said.startswith(f"process {pid} {trouble}; runs are ") and f"{run.pid} (springs)" in said
+        assert run.pid in runs() and stranger.pid not in runs()
+        stranger.kill()
+    assert command_line.refused("set", "me").startswith("set me: expected the process number of a run, as in ")
+
+
+def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, command_line):
+    """Of several settings all or none; with units; from a file; and each in the recording, by the process that set it."""
+    live_diagram(tmp_path)
+    (tmp_path / "gentle.set").write_text("# gentle\n\n#\nspring.damping = 2.5\n")
+    told = []
+    with going(tmp_path, "springs.py") as run:
+        for words in (["spring.stiffness=40", "wave.angle=60 deg", "wave.count=5"], ["wave.on=no"], ["@gentle.set"], ["wave.on=yes"]):
+            process = finished("set", run.pid, *words, cwd=tmp_path)
+            assert (process.returncode, process.stderr) == (0, ""), process
+            told += process.stdout.splitlines()
+        run.send_signal(signal.SIGINT)
+        assert "6 changes of live parameters, 0 marks" in run.communicate(timeout=30)[0] and run.returncode == 130
+        assert command_line.refused("set", run.pid, "spring.damping=2").startswith(f"process {run.pid} does not exist; ")
+    files = Files(tmp_path / "recordings")
+    events, table = files.sidecar["events"], files.table
+    first, off, damping, on = (events[index]["tick"] for index in (0, 3, 4, 5))
+    assert told == [
+        f"spring.stiffness: 30 N·m/rad to 40 N·m/rad from tick {first} on, over 0.05 s",
+        f"wave.angle: 0.5 rad to 1.0472 rad from tick {first} on",
+        f"wave.count: 3 to 5 from tick {first} on", f"wave.on: true to false from tick {off} on",
+        f"spring.damping: 1 N·m·s/rad to 2.5 N·m·s/rad from tick {damping} on", f"wave.on: false to true from tick {on} on"]
+    assert [event["tick"] for event in events[:3]] == [first] * 3 and first < off < damping < on
+    assert all(event["event"] == "set" and event["by"].startswith("set ") and int(event["by"][4:]) != run.pid for event in events)
+    assert events[1]["value"] == np.deg2rad(60) and events[1]["from"] == 0.5
+    row = {int(tick): index for index, tick in enumerate(table["tick"])}
+    wave, torque = table["wave.y"], table["spring.torque [N*m]"]
+    assert wave[row[first] - 1] == 1030.5 and wave[row[first]] == 1050.0 + np.deg2rad(60)
+    assert wave[row[off] - 1] > 1000.0 and wave[row[off]] < 100.0 < 1000.0 < wave[row[on]]
+    assert torque[row[first] - 1] == -30.0 and torque[row[first] + 10] == -40.0
+    ticks = table["tick"][row[first]] - table["tick"][row[first] - 1]           # more than one where some were missed
+    np.testing.assert_allclose(torque[row[first]], -30.0 - 200.0 / 200.0 * ticks, rtol=0, atol=1e-9)
+
+    code, out, err = command_line("replay", files.one(".mcap"))
+    assert (code, err) == (0, "") and "the same, bit for bit" in out, "what was changed is changed again, in the same ticks"
+    write(tmp_path, live_diagram(tmp_path).read_text().replace("max=150.0, slew", "max=35.0, slew"), "narrow.py")
+    said = command_line.refused("replay", files.one(".mcap"), "--diagram", "narrow.py")
+    assert said.endswith(f"spring.stiffness was set to 40.0 at tick {first}, and the diagram has it live from 0 to 35")
+
+
+def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, command_line, monkeypatch):
+    monkeypatch.setattr("runtime.live.command.PATIENCE", 0.2)
+    live_diagram(tmp_path)
+    with going(tmp_path, "springs.py", "--no-record") as process:
+        page = page_of(process.pid)
+        process.send_signal(signal.SIGSTOP)
+        said = command_line.refused("set", process.pid, "spring.damping=2")
+        assert said.startswith(f"process {process.pid}: it did not take the change within 0.2 s") and said.endswith("nothing was changed")
+        process.send_signal(signal.SIGCONT)
+        ticks = page.statistics()["ticks"]
+        patient(lambda: page.statistics()["ticks"] > ticks + 20)
+        assert page.live_values()[1] == (1.0, 1.0)
+
+
+def test_a_diagram_without_live_parameters_says_so(tmp_path, command_line):
+    lines = "from blocks.sources import Sine", "from graph import Diagram", "", "with Diagram('plain', rate=100) as diagram:", "    Sine()"
+    write(tmp_path, "\n".join(lines) + "\n", "plain.py")
+    with going(tmp_path, "plain.py", "--no-record") as process:
+        assert command_line.refused("set", process.pid).startswith(f"plain (process {process.pid}) has no live parameters: ")
+
+
+def test_settings_from_a_file_are_those_of_the_command_line(tmp_path, command_line):
+    live_diagram(tmp_path)
+    (tmp_path / "ours.set").write_text("# a remark\nspring.stiffness=45.5\n\n  wave.on = false\n")
+    code, out, err = command_line("check", "springs.py", "--set", "@ours.set", "--set", "wave.count=7", "--json")
+    assert code == 0 and err == "", err
+    said = command_line.refused("check", "springs.py", "--set", "@none.set")
+    assert said == "--set @none.set: cannot read the file: No such file or directory"
+    (tmp_path / "ours.set").write_text("# a remark\nspring.stiffness\n")
+    said = command_line.refused("check", "springs.py", "--set", "@ours.set")
+    assert said.startswith("ours.set:2: spring.stiffness: expected NAME=VALUE, as in ")
+    (tmp_path / "ours.set").write_text("spring.stiffness=400\n")
+    assert "must be" in command_line.refused("check", "springs.py", "--set", "@ours.set")
