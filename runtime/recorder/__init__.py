@@ -29,7 +29,10 @@ import select
 import signal
 import subprocess
 import sys
+import termios
 import time
+
+from runtime.recorder.keyboard import own_terminal, put_back
 
 READY_TIMEOUT = 30.0        # s, for a slow disk
 ABANDON_TIMEOUT = 5.0       # s
@@ -38,12 +41,12 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__
 # The parent's packages, whatever the working folder holds; then the parent's path, for services of other packages.
 _BOOT = """
 import sys
-path = sys.argv[5:]
-sys.path[:] = [sys.argv[4], *path]
+path = sys.argv[6:]
+sys.path[:] = [sys.argv[5], *path]
 import cext, runtime
 sys.path[:] = path
 from runtime.recorder.process import main
-main(*map(int, sys.argv[1:4]))
+main(*map(int, sys.argv[1:5]))
 """
 
 
@@ -62,11 +65,14 @@ class RecorderProcess:
     def __init__(self, page):
         answers, their_answers = os.pipe()
         control = os.pidfd_open(os.getpid())
+        self._terminal = own_terminal()
+        self._attributes = None if self._terminal is None else termios.tcgetattr(self._terminal)
+        keys = () if self._terminal is None else (self._terminal,)
         path = [os.path.abspath(entry) for entry in sys.path]
         try:
             self._child = subprocess.Popen(
-                [sys.executable, "-c", _BOOT, str(page.fd), str(their_answers), str(control), _ROOT, *path],
-                stdin=subprocess.PIPE, pass_fds=(page.fd, their_answers, control), start_new_session=True)
+                [sys.executable, "-c", _BOOT, str(page.fd), str(their_answers), str(control), str(*keys or (-1,)), _ROOT, *path],
+                stdin=subprocess.PIPE, pass_fds=(page.fd, their_answers, control, *keys), start_new_session=True)
         finally:
             os.close(their_answers)
             os.close(control)
@@ -120,6 +126,7 @@ class RecorderProcess:
         try:
             report = self._answer(timeout)
         except TimeoutError:
+            self._give_terminal_back()
             return self._lost(f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself")
         how = self._end()
         if report is None:
@@ -136,6 +143,13 @@ class RecorderProcess:
         except OSError:
             pass                                # it has ended already
         self._end(ABANDON_TIMEOUT)
+
+    def _give_terminal_back(self):
+        """As it was; the process has done that, unless it was killed."""
+        if self._terminal is not None:
+            put_back(self._terminal, self._attributes)
+            os.close(self._terminal)
+            self._terminal = None
 
     def _lost(self, problem):
         return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
@@ -169,6 +183,7 @@ class RecorderProcess:
                 self._child.kill()
                 self._child.wait()
             os.close(self._answers)
+            self._give_terminal_back()
         code = self._child.returncode
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
@@ -176,3 +191,4 @@ class RecorderProcess:
         pidfd = getattr(self, "pidfd", None)
         if pidfd is not None:
             os.close(pidfd)
+            self._give_terminal_back()

@@ -12,6 +12,8 @@ import time
 
 from cext.page import Page
 
+from runtime.recorder.keyboard import Keyboard
+from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
 from runtime.recorder.terminal import Terminal
@@ -21,6 +23,7 @@ BATCH = 4096                    # records taken out of the ring at once
 IDLE = 5                        # ms between looks at an empty ring
 IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
 FLUSH = 1.0                     # s between flushes at most
+FOLLOW = 0.1                    # s between looks at who has the terminal
 
 
 class Control:
@@ -59,8 +62,8 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(page, answers, control):
-    """The process: three file descriptors, of the page, of the pipe for answers, and a pidfd of the control process."""
+def main(page, answers, control, keys):
+    """The process: file descriptors of the page, of the pipe for answers, a pidfd of the control process, and its terminal's or -1."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     be_ordinary()
@@ -76,10 +79,15 @@ def main(page, answers, control):
         return
     answer(answers, {"ready": True, "files": recording.list_files()})
     terminal = Terminal()
-    status = StatusLine(terminal, plan, page)
+    panel = Panel(page, Keyboard(keys, page.control), recording) if keys >= 0 and plan["status_line"] and terminal.interactive else None
+    status = StatusLine(terminal, plan, page, panel)
     recording.say = terminal.say
-    recording.begin()
-    drain(page, control, recording, status, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+    try:
+        recording.begin()
+        drain(page, control, recording, status, panel, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+    finally:
+        if panel is not None:
+            panel.close()
     if control.abandoned or (control.gone and not page.wall):       # nothing has begun
         recording.discard()
         return
@@ -91,9 +99,9 @@ def main(page, answers, control):
     answer(answers, report)
 
 
-def drain(page, control, recording, status, idle):
+def drain(page, control, recording, status, panel, idle):
     """Ring to recording, until nothing more will come."""
-    flush_at = 0.0
+    flush_at = follow_at = 0.0
     while True:
         over = page.closed or control.gone              # asked first: what was pushed before is then in the ring
         records = page.drain(BATCH)
@@ -102,7 +110,13 @@ def drain(page, control, recording, status, idle):
         if now >= flush_at:
             recording.flush()
             flush_at = now + FLUSH
-        status.update(now)
+        if panel is not None and not over:
+            if now >= follow_at:
+                panel.keyboard.follow()
+                follow_at = now + FOLLOW
+            panel.look(now)
+        if panel is None or panel.keyboard.here:
+            status.update(now)
         if records:
             continue
         if over or control.abandoned:

@@ -2,7 +2,8 @@
 
     running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0
 
-Lateness is the median and the 99th percentile of the run so far; rate, load and frames are those of the last second.
+What the keys have chosen stands behind the time. Lateness is the median and the 99th percentile of the run so far; rate, load and
+frames are those of the last second.
 """
 
 from collections import deque
@@ -12,14 +13,14 @@ WINDOW = 10                     # refreshes over which rates are taken
 BAR = 8                         # characters
 BAR_CHARACTERS = "━╌#."
 HIGH_LOAD = 0.8                 # share of the time in ticks
-COLOURS = {"green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
+COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
 STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow"}
 
 
 class StatusLine:
-    def __init__(self, terminal, plan, page):
-        self.terminal, self.plan, self.page = terminal, plan, page
+    def __init__(self, terminal, plan, page, panel=None):
+        self.terminal, self.plan, self.page, self.panel = terminal, plan, page, panel
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history = deque(maxlen=WINDOW + 1)
@@ -32,7 +33,8 @@ class StatusLine:
         statistics = self.page.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
         self.history.append((now, statistics["ticks"], statistics["busy"], frames))
-        parts = describe(self.plan, self.page.state, statistics, rates(self.history), self.terminal.unicode)
+        parts = describe(self.plan, self.page.state, statistics, rates(self.history), self.terminal.unicode,
+                         [] if self.panel is None else self.panel.parts(now))
         self.terminal.draw(fit(parts, self.terminal.columns - 1, self.terminal.coloured, self.terminal.unicode))
 
     def erase(self):
@@ -45,14 +47,18 @@ def rates(history):
     return tuple((b - a) / (stop - start) for a, b in zip(first, last)) if stop > start else None
 
 
-def describe(plan, state, statistics, speeds, unicode):
-    """The parts of the line, in their order: (importance, text, colour). Where the line is narrow, the least important go first."""
+def describe(plan, state, statistics, speeds, unicode, chosen=()):
+    """The parts of the line, in their order: (importance, text, colour). Where the line is narrow, the least important go first.
+
+    chosen : parts of the panel
+    """
     seconds = (statistics["last_tick"] + 1) / plan["rate"]
     duration = plan["duration"]
     parts = [(9, state, STATES[state])]
     if duration:
         parts.append((5, bar(seconds / duration, unicode), None))
     parts.append((8, f"{seconds:.1f}/{duration:g} s" if duration else f"{seconds:.1f} s", None))
+    parts += chosen
     if speeds is not None:
         ticks, load, frames = speeds
         if plan["virtual"]:
@@ -91,7 +97,7 @@ def fit(parts, width, coloured, unicode):
         for index, (_, part, colour) in enumerate(parts):
             beside_bar = index > 0 and {part[0], parts[index - 1][1][0]} & set(BAR_CHARACTERS)
             text += ("" if index == 0 else " " if beside_bar else dot) + (f"{COLOURS[colour]}{part}{RESET}" if paint and colour else part)
-        return text if unicode else text.replace("µ", "u")
+        return text if unicode else text.replace("µ", "u").replace("·", "*")
 
     while len(line(False)) > width and len(parts) > 1:
         parts.remove(min(parts, key=lambda part: part[0]))

@@ -30,7 +30,6 @@ def test_an_overrun_policy_that_there_is_not_is_refused_with_those_that_there_ar
     assert parse_run(["robot.py", "--overrun", "catch-up:2,fault:5/100"]).overrun == "catch-up:2,fault:5/100"
 
 
-LONG_HOLD = "import time\n        time.sleep(0.27 if tick == 5 else 0.0)\n        return 0.5"          # at 20 Hz, five periods and a half
 HOLD = "import time\n        time.sleep(0.04 if tick == 20 else 0.0)\n        return 0.5"
 
 
@@ -43,24 +42,23 @@ def test_an_overrun_is_told_with_who_took_the_time(command_line):
 
 
 def test_a_fault_by_overrun_names_the_block_and_the_policy(command_line):
-    code, out, err = command_line(
-        knee(command_line.folder, LONG_HOLD), "--rate", "20", "--duration", "2", "--no-record", "--overrun", "fault:4")
+    code, out, err = command_line(knee(command_line.folder, HOLD), "--duration", "0.5", "--no-record", "--overrun", "fault:4")
     first = err.splitlines()[0]
-    assert code == 3 and first.startswith("FAULT at law, tick 5 (0.25 s): it took 2") and first.endswith(
+    assert code == 3 and first.startswith("FAULT at law, tick 20 (0.1 s): it took 4") and first.endswith(
         "grid points were missed in all, which is more than --overrun fault:4 allows")
     assert "safe stop   zero torque, then disable: confirmed by knee" in out
 
 
 def test_after_a_fault_by_overrun_the_stop_frames_stand_in_the_can_log_within_two_ticks(command_line):
-    code, *_ = command_line(
-        knee(command_line.folder, LONG_HOLD), "--rate", "20", "--duration", "2", "--record", "here", "--overrun", "fault:4")
+    law = "import time\n        time.sleep(0.11 if tick == 20 else 0.0)\n        return 0.5"         # at 50 Hz, five periods and a half
+    code, *_ = command_line(knee(command_line.folder, law), "--rate", "50", "--duration", "2", "--record", "here", "--overrun", "fault:4")
     files = Files(command_line.folder / "here")
-    assert code == 3 and len(files.table["tick"]) == 6
+    assert code == 3 and len(files.table["tick"]) == 21
     assert_safely_stopped(files, [1])
     ours = [(time, data) for time, _, identifier, data, sent in files.frames if sent and identifier == 1]
     stop = next(index for index, (_, data) in enumerate(ours) if data == DISABLE) - 1
     late = ours[stop][0] - ours[stop - 1][0]                        # from the last command, which bears the time of its grid point
-    assert len(ours[:stop]) == 2 + 6 and 0.27 <= late <= 0.27 + 2 * 0.05
+    assert len(ours[:stop]) == 2 + 21 and 0.11 <= late <= 0.11 + 2 * 0.02
 
 
 def test_profile_tells_every_block_with_its_share_and_draws_a_picture(command_line):

@@ -1,0 +1,142 @@
+"""What the keys of the run's terminal do, and what the status line says of it.
+
+    space           stop, in the safe stop
+    Tab, Shift-Tab  choose a live parameter: the next, the one before
+    up, down        a step of about a twentieth of its range
+    right, left     a tenth of such a step
+    0               back to the value it was built with
+    m               mark this moment
+    s               save the values in a file that `--set @FILE` reads
+    ?               tell the keys
+"""
+
+import os
+
+from cext.mailbox_writer import Writer
+
+from runtime.live import table
+from runtime.recorder.files import create
+
+ENDING = ".set"
+NOTE = 4.0                      # s that a note stands in the status line
+STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
+HELP = (
+    "tickwork: space stops; Tab, Shift-Tab choose a live parameter; up, down a step, right, left a tenth of it; "
+    "0 back to the built value; m marks; s saves the values")
+
+
+class Panel:
+    """
+    page : cext.page.Page
+    keyboard : runtime.recorder.keyboard.Keyboard
+    recording : runtime.recorder.recording.Recording, beside whose files the values are saved
+    """
+
+    def __init__(self, page, keyboard, recording):
+        self.page, self.keyboard, self.recording = page, keyboard, recording
+        self.table = table.read(page)
+        self.writer = Writer(page, "keys")
+        self.chosen = None
+        self.waiting = {}                       # ticket: what to say once it is answered
+        self.wanted = {}                        # index of a parameter: (ticket, value) that waits
+        self.note, self.note_until = "", 0.0
+
+    def look(self, now):
+        """Do what was pressed, hear what was answered. now : s, of any steady clock"""
+        for ticket in list(self.waiting):
+            self.hear(ticket, now)
+        for key in self.keyboard.read():
+            self.press(key, now)
+
+    def press(self, key, now):
+        parameters = self.table.parameters
+        if key == "space":
+            self.post(self.writer.stop(), "", now)
+        elif key == "m":
+            self.post(self.writer.mark(), "mark", now)
+        elif key == "?":
+            self.recording.say(HELP)
+        elif key == "s":
+            self.save(now)
+        elif key in ("tab", "shift tab", "0", *STEPS) and not parameters:
+            self.say("no live parameters", now)
+        elif key == "tab":
+            self.chosen = 0 if self.chosen is None else (self.chosen + 1) % len(parameters)
+        elif key == "shift tab":
+            self.chosen = (self.chosen or 0) - 1 if self.chosen else len(parameters) - 1
+        elif key in ("0", *STEPS) and self.chosen is None:
+            self.say("Tab chooses a parameter first", now)
+        elif key in ("0", *STEPS):
+            parameter = parameters[self.chosen]
+            self.change(parameter, parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key]), now)
+
+    def target(self, parameter):
+        """Where a parameter is going, letters that wait included."""
+        return self.wanted[parameter.index][1] if parameter.index in self.wanted else self.values()[parameter.index][1]
+
+    def values(self):
+        return table.values(self.page, self.table.parameters)
+
+    def change(self, parameter, value, now):
+        if value == self.target(parameter):
+            return
+        ticket = self.post(self.writer.set([(parameter.index, value)]), "", now)
+        if ticket is not None:
+            self.wanted[parameter.index] = ticket, value
+
+    def post(self, ticket, what, now):
+        if ticket is None:
+            self.say("too much waits for the loop already", now)
+        else:
+            self.waiting[ticket] = what
+        return ticket
+
+    def hear(self, ticket, now):
+        answer = self.writer.answer(ticket)
+        if answer is None:
+            return
+        what = self.waiting.pop(ticket)
+        self.wanted = {index: entry for index, entry in self.wanted.items() if entry[0] != ticket}
+        verdict, tick, mark = answer
+        if verdict not in ("taken", "over"):
+            self.say(f"refused: {verdict}", now)
+        elif what == "mark" and verdict == "taken":
+            self.say(f"mark {mark} at tick {tick}", now)
+
+    def save(self, now):
+        """The values that parameters have, or are going to, in a file of their own."""
+        plan = self.recording.plan
+        tick = self.page.statistics()["last_tick"]
+        lines = [f"# {self.table.name}: live parameters at tick {tick}; `--set @FILE` reads this"]
+        for parameter in self.table.parameters:
+            lines.append(f"# {parameter.bounds}; {parameter.description}".rstrip("; "))
+            lines.append(f"{parameter.path}={parameter.written(self.target(parameter))}")
+        try:
+            path, descriptor = create(os.path.join(plan["folder"] or "", plan["stem"]), ENDING)
+            with open(descriptor, "w", encoding="utf-8") as file:
+                file.write("\n".join(lines) + "\n")
+        except OSError as error:
+            self.recording.say(f"tickwork: cannot save the values: {error.strerror}: {error.filename or plan['folder']}")
+            return
+        self.recording.saved[path] = f"live parameters at tick {tick}"
+        self.recording.say(f"tickwork: saved {path}; --set @{path} starts with these values")
+
+    def say(self, note, now):
+        self.note, self.note_until = note, now + NOTE
+
+    def parts(self, now):
+        """What the status line shows: (importance, text, colour)."""
+        parts = []
+        if self.chosen is not None:
+            parameter = self.table.parameters[self.chosen]
+            value, target = self.values()[self.chosen]
+            text = f"{parameter.path} {parameter.shown(value)}" + (f" > {parameter.shown(target)}" if value != target else "")
+            parts += [(8.5, text, "bold"), (4.5, f"({parameter.bounds})", None)]
+        if now < self.note_until:
+            parts.append((8.2, self.note, "yellow"))
+        elif self.chosen is None and self.keyboard.taken:
+            parts.append((1, "? tells the keys", None))
+        return parts
+
+    def close(self):
+        self.keyboard.close()
