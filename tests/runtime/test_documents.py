@@ -9,7 +9,9 @@ import sysconfig
 import pytest
 
 from runtime.errors import CHECK_FAILED, OK
-from tests.runtime.runs import ROOT, environment, finished, write
+from runtime.live.runs import page_of
+from tests.runtime.runs import ROOT, environment, finished, started, write
+from tests.runtime.terminals import patient
 
 README, RUNNING, BLOCKS = ((ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md"))
 
@@ -83,6 +85,23 @@ def test_commands_of_the_pages_run(tmp_path):
     script = write(tmp_path, python_of(RUNNING)[1], "read.py")
     reader = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
+
+
+def test_the_pages_set_prints_what_the_page_shows(tmp_path):
+    write(tmp_path, python_of(RUNNING)[0], "hold.py")
+    shown = shown_after(RUNNING, "From another shell")
+    commands = [number for number, line in enumerate(shown) if line.startswith("$ ")]
+    run = started("hold.py", "--no-record", cwd=tmp_path)
+    try:
+        patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 0)
+        for first, last in zip(commands, [*commands[1:], len(shown)]):
+            words = shown[first].removeprefix("$ python -m runtime ").replace("4711", str(run.pid)).split()
+            process = finished(*words, cwd=tmp_path)
+            assert (process.returncode, process.stderr) == (OK, "")
+            assert without_numbers(process.stdout.splitlines()) == without_numbers(shown[first + 1 : last])
+    finally:
+        run.kill()
+        run.communicate()
 
 
 def test_the_block_of_the_page_works_as_written():
