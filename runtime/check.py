@@ -14,7 +14,7 @@ from graph.interval import EVERYTHING
 from runtime.check_text import text
 from runtime.errors import BadInput
 from runtime.lines import paper, place
-from runtime.load import blamed, load
+from runtime.diagram_file import blamed, load
 from runtime.simulation import Simulation
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.

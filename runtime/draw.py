@@ -10,7 +10,7 @@ from pathlib import Path
 from graph.drawing import draw, mermaid, page, svg
 from runtime.errors import BadInput
 from runtime.lines import count, place
-from runtime.load import blamed, load
+from runtime.diagram_file import blamed, load
 from runtime.terminal import program
 
 FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}

@@ -5,7 +5,7 @@ import traceback
 
 from graph import Device
 from graph.diagram import Signal
-from runtime.load import own_frames
+from runtime.diagram_file import own_frames
 from runtime.timing import micro
 
 

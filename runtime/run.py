@@ -17,7 +17,7 @@ from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
 from runtime.live.table import describe
-from runtime.load import compiled, load
+from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess
 from runtime.simulation import Simulation

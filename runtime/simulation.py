@@ -7,7 +7,7 @@ from cext.program import Program
 
 from graph import Actuator, Device, Diagram, subsystem
 from runtime.errors import BadInput
-from runtime.load import build_plant, compiled
+from runtime.diagram_file import build_plant, compiled
 
 
 class Simulation:

@@ -2,7 +2,7 @@
 
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
-from runtime.cli import Parser, count, number
+from runtime.commands.parsing import Parser, count, number
 from runtime.errors import OK, BadInput
 
 RATES = (200, 1000, 2000)       # Hz

@@ -6,7 +6,7 @@ from pathlib import Path
 from runtime.bench import clock_command, goals, netlists
 from runtime.bench.measure import check, interleave
 from runtime.bench.report import Report, machine, words
-from runtime.cli import Parser, count, number
+from runtime.commands.parsing import Parser, count, number
 from runtime.errors import OK, BadInput
 
 DIAGRAMS = {"knee": netlists.knee, "wide": netlists.wide, "wide6": netlists.wide6, "chain": netlists.chain}

@@ -1,6 +1,5 @@
 """From the start of a process to its first tick, and what memory it then has: the real command line, looked at from outside."""
 
-import os
 import subprocess
 import sys
 import tempfile

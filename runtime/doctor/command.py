@@ -7,7 +7,7 @@ import textwrap
 from dataclasses import asdict
 from pathlib import Path
 
-from runtime.cli import Parser, count
+from runtime.commands.parsing import Parser, count
 from runtime.doctor import examine
 from runtime.doctor.finding import BAD, OK, SEVERITY, UNKNOWN, Wants
 from runtime.doctor.machine import Machine

@@ -17,7 +17,7 @@ from runtime.check import KEYS, check
 from runtime.check_text import bar, interval, text
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.lines import Paper, length
-from runtime.load import load
+from runtime.diagram_file import load
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
 
 RATES = '''

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from runtime.cli import parse_run
+from runtime.commands.run import parse_run
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.terminal import program
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write

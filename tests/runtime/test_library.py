@@ -57,7 +57,7 @@ def test_its_blocks_run_in_a_diagram(installed, tmp_path):
 
 def test_a_diagram_whose_library_is_missing_says_what_to_install(installed, tmp_path):
     (tmp_path / "lab.py").write_text(DIAGRAM)
-    write = "from runtime.load import load; from graph.store import to_json; print(to_json(load('lab.py')[1]))"
+    write = "from runtime.diagram_file import load; from graph.store import to_json; print(to_json(load('lab.py')[1]))"
     text = python(installed, "-c", write, cwd=tmp_path).stdout
     assert json.loads(text)["libraries"]["gaitlab"] == "1.0.0"
     (tmp_path / "lab.json").write_text(text)

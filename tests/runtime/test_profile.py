@@ -5,7 +5,7 @@ import struct
 
 import pytest
 
-from runtime.cli import parse_run
+from runtime.commands.run import parse_run
 from runtime.profile import short
 from tests.runtime.runs import DISABLE, KNEE_EXO, Files, assert_safely_stopped, knee
 

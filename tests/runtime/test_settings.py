@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from runtime.errors import BadInput
-from runtime.load import DiagramFile, load
+from runtime.diagram_file import DiagramFile, load
 from runtime.settings import parse_like, share_out
 from tests.runtime.runs import KNEE_EXO
 

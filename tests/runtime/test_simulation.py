@@ -11,7 +11,7 @@ from cext.executor import Executor
 from cext.program import Program
 from graph import Diagram, DiagramError, compile, subsystem
 from runtime.errors import BadInput
-from runtime.load import load
+from runtime.diagram_file import load
 from runtime.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO
 

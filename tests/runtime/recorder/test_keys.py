@@ -12,7 +12,7 @@ from runtime.live.runs import page_of
 from runtime.live.table import Parameter, nice
 from runtime.recorder.keyboard import KEY, name
 from runtime.recorder.status import describe, fit
-from runtime.trial import Trial
+from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import plan
 from tests.runtime.recorder.test_status import STATISTICS
 from tests.runtime.runs import Files, finished

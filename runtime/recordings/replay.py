@@ -20,12 +20,12 @@ from cext.tape import Tape, TapeBus
 from blocks.recorders import CsvRecorder
 from graph import DiagramError, Sink
 from graph.store import content_hash, from_json, to_json
-from runtime.compare import Comparison, compare, sent_frames
+from runtime.recordings.compare import Comparison, compare, sent_frames
 from runtime.errors import BadInput
 from runtime.live.table import describe
-from runtime.load import compiled, load
+from runtime.diagram_file import compiled, load
 from runtime.recorder import RecorderProcess
-from runtime.trial import Trial
+from runtime.recordings.trial import Trial
 
 RING = 1 << 22                  # bytes
 

@@ -7,7 +7,7 @@ import pytest
 
 from graph import Diagram
 from runtime.errors import BAD_INPUT, CHECK_FAILED
-from runtime.load import load
+from runtime.diagram_file import load
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
 
 WAVE = '''

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK
-from runtime.trial import Trial
+from runtime.recordings.trial import Trial
 from tests.runtime.runs import write
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
 
 # A knee whose law has state, knows the clock, and does what `law` says.

@@ -1,0 +1,16 @@
+"""`check FILE`: compile a diagram and tell what was found."""
+
+from runtime.check import KEYS, check, told
+from runtime.commands.parsing import Parser, add_diagram, settings
+from runtime.errors import CHECK_FAILED, OK
+from runtime.terminal import tell
+
+
+def main(arguments):
+    parser = Parser("check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS)
+    add_diagram(parser)
+    parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
+    options = parser.parse_args(arguments)
+    found = check(options.file, settings(options.settings), options.rate)
+    tell(told(found, options.json))
+    return OK if found["ok"] else CHECK_FAILED

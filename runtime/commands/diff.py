@@ -1,0 +1,24 @@
+"""`diff A B`: compare two recordings."""
+
+from pathlib import Path
+
+from runtime.commands.parsing import Parser
+from runtime.errors import CHECK_FAILED, OK
+from runtime.recordings import diff
+from runtime.recordings.compare import compare
+from runtime.recordings.trial import Trial
+from runtime.terminal import tell
+
+
+def main(arguments):
+    parser = Parser("diff", "Compare two recordings, tick by tick.")
+    parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
+    parser.add_argument("second", type=Path, metavar="B", help="and of another")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
+    options = parser.parse_args(arguments)
+    here, there = Trial(options.first), Trial(options.second)
+    comparison = compare(here, there)
+    tell(diff.table(here, there, comparison))
+    if comparison.differences:
+        tell([f"  {diff.draw(options.output or Path('diff.png'), here, there, comparison)}"])
+    return OK if comparison.identical else CHECK_FAILED

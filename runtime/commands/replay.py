@@ -1,0 +1,19 @@
+"""`replay RECORDING`: run a recording again."""
+
+from pathlib import Path
+
+from runtime.commands.parsing import Parser, folder
+from runtime.errors import CHECK_FAILED, OK
+from runtime.recordings.replay import replay, told
+from runtime.terminal import tell
+
+
+def main(arguments):
+    parser = Parser("replay", "Run a recording again: from what its buses received, on the recorded clock, with nothing connected.")
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument("--diagram", type=Path, metavar="FILE", help="run this diagram instead of the one that was recorded")
+    parser.add_argument("--record", type=folder, metavar="DIR", help="keep the new recording in this folder")
+    options = parser.parse_args(arguments)
+    result = replay(options.recording, options.diagram, options.record)
+    tell(told(result))
+    return OK if result.same else CHECK_FAILED

@@ -1,0 +1,86 @@
+"""`python -m runtime FILE`, or `run FILE`: run a diagram."""
+
+from runtime.commands.parsing import (
+    LONGEST, Parser, add_diagram, add_pace, count, folder, host_and_port, number, processor, settings, trial,
+)
+from runtime.errors import BadInput
+from runtime.terminal import complain, program, tell
+
+
+def main(arguments):
+    from runtime import report
+
+    result = carried_out(parse_run(arguments))
+    tell(report.summary(result))
+    if result.request.profile and not result.outcome.faulted:
+        tell(profiled(result))
+    if not result.outcome.faulted:
+        tell(report.hints(result, program()))
+    return report.exit_code(result.outcome)
+
+
+def carried_out(request):
+    """The Result of a run, with what went wrong told."""
+    from runtime import fault, report
+    from runtime.realtime import RealtimeRefused
+    from runtime.recorder import RecorderError
+    from runtime.run import prepare, run
+
+    prepared = prepare(request)
+    complain(map(str, prepared.schedule.warnings))
+    try:
+        result = run(prepared, complain)
+    except (RealtimeRefused, RecorderError) as error:
+        raise BadInput(str(error)) from None
+    if result.outcome.faulted:
+        complain(fault.explain(result))
+    elif report.stopped(result.outcome):
+        complain([report.stopped(result.outcome)])
+    return result
+
+
+def profiled(result):
+    from cext.stopwatch import time_of_lap
+    from runtime.profile import table
+
+    return table(result, time_of_lap())
+
+
+def parse_run(arguments):
+    """Command-line words to a Request. BadInput says which is wrong."""
+    from runtime.realtime import HIGHEST, MODES, PRIORITY
+    from runtime.run import Request
+
+    parser = Parser("run", "Run a diagram in simulation.")
+    add_diagram(parser)
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
+                        help="stop after S seconds (default: Ctrl-C)")
+    parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can (needs --duration)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--record", type=folder, metavar="DIR", help="folder of the recording (default: recordings)")
+    where.add_argument("--no-record", action="store_true", help="write no files")
+    parser.add_argument("--trial", nargs="+", default=[], metavar="NAME=VALUE",
+                        help="what this trial is: subject=S03 condition=assist notes='new shoes'")
+    parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
+    parser.add_argument("--realtime", choices=MODES, default="off",
+                        help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is "
+                             "granted and tells of the rest, require does not start without (default: off, as a simulation moves nobody)")
+    parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N",
+                        help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
+    parser.add_argument("--cpu", type=processor, metavar="N",
+                        help="stay on this processor (default: the last isolated one, if one is isolated)")
+    add_pace(parser)
+    parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
+    options = parser.parse_args(arguments)
+    if options.fast and options.duration is None:
+        raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
+    if options.fast and options.realtime != "off":
+        raise BadInput(f"--realtime {options.realtime} and --fast exclude each other: virtual time waits for nothing")
+    for name in ("priority", "cpu"):
+        if options.realtime == "off" and getattr(options, name) is not None:
+            raise BadInput(f"--{name} needs --realtime try or --realtime require")
+    return Request(
+        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=settings(options.settings),
+        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial),
+        realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu, overrun=options.overrun, spin=options.spin,
+        profile=options.profile)
