@@ -47,7 +47,7 @@ cdef class Executor:
     plant : Program or None, run `substeps` times a tick, at the tick's end
     page : Page or None; with one, rows, frames and statistics go through it
     virtual : do not sleep: as fast as the machine goes; a full ring makes the loop wait instead of dropping
-    reader : a pidfd of the process that drains the page, or -1; its end frees a loop that waits for it
+    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
     overrun : what a tick does that comes too late, in the words of cext.overrun.Overrun
     spin : s before a deadline in which it spins instead of sleeping
     profile : whether every step is timed, as `profile` tells afterwards

@@ -20,7 +20,7 @@ cdef class Journal:
     page : Page or None; without one, nothing is told
     program : Program whose columns make a row
     virtual : a full ring makes the loop wait instead of dropping
-    reader : a pidfd of the process that drains the page, or -1; its end frees a loop that waits for it
+    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
     """
 
     def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals):

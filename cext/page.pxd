@@ -108,4 +108,5 @@ cdef class Page:
     cdef PageLayout *layout
     cdef object memory
     cdef readonly int fd
+    cdef uint64_t cursor            # bytes that `drain` has gone through; the ring's tail follows
     cdef bint made_here             # the file is ours to close

@@ -65,20 +65,48 @@ cdef class Page:
         commit(self.layout)
         return True
 
-    def drain(self, int most=4096):
-        """Take up to `most` records out of the ring: a list of (kind, payload) with the payload as bytes."""
+    def drain(self, int most=4096, bint release=True):
+        """Take up to `most` records out of the ring: a list of (kind, payload) with the payload as bytes.
+
+        Without `release` their room is not given back before `release()`: a reader that comes after this one finds them again.
+        """
         cdef PageLayout *page = self.layout
-        cdef uint64_t tail = page.tail
         cdef uint64_t head = load_u64(&page.head)
         cdef Header *header
         cdef list records = []
-        while tail != head and len(records) < most:
-            header = <Header *>(ring(page) + (tail & (page.capacity - 1)))
+        if self.cursor < page.tail:                     # another reader was here
+            self.cursor = page.tail
+        while self.cursor != head and len(records) < most:
+            header = <Header *>(ring(page) + (self.cursor & (page.capacity - 1)))
             if header.kind != PADDING:
                 records.append((header.kind, (<char *>header + sizeof(Header))[:header.bytes]))
-            tail += sizeof(Header) + header.bytes
-            store_u64(&page.tail, tail)
+            self.cursor += sizeof(Header) + header.bytes
+            if release:
+                store_u64(&page.tail, self.cursor)
         return records
+
+    def release(self):
+        """Give back the room of everything that was drained."""
+        store_u64(&self.layout.tail, self.cursor)
+
+    def rewind(self):
+        """Drain again what was drained and not released."""
+        self.cursor = self.layout.tail
+
+    @property
+    def tail(self):
+        """Bytes of the ring that have been given back."""
+        return load_u64(&self.layout.tail)
+
+    @property
+    def cursor(self):
+        """Bytes of the ring that have been drained here."""
+        return self.cursor
+
+    @property
+    def held(self):
+        """Share of the ring that was drained and not released."""
+        return (self.cursor - self.layout.tail) / <double>self.layout.capacity
 
     def raise_fence(self):
         """From now on no process of this run sends a command frame. There is no way back."""

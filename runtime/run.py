@@ -120,7 +120,7 @@ def run(prepared, say=lambda lines: None):
         control = Program(schedule, simulation.ends())
         executor = Executor(
             control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
-            reader=recorder.pidfd, overrun=request.overrun, spin=request.spin, profile=request.profile)
+            reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile)
     except BaseException:
         realtime.release()
         recorder.abandon()

@@ -58,8 +58,8 @@ class RecorderProcess:
     """The recorder process of one run. Spawned at once.
 
     page : cext.page.Page
-    pidfd : file descriptor that becomes readable when the process has ended
-    pid : its number
+    lifeline : file descriptor that hangs up when nobody is left that reads the ring
+    pid : number of the process
     """
 
     def __init__(self, page):
@@ -77,7 +77,6 @@ class RecorderProcess:
             os.close(their_answers)
             os.close(control)
         self.pid = self._child.pid
-        self.pidfd = os.pidfd_open(self.pid)
         self._answers, self._heard = answers, b""
         self._files = []
         self._over = False
@@ -112,9 +111,14 @@ class RecorderProcess:
 
     @property
     def alive(self):
+        """Whether somebody reads the ring: the process, or another that has taken over."""
         poll = select.poll()
-        poll.register(self.pidfd, select.POLLIN)
+        poll.register(self.lifeline, 0)
         return not poll.poll(0)
+
+    @property
+    def lifeline(self):
+        return self._answers
 
     def finish(self, timeout=60.0):
         """After page.close(): wait until all is written, and return the report.
@@ -154,6 +158,12 @@ class RecorderProcess:
     def _lost(self, problem):
         return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
 
+    def _await_heirs(self, timeout):
+        """Until the last process that could take over has ended, too."""
+        poll = select.poll()
+        poll.register(self._answers, 0)
+        poll.poll(timeout * 1e3)
+
     def _answer(self, timeout):
         """The next line of JSON from the process; None if it ended without one. TimeoutError."""
         deadline = time.monotonic() + timeout
@@ -182,13 +192,13 @@ class RecorderProcess:
             except subprocess.TimeoutExpired:
                 self._child.kill()
                 self._child.wait()
+            self._await_heirs(timeout)
             os.close(self._answers)
             self._give_terminal_back()
         code = self._child.returncode
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
     def __del__(self):
-        pidfd = getattr(self, "pidfd", None)
-        if pidfd is not None:
-            os.close(pidfd)
+        if getattr(self, "_over", True) is False:
+            os.close(self._answers)
             self._give_terminal_back()

@@ -16,13 +16,15 @@ from runtime.recorder.keyboard import Keyboard
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
+from runtime.recorder.succession import Heir, Inherited, call_oneself
 from runtime.recorder.terminal import Terminal
 
 ORDERS = 0                      # standard input
 BATCH = 4096                    # records taken out of the ring at once
 IDLE = 5                        # ms between looks at an empty ring
 IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
-FLUSH = 1.0                     # s between flushes at most
+FLUSH = 0.5                     # s between flushes at most,
+HELD = 0.25                     # or this share of the ring that waits for one
 FOLLOW = 0.1                    # s between looks at who has the terminal
 
 
@@ -77,19 +79,36 @@ def main(page, answers, control, keys):
     except RecordingFailed as error:
         answer(answers, {"error": str(error)})
         return
-    answer(answers, {"ready": True, "files": recording.list_files()})
     terminal = Terminal()
+    recording.say = terminal.say
+    ready = {"ready": True, "files": recording.list_files()}
+    while True:
+        try:
+            record(page, answers, control, keys, recording, terminal, ready)
+            return
+        except Inherited as death:              # we are the heir
+            recording, ready = recording.next_part(death.will), None
+            page.rewind()
+
+
+def record(page, answers, control, keys, recording, terminal, ready):
+    """Ring to recording, until the run is over; then the end of the recording, and the report. Raises Inherited in an heir that is needed."""
+    plan = recording.plan
+    heir = Heir(page, recording.sizes())
+    call_oneself("tickwork-record")
+    if ready is not None:
+        answer(answers, ready)
+    recording.begin()
     panel = Panel(page, Keyboard(keys, page.control), recording) if keys >= 0 and plan["status_line"] and terminal.interactive else None
     status = StatusLine(terminal, plan, page, panel)
-    recording.say = terminal.say
     try:
-        recording.begin()
-        drain(page, control, recording, status, panel, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+        heir = drain(page, control, recording, status, panel, heir, IDLE_VIRTUAL if plan["virtual"] else IDLE)
     finally:
         if panel is not None:
             panel.close()
     if control.abandoned or (control.gone and not page.wall):       # nothing has begun
         recording.discard()
+        heir.dismiss()
         return
     orphaned = not page.closed
     report = recording.finish(orphaned)
@@ -97,18 +116,22 @@ def main(page, answers, control, keys):
     if orphaned:
         terminal.say(orphan_line(report))
     answer(answers, report)
+    heir.dismiss()
 
 
-def drain(page, control, recording, status, panel, idle):
-    """Ring to recording, until nothing more will come."""
+def drain(page, control, recording, status, panel, heir, idle):
+    """Ring to recording, until nothing more will come. Returns the heir, which may be a new one."""
     flush_at = follow_at = 0.0
     while True:
         over = page.closed or control.gone              # asked first: what was pushed before is then in the ring
-        records = page.drain(BATCH)
+        records = page.drain(BATCH, release=False)
         recording.take(records)
         now = time.monotonic()
-        if now >= flush_at:
+        if now >= flush_at or page.held > HELD:
             recording.flush()
+            if not heir.release(recording.sizes()):
+                heir.bury()
+                heir = Heir(page, recording.sizes())
             flush_at = now + FLUSH
         if panel is not None and not over:
             if now >= follow_at:
@@ -120,7 +143,7 @@ def drain(page, control, recording, status, panel, idle):
         if records:
             continue
         if over or control.abandoned:
-            return
+            return heir
         control.look(idle)
 
 
@@ -141,8 +164,6 @@ def answer(descriptor, message):
 
 
 def be_ordinary():
-    """Neither real-time, should the control process be, nor called a bare `python` in a list of processes."""
+    """Not real-time, should the control process be."""
     if os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with open("/proc/self/comm", "w") as name:
-        name.write("tickwork-record")

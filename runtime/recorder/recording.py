@@ -8,6 +8,7 @@ import os
 from contextlib import suppress
 from datetime import datetime, timezone
 from operator import itemgetter
+from pathlib import Path
 from signal import Signals
 from struct import Struct
 
@@ -32,11 +33,13 @@ class Recording:
     """
     plan : as runtime.recorder describes it
     page : cext.page.Page
+    part : 1; of the recording that takes over from a process that has died, 2, and so on
     say : called with a line of text that the person at the terminal shall read
     """
 
     def __init__(self, plan, page):
         self.plan, self.page = plan, page
+        self.stem, self.part = plan["stem"], plan.get("part", 1)
         self.row = Struct(f"={2 + len(plan['signals'])}d")
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
@@ -78,6 +81,8 @@ class Recording:
         folder = self.plan["folder"]
         self.folders = files.make_folder(folder)
         self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
+        if self.part == 1:
+            self.stem = self.plan["stem"]
         self.files[self.sidecar] = "what ran, and how it went"
         with open(descriptor, "w") as file:
             json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
@@ -139,6 +144,34 @@ class Recording:
     def flush(self):
         for path, service in list(self.services):
             self.attempt(path, service, service.flush)
+
+    def sizes(self):
+        """{path: bytes} of every file, as it is on the disk."""
+        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] != self.sidecar}
+
+    def next_part(self, will):
+        """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""
+        for path, size in will["sizes"].items():
+            with suppress(OSError):
+                os.truncate(path, size)
+        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}"}, self.page)
+        heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
+        try:
+            heir.open()
+        except RecordingFailed as error:
+            heir.problems.append(f"the recorder died, and no other could go on: {error}")
+        files = ", ".join(heir.known()) or "no files"
+        lost = self.page.statistics()["dropped"] - will["dropped"]
+        problem = f"the recorder process died; another goes on with {files}; " + (f"{lost} records were lost" if lost else "nothing was lost")
+        heir.problems.append(problem)
+        heir.events.append({"event": "recorder", "part": heir.part, "dropped": lost})
+        heir.files = {**{path: note or f"part {self.part}" for path, note in self.known().items()}, **heir.files}
+        self.say(f"tickwork recorder: {problem}")
+        if self.sidecar is not None:
+            with suppress(OSError, ValueError):
+                told = json.loads(Path(self.sidecar).read_text())
+                write_json(self.sidecar, {**told, "ended": f"the recorder died; part {heir.part} goes on"})
+        return heir
 
     def attempt(self, path, service, action):
         """Call a service's method. If it raises, the service is stopped, and None returned."""
@@ -217,12 +250,16 @@ class Recording:
             "problems": self.problems, **self.about, "control_pid": plan.get("control_pid"),
         }
 
-    def list_files(self):
-        """Of each file its path and a remark on it; the sidecar comes last."""
+    def known(self):
+        """{path: remark} of every file; the sidecar comes last."""
         known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
         if self.sidecar is not None:
             known[self.sidecar] = known.pop(self.sidecar)
-        return [{"path": path, "note": note} for path, note in known.items()]
+        return known
+
+    def list_files(self):
+        """The same, as the report has it."""
+        return [{"path": path, "note": note} for path, note in self.known().items()]
 
     def discard(self):
         """Take away all that this recording has made."""

@@ -92,6 +92,8 @@ def replay(path, file=None, folder=None):
 
 def check(trial):
     """BadInput where something that went in is not in the recording."""
+    if trial.about.get("part", 1) > 1:
+        raise BadInput(f"{trial.path} is part {trial.about['part']} of a recording, and a run begins in part 1")
     dropped = (trial.end or {}).get("statistics", {}).get("dropped", 0)
     if dropped:
         raise BadInput(f"{trial.path}: {dropped} records were dropped while it was made, so that it cannot be run again")
@@ -182,7 +184,7 @@ def run(trial, diagram, schedule, ends, changes, folder):
         recorder.configure(plan(trial, diagram, schedule, folder))
         program = Program(schedule, ends)
         program.live.follow(changes)
-        executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.pidfd, tape=tape(trial))
+        executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.lifeline, tape=tape(trial))
         outcome = executor.run()
         end = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
         while not page.push(RECORD_EVENT, json.dumps(end).encode()) and recorder.alive:

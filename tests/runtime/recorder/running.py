@@ -122,7 +122,7 @@ def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=N
     buses = [MemoryBus() for _ in schedule.buses]
     recorder.configure(plan_of(schedule, folder, virtual=virtual, **changed))
     executor = Executor(
-        Program(schedule, [bus.host for bus in buses]), schedule.rate, page=page, virtual=virtual, reader=recorder.pidfd,
+        Program(schedule, [bus.host for bus in buses]), schedule.rate, page=page, virtual=virtual, reader=recorder.lifeline,
         plant=None if plant is None else Program(compile(plant), [bus.device for bus in buses]),
         substeps=1 if plant is None else round(plant.rate / schedule.rate))
     if before is not None:

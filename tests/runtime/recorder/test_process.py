@@ -9,6 +9,7 @@ import select
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from blocks.recorders import CsvRecorder
 from cext.page import Page
 from graph import Block, Diagram, Output
 from runtime.recorder import RecorderError, RecorderProcess
+from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
 
 ROOT = Path(__file__).parents[3]
@@ -171,35 +173,100 @@ def test_ctrl_c_in_the_terminal_reaches_the_controller_only(tmp_path):
     control.process.stderr.close()
 
 
-class Killer(Block):
-    """Kills the recorder at tick 50."""
+def recorders(session, name="tickwork-record"):
+    """Process numbers of the recorders of a run, or of those that stand by: all are of the first one's session."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        try:
+            if entry.name.isdigit() and (entry / "comm").read_text() == f"{name}\n" and os.getsid(int(entry.name)) == session:
+                alive = (entry / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+                found += [int(entry.name)] * alive
+        except OSError:                                             # it has just ended
+            pass
+    return found
 
-    u = Output("1")
-    pid = None
+
+def nobody_is_left(session):
+    deadline = time.monotonic() + 2.0                               # from closing its last file to its end a process takes a moment
+    while (left := recorders(session) + recorders(session, "tickwork-heir")) and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return not left
+
+
+class Killer(Block):
+    """Kills what `victims` tells at some ticks."""
+
+    y = Output("1")
+
+    def __init__(self, ticks, victims, **named):
+        self.ticks, self.victims, self.killed = ticks, victims, []
+        super().__init__(**named)
 
     def step(self, tick):
-        if tick == 50.0:
-            os.kill(self.pid, signal.SIGKILL)
+        if tick in self.ticks:
+            deadline = time.monotonic() + 10.0
+            while not (found := set(self.victims()) - set(self.killed)) and time.monotonic() < deadline:
+                time.sleep(0.001)                                   # in virtual time the heir may not be there yet
+            for pid in found:
+                os.kill(pid, signal.SIGKILL)
+                self.killed.append(pid)
         return tick
 
 
-@pytest.mark.parametrize("virtual", [True, False])
-def test_the_run_goes_on_without_the_recorder_and_its_death_is_reported(tmp_path, virtual):
+def killed(folder, ticks, victims, **options):
+    """A run of 500 ticks whose recorders die. Returns (outcome, report, page, killer, session)."""
     with Diagram("killing", rate=500) as diagram:
-        killer = Killer()
-        CsvRecorder(flush_rows=1)
+        session = []
+        killer = Killer(ticks, lambda: victims(session[0]), name="killer")
+        CsvRecorder()
+    found = run(diagram, folder, 500, before=lambda recorder: session.append(recorder.pid), **options)
+    return *found, killer, session[0]
 
-    def learn(recorder):
-        killer.pid = recorder.pid
 
-    outcome, report, page = run(diagram, tmp_path, 500, virtual=virtual, page=Page(1 << 12), before=learn)
+def ticks_of(*files):
+    return [int(cells[1]) for file in files for cells in read_csv(file)[1]]
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doubled(tmp_path, virtual, capfd):
+    outcome, report, page, killer, session = killed(tmp_path, [150, 400], recorders, virtual=virtual, page=Page(1 << (12 if virtual else 20)))
+    statistics = page.statistics()
+    assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
+    parts = [tmp_path / f"killing{part}.csv" for part in ("", "_part2", "_part3")]
+    ticks = ticks_of(*parts)
+    assert len(killer.killed) == 2 and ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"]
+    assert all(ticks_of(part) for part in parts[1:])
+    logs = [Trial(part.with_suffix(".mcap")) for part in parts]
+    assert [tick for log in logs for tick in log.tick] == ticks
+    assert [(log.about["part"], log.complete) for log in logs] == [(1, False), (2, False), (3, True)]
+    assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
+    told = [f"the recorder process died; another goes on with {part}.csv, {part}.mcap, {part}.json; nothing was lost" for part in (
+        tmp_path / "killing_part2", tmp_path / "killing_part3")]
+    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
+    assert "part 2 goes on" in json.loads((tmp_path / "killing.json").read_text())["ended"]
+    assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
+    assert nobody_is_left(session)
+
+
+def test_one_that_stands_by_and_is_killed_is_replaced(tmp_path):
+    names = iter(["tickwork-heir", "tickwork-record"])
+    outcome, report, page, killer, session = killed(tmp_path, [50, 450], lambda session: recorders(session, next(names)), virtual=False)
+    assert len(set(killer.killed)) == 2
+    statistics = page.statistics()
+    assert outcome.status == "ok" and len(ticks_of(tmp_path / "killing.csv", tmp_path / "killing_part2.csv")) == statistics["ticks"]
+    assert statistics["dropped"] == 0 and nobody_is_left(session)
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_the_run_goes_on_without_any_recorder_and_their_death_is_reported(tmp_path, virtual):
+    outcome, report, page, killer, session = killed(
+        tmp_path, [50], lambda session: recorders(session, "tickwork-heir") + recorders(session), virtual=virtual, page=Page(1 << 12))
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0
     assert report["problems"] == ["the recorder process died before the end (SIGKILL): the files stop where it did"]
     assert [Path(file["path"]).name for file in report["files"]] == ["killing.csv", "killing.mcap", "killing.json"]
-    rows = read_csv(tmp_path / "killing.csv")[1]                    # whole rows only
-    ticks = [int(cells[1]) for cells in rows]
+    ticks = ticks_of(tmp_path / "killing.csv")                      # whole rows only
     assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one
     assert "the recorder was killed" in json.loads((tmp_path / "killing.json").read_text())["ended"]
 
