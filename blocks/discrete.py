@@ -8,6 +8,24 @@ from graph.interval import EVERYTHING
 from graph.units import divide, multiply
 
 
+class Hold(Block):
+    """Zero-order hold: y = u at its own ticks, and the same until the next of them. Simulink's Rate Transition.
+
+    `Hold(every=3)` samples its input at every third tick, and may stand where rates meet that do not divide: between them y is up to one
+    of its own periods older than u, by a varying amount. Where rates divide, each block holds its output by itself. Direct feedthrough;
+    NaN passes.
+    """
+
+    u = Input("any", "input at another rate", shape=...)
+    y = Output("any", "the input at the last of its own ticks", shape=...)
+
+    kernel = kernels.hold
+    resamples = True
+
+    def output_range(self, u):
+        return u
+
+
 class UnitDelay(Block):
     """The input of the tick before: y[k] = u[k-1], and y[0] = initial.
 

@@ -35,7 +35,7 @@ class Block:
     width = 1                   # how many elements its `...` ports have, once it is known
     every = 1                   # runs at every n-th tick
     conditions = ()             # signals that must all be true for it to run
-    resamples = False           # may stand between rates that do not divide
+    resamples = False           # may stand where rates meet that do not divide, as Hold may
     jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
     compiled = False            # it has been
     diagram = None

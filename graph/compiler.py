@@ -263,7 +263,7 @@ class Compilation:
                 slow, fast = max(source.block.every, block.every), min(source.block.every, block.every)
                 if slow % fast and not (block.resamples or source.block.resamples):
                     self.report("TW014", f"runs at every {block.every} ticks, and {source.path} at every {source.block.every}: neither divides the other",
-                                block, name, self.where(block, name), "put a Resample between them, which says at which rate")
+                                block, name, self.where(block, name), f"put a Hold(every={block.every}) between them, which samples what is there")
                 else:
                     self.holds.append((source.path, source.block.every, f"{block.path}.{name}", block.every))
         for block in self.blocks:

@@ -26,6 +26,14 @@ cdef int unit_delay_update(double *arena, const int32_t *slots, const int32_t *s
     return OK
 
 
+cdef int hold_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # u, y
+    cdef int i
+    for i in range(sizes[1]):
+        arena[slots[1] + i] = arena[slots[0] + i]
+    return OK
+
+
 cdef int delay_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # u[n], y[n], samples, initial, held[samples n], place; a ring of whole inputs
     cdef double *oldest = arena + slots[4] + <int>arena[slots[5]] * sizes[1]
@@ -115,6 +123,7 @@ cdef int derivative_kernel(double *arena, const int32_t *slots, const int32_t *s
 
 unit_delay = export(unit_delay_kernel)
 unit_delay_next = export(unit_delay_update)
+hold = export(hold_kernel)
 delay = export(delay_kernel)
 delay_next = export(delay_update)
 integrator_forward = export(forward_kernel)

@@ -1,11 +1,13 @@
 """Rates and conditions: slow subsystems, subsystems that hold, and what may not meet."""
 
+import math
+
 import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.discrete import UnitDelay
-from blocks.limiters import SlewRate, TorqueLimiter
+from blocks.discrete import Hold, UnitDelay
+from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
@@ -13,7 +15,7 @@ from cext.executor import Executor
 from cext.page import RECORD_ROW, Page
 from cext.program import Program
 from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem
-from graph.compiler import Compilation
+from graph.compiler import Compilation, examine
 from tests.graph.complaints import complaint, here, refusal
 
 
@@ -60,7 +62,7 @@ def test_a_slow_block_sees_its_own_period():
     signals = trace(diagram, 12)
     assert signals["counter.count"].tolist() == [1] * 5 + [2] * 5 + [3] * 2
     assert np.all(signals["counter.seen"] == 0.05)
-    assert signals["slow/slew_rate.y"][[0, 5, 10]] == pytest.approx([0.05, 0.1, 0.15], abs=1e-15)
+    assert signals["slow/slew_rate.y"][[0, 5, 10]] == pytest.approx([0.05, 0.1, 0.15], abs=1e-13)
 
 
 def test_nested_subsystems_multiply_their_rates():
@@ -83,7 +85,7 @@ def test_rates_that_do_not_divide_are_refused():
         Gain(every=3, name="three")(two); at = here()
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW014", "three", "u", at)
-    assert "every 3 ticks" in found.message and "two.y at every 2" in found.message and "Resample" in found.hint
+    assert "every 3 ticks" in found.message and "two.y at every 2" in found.message and found.hint == "put a Hold(every=3) between them, which samples what is there"
 
 
 def test_a_device_runs_at_every_tick():
@@ -98,6 +100,32 @@ def test_every_is_a_whole_number_of_ticks(every):
     with Diagram("d", rate=100):
         assert refusal(subsystem, "slow", every=every).code == "TW014"
         assert refusal(Gain, every=every).code == "TW014"
+
+
+@pytest.mark.parametrize("before, own, after", [(2, 3, 3), (3, 2, 2), (5, 3, 6), (4, 1, 3), (3, 5, 2), (1, 7, 3)])
+def test_a_hold_samples_at_its_own_ticks_where_rates_do_not_divide(before, own, after):
+    with Diagram("d", rate=100) as diagram:
+        wave = Sine(1.0, 3.0, every=before)()
+        Gain(2.0, every=after, name="after")(Hold(every=own, name="hold")(wave))
+    signals = trace(diagram, 60)
+
+    def at(ticks, values):                                      # plain Python: the last tick that a rate of every so many has run at
+        return [values[tick - tick % ticks] for tick in range(60)]
+
+    wave = at(before, [math.sin(2.0 * math.pi * 3.0 * tick / 100.0) for tick in range(60)])
+    held = at(own, wave)
+    assert signals["hold.y"] == pytest.approx(held, abs=1e-13)
+    assert signals["after.y"] == pytest.approx([2.0 * value for value in at(after, held)], abs=1e-13)
+    schedule = compile(diagram)
+    assert ("sine.y", before, "hold.u", own) in schedule.holds or before == own
+
+
+def test_a_hold_is_bounded_as_its_input_is():
+    with Diagram("d", rate=100) as diagram:
+        hold = Hold(every=3)
+        hold(Saturation(-2.0, 5.0, every=2)(Sine(9.0)()))
+    compilation = examine(diagram)
+    assert not compilation.errors and compilation.ranges[hold.y] == Interval(-2.0, 5.0)
 
 
 def test_a_disabled_subsystem_holds_outputs_and_states():
