@@ -80,8 +80,10 @@ cdef struct Frame:
 cdef struct Bus:
     # Neither waits. receive fills at most `capacity` frames and returns how many; send returns how many went out.
     # Below zero: the bus failed.
+    # begin, which may be NULL, is told the zero of the frames' times, in ns of CLOCK_MONOTONIC.
     int (*receive)(void *context, Frame *frames, int capacity) noexcept nogil
     int (*send)(void *context, const Frame *frames, int count) noexcept nogil
+    void (*begin)(void *context, int64_t began) noexcept nogil
     void *context
 
 # The names of capsules.

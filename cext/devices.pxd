@@ -49,6 +49,7 @@ cdef class Devices:
 
     cdef int load(self) except -1
     cdef void reset(self)
+    cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil

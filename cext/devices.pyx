@@ -93,9 +93,20 @@ cdef class Devices:
             load_batch(&device.disable, entry.disable)
         return 0
 
+    cdef void begin(self, int64_t began) noexcept nogil:
+        """Tell the buses the zero of the frames' times, in ns of CLOCK_MONOTONIC."""
+        cdef int bus
+        for bus in range(self.bus_count):
+            if (<BusEnd>self.bus_ends[bus]).bus.begin != NULL:
+                (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
+
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
-        """Drain every bus, at most FRAMES_PER_TICK each; offer each frame to the devices on it. `page` may be NULL."""
+        """Drain every bus, at most FRAMES_PER_TICK each; offer each frame to the devices on it. `page` may be NULL.
+
+        A bus that fails does not keep the others from being heard.
+        """
         cdef int bus, count, index, number
+        cdef int status = OK
         cdef Frame *frame
         cdef Device *device
         cdef int answer = FOREIGN
@@ -106,7 +117,7 @@ cdef class Devices:
                 (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
             if count < 0:
                 self.failed.bus = bus
-                return BUS_ERROR
+                status = BUS_ERROR
             for index in range(count):
                 frame = &self.received[index]
                 frame.bus = <uint8_t>bus
@@ -130,8 +141,8 @@ cdef class Devices:
         for number in range(self.count):
             device = &self.devices[number]
             if device.age >= 0:
-                self.arena[device.age] = (now - device.heard) * 1e-9
-        return OK
+                self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
+        return status
 
     cdef int watch(self, int64_t now) noexcept nogil:
         """A device that is silent past its timeout, or reports a fault, ends the run."""

@@ -170,6 +170,7 @@ cdef class Executor:
         """Set the zero of the run's time, one period from now."""
         self.began = monotonic() + self.pace.period
         self.first_tick = 0
+        self.control.devices.begin(self.began)
         if self.layout == NULL:
             return
         self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period

@@ -1,4 +1,4 @@
-"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays."""
+"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays, datagrams by the dozen."""
 
 cdef extern from "<time.h>" nogil:
     cdef struct timespec:
@@ -18,6 +18,36 @@ cdef extern from "<poll.h>" nogil:
         short revents
     int poll(pollfd *files, unsigned long count, int timeout)
     const short POLLIN
+
+cdef extern from "<sys/uio.h>" nogil:
+    cdef struct iovec:
+        void *iov_base
+        size_t iov_len
+
+cdef extern from "<sys/socket.h>" nogil:
+    cdef struct msghdr:
+        iovec *msg_iov
+        size_t msg_iovlen
+        void *msg_control
+        size_t msg_controllen
+        int msg_flags
+    cdef struct mmsghdr:
+        msghdr msg_hdr
+        unsigned msg_len
+    cdef struct cmsghdr:
+        int cmsg_level
+        int cmsg_type
+    cmsghdr *CMSG_FIRSTHDR(msghdr *message)
+    unsigned char *CMSG_DATA(cmsghdr *part)
+    int recvmmsg(int fd, mmsghdr *messages, unsigned count, int flags, timespec *timeout)
+    int sendmmsg(int fd, mmsghdr *messages, unsigned count, int flags)
+    const int MSG_CONFIRM
+    const int MSG_DONTROUTE
+    const int MSG_DONTWAIT
+    const int MSG_NOSIGNAL
+    const int MSG_TRUNC
+    const int SOL_SOCKET
+    const int SCM_TIMESTAMPNS
 
 cdef extern from "<signal.h>" nogil:
     ctypedef struct sigset_t:

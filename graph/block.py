@@ -221,14 +221,15 @@ class Block:
         names, takes_all = _arguments(getattr(type(self), method))
         return names + [name for name in self.inputs if name not in names] if takes_all else names
 
-    def set(self, name, text):
-        """Set a parameter from command-line text, before the compile. DiagramError if there is none of that name or the value is wrong."""
+    def set(self, name, value):
+        """Set a parameter before the compile, from command-line text or to a value. DiagramError if there is none, or it refuses."""
         if name not in self.parameters:
             raise DiagramError(Diagnostic(
                 "TW010", f"has no parameter {name!r}", path=self.path,
                 hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}"))
         try:
-            setattr(self, name, self.check_live(name, self.parameters[name].parse(text)))
+            read = self.parameters[name].parse if isinstance(value, str) else self.parameters[name].check
+            setattr(self, name, self.check_live(name, read(value)))
         except ValueError as error:
             raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
         self._configure()

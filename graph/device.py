@@ -10,18 +10,33 @@ class Device(Block):
     decode, encode : native, cext.abi's decode_t and encode_t
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
+    hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
     decode = encode = None
     bus = ""
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
+    hardware = ()
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        stranger = next((name for name in cls.hardware if name not in cls.parameters), None)
+        if stranger is not None:
+            raise TypeError(f"{cls.__name__}.hardware names {stranger!r}, which is no parameter of it")
 
     def addresses(self):
         """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
         return []
+
+    def hears(self):
+        """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id where the mask is 1.
+
+        None: any frame. Others need not reach it.
+        """
+        return None
 
     def traffic(self):
         """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""

@@ -15,6 +15,7 @@ from runtime.check_text import text
 from runtime.errors import BadInput
 from runtime.lines import paper, place
 from runtime.diagram_file import blamed, load
+from runtime.rig import read
 from runtime.simulation import Simulation
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
@@ -38,14 +39,15 @@ def told(found, as_json):
     return [json.dumps(found, indent=1, ensure_ascii=False)] if as_json else text(found, paper())
 
 
-def check(path, settings=(), rate=None):
+def check(path, settings=(), rate=None, rig=None):
     """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that cannot be read.
 
     settings : pairs (name, text) from --set
     rate : Hz instead of the diagram's own
+    rig : path of a rig file; its devices and bitrates are what is checked
     """
     try:
-        file, diagram = load(path, settings)
+        file, diagram = load(path, settings, None if rig is None else read(rig))
     except BadInput as error:
         if not error.diagnostics:
             raise

@@ -8,7 +8,7 @@ from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.terminal import complain, program, tell
 
 COMMANDS = {
-    "run": "run a diagram, in simulation",
+    "run": "run a diagram, in simulation or on a rig",
     "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
     "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
     "replay": "run a recording again, bit for bit, or through a changed diagram",

@@ -13,6 +13,7 @@ from pathlib import Path
 from graph import Block, Diagram, DiagramError, compile
 from graph.block import suggestion
 from runtime.errors import BadInput
+from runtime.rig.overrides import override
 from runtime.settings import set_block_parameter, share_out
 
 ROOMS = tuple(str(Path(__file__).parents[1] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
@@ -37,10 +38,11 @@ class DiagramFile:
         return found if callable(found) else None
 
 
-def load(path, settings=()):
+def load(path, settings=(), rig=None):
     """Read a diagram file and build its diagram.
 
     path : of the file
+    rig : RigFile or None; what it says of devices comes before the settings
     settings : pairs (name, text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any other one of the
         parameters of `build` or `plant`
 
@@ -58,6 +60,8 @@ def load(path, settings=()):
             raise BadInput(f"{path}: build() returned {diagram!r}, and must return a Diagram")
     if not len(diagram):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
+    if rig is not None:
+        override(rig, diagram)
     for name, text in settings:
         if "." in name:
             set_block_parameter(diagram, name, text)

@@ -22,6 +22,8 @@ def explain(result):
         lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]
     if outcome.error is not None:
         lines += [f"  {line}" for line in own_traceback(result.request.file, outcome.error)]
+    if outcome.status == "bus error" and result.rig is not None:
+        lines += [f"  {line}" for line in result.rig.explain(outcome.culprit)]
     if schedule.devices:
         lines.append("  nothing re-enables an actuator by itself: mend it, and arm again")
     return lines
@@ -54,7 +56,14 @@ def unanswered(result):
     names = ", ".join(f"{block.path} ({', '.join(f'id {i} on bus {block.bus}' for i, _ in block.addresses())})" for block in silent)
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
-    return f"no answer from {names}; {frames}"
+    return f"no answer from {names}; {frames}" + (on_the_rig(result.rig) if result.rig is not None else "")
+
+
+def on_the_rig(rig):
+    """What the buses themselves know of why nobody answered."""
+    words = [f" (on {name} ids {', '.join(ids)})" for name, ids in rig.strangers().items()]
+    words += [f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate" for channel in rig.unheard()]
+    return "".join(words)
 
 
 def overran(result):

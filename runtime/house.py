@@ -16,6 +16,8 @@ NEEDS = {
     "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec", "networkx": "networkx",
     "numpy": "numpy",
 }
+if sys.version_info < (3, 11):                  # later ones read TOML themselves
+    NEEDS["tomli"] = "tomli"
 
 
 def trouble():

@@ -7,6 +7,10 @@ from runtime.errors import FAULT, OK
 from runtime.lines import count
 from runtime.timing import timing
 
+SPOILT = {                      # kinds of frames that are no replies
+    "foreign": "foreign", "malformed": "malformed", "corrupt": "corrupt", "echoes": "of this machine", "errors": "about errors",
+    "overflows": "about frames lost", "refused": "not sent as the queue was full",
+}
 STREAMED = "runtime.recorder.plotjuggler:PlotJugglerSender"
 
 
@@ -31,14 +35,14 @@ def summary(result):
     """Lines for standard output."""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
-    how = "simulated" if schedule.devices else "no devices"
+    how = "no devices" if not schedule.devices else "simulated" if result.rig is None else f"on the rig {result.request.rig}"
     how += ", in virtual time" if result.request.fast else ""
     rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
     def row(label, text):
         rows.append(f"  {label:<12}{text}")
 
-    if schedule.devices and not result.simulation.given:
+    if schedule.devices and result.rig is None and not result.simulation.given:
         row("plant", "the file has none: every device is emulated, each actuator turns a free inertia")
     row("ticks", ticks_text(statistics, result.ticks))
     for label, text in timing(result, passed):
@@ -67,7 +71,7 @@ def ticks_text(statistics, asked):
 
 
 def buses_text(buses, frames):
-    spoilt = ", ".join(f"{frames[kind]} {kind}" for kind in ("foreign", "malformed") if frames[kind])
+    spoilt = ", ".join(f"{frames[kind]} {words}" for kind, words in SPOILT.items() if frames.get(kind))
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (f" ({spoilt})" if spoilt else "")
 
 
@@ -94,7 +98,8 @@ def note(file):
 def hints(result, program):
     """Three things to try next. program : how the person starts us"""
     name = shlex.quote(str(result.request.file))
-    start = f"{program} {name}"
+    on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
+    start = f"{program} {name}{on_rig}"
     paths = [file["path"] for file in result.recording.get("files", [])]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
@@ -109,11 +114,11 @@ def hints(result, program):
     change = other_value(result.diagram)
     if change:
         tries.append(f"change a parameter: {start} --duration 10 --set {change}")
-    if not result.request.fast:
+    if not result.request.fast and result.rig is None:
         tries.append(f"a minute in virtual time: {start} --duration 60 --fast")
     if any(sink.block.service == STREAMED for sink in result.schedule.sinks):
         tries.append("watch it live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
-    tries.append(f"see what was proved: {program} check {name}")
+    tries.append(f"see what was proved: {program} check {name}{on_rig}")
     tries.append(f"measure this machine: {program} bench")
     return ["try next", *(f"  {line}" for line in tries[:3])]
 

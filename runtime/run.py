@@ -20,6 +20,7 @@ from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess
+from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
@@ -33,6 +34,7 @@ class Request:
     """What the command line asks of a run. duration in s, None until stopped; rate in Hz, None for the diagram's own."""
 
     file: Path
+    rig: Path | None = None             # None: in simulation
     rate: float | None = None
     duration: float | None = None
     fast: bool = False
@@ -51,13 +53,19 @@ class Request:
 
 @dataclass
 class Prepared:
-    """A run that only has to be armed. ticks : grid points, -1 until stopped."""
+    """A run that only has to be armed, in simulation or on a rig. ticks : grid points, -1 until stopped."""
 
     request: Request
     diagram: object
     schedule: object
-    simulation: Simulation
+    simulation: Simulation | None
+    rig: RigBuses | None
     ticks: int
+
+    @property
+    def plant(self):
+        """Program of the plant, None on a rig."""
+        return self.simulation.program if self.simulation is not None else None
 
 
 @dataclass
@@ -93,7 +101,8 @@ class Result(Prepared):
 
 def prepare(request):
     """Everything that can be found wrong before a run. Returns a Prepared; raises BadInput or DiagramError."""
-    file, diagram = load(request.file, request.settings)
+    rig = read(request.rig) if request.rig is not None else None
+    file, diagram = load(request.file, request.settings, rig)
     adapt(diagram, request)
     if diagram.rate > FASTEST:
         raise BadInput(f"{diagram.rate:g} Hz is too fast: {FASTEST:g} Hz at most")
@@ -101,7 +110,9 @@ def prepare(request):
     if ticks == 0:
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
     schedule = compiled(request.file, diagram)
-    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), ticks)
+    if rig is not None:
+        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks)
+    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), None, ticks)
 
 
 def run(prepared, say=lambda lines: None):
@@ -109,21 +120,23 @@ def run(prepared, say=lambda lines: None):
 
     say : called with the lines that a person should read before the run
     """
-    request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
+    request, schedule, simulation, rig = prepared.request, prepared.schedule, prepared.simulation, prepared.rig
     page = Page(ring_bytes(schedule), live=describe(schedule))
     recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
         realtime.obtain()
-        say(realtime.lines())
+        say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
-        control = Program(schedule, simulation.ends())
+        control = Program(schedule, (simulation if rig is None else rig).ends())
         executor = Executor(
-            control, schedule.rate, plant=simulation.program, substeps=simulation.substeps, page=page, virtual=request.fast,
-            reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile)
+            control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
+            virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile)
     except BaseException:
         realtime.release()
         recorder.abandon()
+        if rig is not None:
+            rig.close()
         raise
     outcome = None
     began = time.monotonic()
@@ -135,12 +148,16 @@ def run(prepared, say=lambda lines: None):
             realtime.release()
             if realtime.spun:
                 tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
+            statistics = page.statistics()
+            if rig is not None:
+                tell(page, json.dumps({"event": "buses", **rig.finish()}).encode(), recorder)
+                statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
                 tell(page, ending(outcome, executor.overruns), recorder)
             page.close()
             recording = recorder.finish()
     return Result(
-        **vars(prepared), outcome=outcome, statistics=page.statistics(), recording=recording, seconds=seconds, control=control,
+        **vars(prepared), outcome=outcome, statistics=statistics, recording=recording, seconds=seconds, control=control,
         realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
 
 
@@ -182,7 +199,7 @@ def plan(prepared, realtime):
     """What the recorder process has to do."""
     from blocks.recorders import CsvRecorder
 
-    request, schedule, simulation = prepared.request, prepared.schedule, prepared.simulation
+    request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
     sinks = [
         {
             "service": sink.block.service,
@@ -201,7 +218,7 @@ def plan(prepared, realtime):
         "rate": schedule.rate,
         "duration": request.duration,
         "virtual": request.fast,
-        "simulated": simulation.program is not None,
+        "simulated": prepared.plant is not None,
         "signals": [vars(column) for column in schedule.recorded],
         "buses": schedule.buses,
         "sinks": sinks,
@@ -210,6 +227,7 @@ def plan(prepared, realtime):
         "control_pid": os.getpid(),
         "metadata": {
             "diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
+            "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
         },
     }
 

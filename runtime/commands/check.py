@@ -1,7 +1,7 @@
 """`check FILE`: compile a diagram and tell what was found."""
 
 from runtime.check import KEYS, check, told
-from runtime.commands.parsing import Parser, add_diagram, settings
+from runtime.commands.parsing import Parser, add_diagram, add_rig, settings
 from runtime.errors import CHECK_FAILED, OK
 from runtime.terminal import tell
 
@@ -9,8 +9,9 @@ from runtime.terminal import tell
 def main(arguments):
     parser = Parser("check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS)
     add_diagram(parser)
+    add_rig(parser)
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
     options = parser.parse_args(arguments)
-    found = check(options.file, settings(options.settings), options.rate)
+    found = check(options.file, settings(options.settings), options.rate, options.rig)
     tell(told(found, options.json))
     return OK if found["ok"] else CHECK_FAILED

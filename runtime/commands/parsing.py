@@ -49,6 +49,11 @@ def add_diagram(parser):
                              "@FILE reads such settings, one a line")
 
 
+def add_rig(parser):
+    parser.add_argument("--rig", type=Path, metavar="FILE",
+                        help="a rig file, such as lab.toml: the interface of each bus, and how this robot's devices are mounted")
+
+
 def add_pace(parser):
     from runtime.timing import overrun_policy, spin_window
 

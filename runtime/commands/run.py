@@ -1,7 +1,7 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
 from runtime.commands.parsing import (
-    LONGEST, Parser, add_diagram, add_pace, count, folder, host_and_port, number, processor, settings, trial,
+    LONGEST, Parser, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, settings, trial,
 )
 from runtime.errors import BadInput
 from runtime.terminal import complain, program, tell
@@ -51,8 +51,9 @@ def parse_run(arguments):
     from runtime.realtime import HIGHEST, MODES, PRIORITY
     from runtime.run import Request
 
-    parser = Parser("run", "Run a diagram in simulation.")
+    parser = Parser("run", "Run a diagram: in simulation, or with --rig on real hardware.")
     add_diagram(parser)
+    add_rig(parser)
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
                         help="stop after S seconds (default: Ctrl-C)")
     parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can (needs --duration)")
@@ -62,9 +63,9 @@ def parse_run(arguments):
     parser.add_argument("--trial", nargs="+", default=[], metavar="NAME=VALUE",
                         help="what this trial is: subject=S03 condition=assist notes='new shoes'")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
-    parser.add_argument("--realtime", choices=MODES, default="off",
+    parser.add_argument("--realtime", choices=MODES,
                         help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is "
-                             "granted and tells of the rest, require does not start without (default: off, as a simulation moves nobody)")
+                             "granted and tells of the rest, require does not start without (default: try on a rig, off in simulation)")
     parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N",
                         help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
     parser.add_argument("--cpu", type=processor, metavar="N",
@@ -72,6 +73,9 @@ def parse_run(arguments):
     add_pace(parser)
     parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
     options = parser.parse_args(arguments)
+    if options.fast and options.rig is not None:
+        raise BadInput("--fast and --rig exclude each other: on a rig time is real")
+    options.realtime = options.realtime or ("off" if options.rig is None else "try")
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
     if options.fast and options.realtime != "off":
@@ -80,7 +84,7 @@ def parse_run(arguments):
         if options.realtime == "off" and getattr(options, name) is not None:
             raise BadInput(f"--{name} needs --realtime try or --realtime require")
     return Request(
-        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=settings(options.settings),
-        record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, trial=trial(options.trial),
-        realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu, overrun=options.overrun, spin=options.spin,
-        profile=options.profile)
+        file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
+        settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
+        trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
+        overrun=options.overrun, spin=options.spin, profile=options.profile)

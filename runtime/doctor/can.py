@@ -2,7 +2,7 @@
 
 import json
 
-from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding
+from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding, Wants
 from runtime.doctor.machine import JETSON, PI
 
 ARPHRD_CAN = "280"
@@ -45,17 +45,15 @@ def interface(machine, wants, name, link):
     about = ((link or {}).get("linkinfo") or {})
     if about.get("info_kind") in ("vcan", "vxcan"):
         return [Finding(name, OK, "virtual")]
-    bring_up = (
-        f"sudo ip link set {name} type can bitrate {wants.bitrate} restart-ms {wants.restart} && "
-        f"sudo ip link set {name} txqueuelen {wants.queue} up")
+    cure = bring_up(name, wants.bitrate, wants.restart, wants.queue)
     if not up:
-        return [Finding(name, BAD, "is down", "nothing is sent or received", bring_up, "can", name)]
+        return [Finding(name, BAD, "is down", "nothing is sent or received", cure, "can", name)]
     troubles = []
 
     def trouble(verdict, found, why, cure, part="can"):
         troubles.append(Finding(name, verdict, found, why, cure, part, name))
 
-    down_first = f"sudo ip link set {name} down && {bring_up}"
+    down_first = f"sudo ip link set {name} down && {cure}"
     data = about.get("info_data") or {}
     bitrate = (data.get("bittiming") or {}).get("bitrate")
     state, restart = data.get("state", ""), data.get("restart_ms")
@@ -81,6 +79,13 @@ def interface(machine, wants, name, link):
                 "an adapter with an MCP2518FD, or over USB (candleLight)", "")
     words = [speed(bitrate) if bitrate else "", state, f"room for {queue} frames", driver]
     return troubles or [Finding(name, OK, ", ".join(word for word in words if word))]
+
+
+def bring_up(name, bitrate, restart=Wants.restart, queue=Wants.queue):
+    """The commands that take an interface up."""
+    return (
+        f"sudo ip link set {name} type can bitrate {bitrate} restart-ms {restart} && "
+        f"sudo ip link set {name} txqueuelen {queue} up")
 
 
 def speed(bitrate):

@@ -26,6 +26,7 @@ from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
 from runtime.recorder import RecorderProcess
 from runtime.recordings.trial import Trial
+from runtime.rig.file import parse
 
 RING = 1 << 22                  # bytes
 
@@ -106,7 +107,8 @@ def diagram_of(trial, file):
     metadata = trial.about["metadata"]
     source = Path(file or metadata.get("diagram_file", ""))
     if file is not None or source.is_file():
-        _, diagram = load(source, list(metadata.get("settings", {}).items()))
+        rig = metadata.get("rig")
+        _, diagram = load(source, list(metadata.get("settings", {}).items()), rig and parse(Path(rig["file"]), rig["text"]))
     elif trial.diagram is not None:
         try:
             diagram, source = from_json(json.dumps(trial.diagram)), trial.path

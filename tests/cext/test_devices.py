@@ -129,3 +129,19 @@ def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor", timeout=0.0)
     assert Rig(robot).run(20).status == "ok"
+
+
+@pytest.mark.parametrize("can_id", [1, 5, 255])
+def test_a_drive_takes_only_what_it_says_it_hears(can_id):
+    """A rig lets the kernel keep all else from it."""
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=can_id, name="knee", timeout=0.0)(torque_command=0.0)
+    rig = Rig(robot)
+    offered = [(identifier, extended) for identifier in (0, 1, 5, 6, 255, 0x105, 0x7FF) for extended in (False, True)]
+    for identifier, extended in offered:
+        rig.buses["can"].device.send(identifier, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]), extended)
+    assert rig.run(1).status == "ok"
+    heard = [frame for frame in offered if any(
+        frame[0] & mask == number & mask and frame[1] == extended for number, mask, extended in robot["knee"].hears())]
+    frames = rig.statistics()["frames"]
+    assert frames["received"] - frames["foreign"] == len(heard) == 2

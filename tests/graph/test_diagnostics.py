@@ -39,5 +39,5 @@ def test_every_code_has_a_test_that_provokes_it():
     tested = set()
     for file in Path(__file__).parents[1].rglob("test_*.py"):
         if file != Path(__file__):
-            tested |= set(re.findall(r'"(TW\d{3})"', file.read_text()))
+            tested |= set(re.findall(r'"(TW0\d{2})"', file.read_text()))
     assert tested == set(CODES)

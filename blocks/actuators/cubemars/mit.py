@@ -51,6 +51,7 @@ class CubeMars(Actuator):
 
     decode = kernels.decode
     encode = kernels.encode
+    hardware = ("can_id", "invert", "offset")
     sent_outputs = ("torque_sent",)
 
     def configure(self):
@@ -105,6 +106,9 @@ class CubeMars(Actuator):
 
     def addresses(self):
         return [(self.can_id, False)]
+
+    def hears(self):
+        return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]         # replies come from the drive's id, or from 0
 
     def traffic(self):
         return [(8, False), (8, False)]

@@ -1,0 +1,50 @@
+"""What can be wrong with a rig, each kind with a code of its own. docs/rigs.md tells of every one."""
+
+from dataclasses import dataclass
+
+from runtime.errors import BadInput
+
+CODES = {
+    "TW101": "rig file that cannot be read",
+    "TW102": "wrong entry in a rig file",
+    "TW103": "rig of another robot",
+    "TW104": "bus without an interface",
+    "TW105": "interface of another kind",
+    "TW111": "kernel without CAN",
+    "TW112": "no such interface",
+    "TW113": "interface that is not CAN",
+    "TW114": "interface is down",
+    "TW115": "wrong bitrate",
+    "TW116": "interface is bus-off",
+    "TW117": "interface without CAN FD",
+    "TW118": "no permission",
+    "TW119": "interface that cannot be opened",
+}
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """code : key of CODES; message : what is wrong, and where in the rig; hint : the cure, in one line"""
+
+    code: str
+    message: str
+    hint: str = ""
+
+    def __str__(self):
+        return f"error {self.code} {CODES[self.code]}: {self.message}" + (f"\n    {self.hint}" if self.hint else "")
+
+
+class RigError(BadInput):
+    """A rig that cannot be used: everything that is wrong with it, in `troubles`."""
+
+    def __init__(self, path, troubles):
+        self.troubles = tuple(troubles)
+        super().__init__("\n".join(f"{path}: {trouble}" for trouble in self.troubles))
+
+
+class Refused(Exception):
+    """One bus of a rig that cannot be. trouble : why, and the cure"""
+
+    def __init__(self, trouble):
+        super().__init__(str(trouble))
+        self.trouble = trouble

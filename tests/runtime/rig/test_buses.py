@@ -1,0 +1,131 @@
+"""`--rig` on the command line, and what buses that failed are told to be. Runs on real buses are in tests/hardware."""
+
+import errno
+import json
+import socket
+
+import pytest
+
+from blocks.actuators import CubeMars
+from graph import Diagram
+from runtime.commands.run import parse_run
+from runtime.doctor.machine import Machine
+from runtime.errors import CHECK_FAILED, OK
+from runtime.rig import RigBuses, RigError, read
+from runtime.rig.buses import in_words
+from runtime.rig.file import RigBus
+from tests.runtime.doctor.machines import PI_4, lay_out
+from tests.runtime.runs import KNEE_EXO, knee, write
+
+LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
+CAN0 = RigBus("legs", "socketcan", "can0")
+UP = "sudo ip link set can0 type can bitrate 1000000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up"
+
+
+def has_can():
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except (AttributeError, OSError):
+        return False
+    return True
+
+
+# The command line
+
+def test_check_proves_the_robot_as_the_rig_has_it(command_line):
+    rig = write(command_line.folder, LEGS + 'bitrate = 250_000\n[device."left/knee"]\noffset = 0.5\ncan_id = 7\n', "lab.toml")
+    code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--json")
+    found = json.loads(out)
+    assert code == OK and found["buses"][0]["bitrate"] == 250_000
+    assert json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"][0]["bitrate"] == 1_000_000
+
+
+def test_check_finds_what_is_wrong_only_on_the_rig(command_line):
+    rig = write(command_line.folder, LEGS + '[device."left/knee"]\ncan_id = 2\n', "lab.toml")
+    code, out, _ = command_line("check", KNEE_EXO, "--rig", rig)
+    assert code == CHECK_FAILED and "TW013" in out
+    slow = write(command_line.folder, LEGS + "bitrate = 50_000\n", "slow.toml")
+    assert "TW016" in command_line("check", KNEE_EXO, "--rig", slow)[1]
+
+
+def test_a_setting_of_the_command_line_comes_after_the_rig(command_line):
+    rig = write(command_line.folder, LEGS + '[device."left/knee"]\ncan_id = 2\n', "lab.toml")
+    assert command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/knee.can_id=5")[0] == OK
+
+
+@pytest.mark.parametrize("command", [["run"], ["check"]])
+def test_a_wrong_rig_is_refused_before_anything_else(command_line, command):
+    rig = write(command_line.folder, '[bus.leg]\ninterface = "socketcan"\nchannel = "can0"\n', "lab.toml")
+    assert command_line.refused(*command, KNEE_EXO, "--rig", rig) == (
+        "lab.toml: error TW104 bus without an interface: nothing stands behind the bus 'legs'; did you mean 'leg'?\n"
+        '    add [bus.legs] with interface = "socketcan" and channel = "can0"')
+    assert command_line.refused(*command, KNEE_EXO, "--rig", "lap.toml").startswith("lap.toml: error TW101 ")
+
+
+def test_virtual_time_and_a_rig_exclude_each_other(command_line):
+    rig = write(command_line.folder, LEGS, "lab.toml")
+    assert "--fast and --rig exclude each other" in command_line.refused(KNEE_EXO, "--rig", rig, "--fast", "--duration", "1")
+
+
+def test_real_time_is_tried_on_a_rig_and_off_in_simulation():
+    assert parse_run(["robot.py"]).realtime == "off" and parse_run(["robot.py", "--rig", "lab.toml"]).realtime == "try"
+    assert parse_run(["robot.py", "--rig", "lab.toml", "--realtime", "off"]).realtime == "off"
+    assert parse_run(["robot.py", "--rig", "lab.toml", "--priority", "50"]).priority == 50
+
+
+@pytest.mark.skipif(has_can(), reason="this kernel has CAN")
+def test_a_kernel_without_can_is_told(command_line):
+    rig = write(command_line.folder, LEGS, "lab.toml")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    assert complaint.startswith("lab.toml: error TW111 kernel without CAN: this kernel, ") and "sudo modprobe can_raw" in complaint
+
+
+# Opening
+
+@pytest.fixture
+def opened(tmp_path):
+    """RigBuses of one knee on a machine that is described in a folder."""
+
+    def opened(text):
+        with Diagram("robot", rate=200) as robot:
+            CubeMars("AK80-9", bus="legs", name="knee")(torque_command=0.0)
+        return RigBuses(read(write(tmp_path, text, "lab.toml")), robot, ["legs"], Machine(lay_out(tmp_path / "pi", PI_4)))
+
+    return opened
+
+
+def test_an_interface_of_another_kind_is_told(opened):
+    with pytest.raises(RigError) as caught:
+        opened('[bus.legs]\ninterface = "slcan"\nchannel = "/dev/ttyACM0"\n')
+    [trouble] = caught.value.troubles
+    assert (trouble.code, trouble.message) == ("TW105", "[bus.legs] interface = 'slcan': a robot runs over socketcan alone")
+    assert "slcand" in trouble.hint
+
+
+@pytest.mark.parametrize("number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")])
+def test_no_permission_is_told(opened, monkeypatch, number, words):
+    """The system call alone is replaced: what refuses it is a sandbox, which no test can put on and take off again."""
+    def refuse(*arguments):
+        raise PermissionError(number, words)
+
+    monkeypatch.setattr(socket, "socket", refuse)
+    with pytest.raises(RigError, match=f"error TW118 no permission: the system gives no CAN socket: {words}"):
+        opened(LEGS)
+
+
+# Failing
+
+@pytest.mark.parametrize("trouble, virtual, why, cure", [
+    ("bus-off", False, "can0 is bus-off: its controller has withdrawn after too many errors",
+     f"CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; then: sudo ip link set can0 down && {UP}"),
+    ("full", False, "the queue of can0 was full for 10 ticks: nobody acknowledges its frames, or they are more than it carries",
+     "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; room for more: sudo ip link set can0 txqueuelen 128"),
+    (errno.ENETDOWN, False, "can0 was taken down", UP),
+    (errno.ENETDOWN, True, "can0 was taken down", "sudo ip link set can0 up"),
+    (errno.ENODEV, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
+    (errno.ENXIO, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
+    (errno.EIO, False, "can0: Input/output error", "look at: ip -details -statistics link show can0"),
+    (None, False, "can0: a frame went neither in nor out", "look at: ip -details -statistics link show can0"),
+])
+def test_a_bus_that_failed_is_told_with_its_cure(trouble, virtual, why, cure):
+    assert in_words(trouble, CAN0, virtual) == (why, cure)
