@@ -110,7 +110,7 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
     made = diagram(rate, python_blocks)
     schedule = compile(made)
     request = Request(Path(__file__), duration=seconds, record=Path(folder), realtime=realtime)
-    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), round(seconds * rate)))
+    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate)))
 
 
 def c_chunk(loop, rate, seconds, realtime):

@@ -10,7 +10,6 @@ import json
 import os
 import select
 import socket
-import sys
 
 DONE = b"done"
 LONGEST = 1 << 16               # bytes of a will
@@ -27,7 +26,6 @@ class Heir:
         self.page = page
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
         first = will(page.cursor, sizes, page)
-        sys.stderr.flush()
         self.pid = os.fork()
         if self.pid == 0:
             self.socket.close()

@@ -67,7 +67,7 @@ class Trial:
         self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
-            values = np.frombuffer(b"".join(reader.messages[subsystem.topic][:len(ticks)]), dtype=subsystem.dtype())
+            values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
             for place in subsystem.columns:
                 self.rows[:, place] = values[str(place)]
         self.frames = reader.frames

@@ -207,7 +207,7 @@ def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch)
     result = run(prepare(Request(knee(tmp_path), duration=0.3, no_record=True)))
     assert result.outcome.status == "ok"
     [line] = [line for line in report.summary(result) if line.startswith("  recorder")]
-    assert "the recorder process died before the end (SIGKILL)" in line
+    assert "the recorder process died; another goes on with no files; nothing was lost" in line
 
 
 def test_ctrl_c_while_the_recording_is_finished_does_not_tear_it(tmp_path, monkeypatch):
