@@ -61,10 +61,10 @@ class Sum(Block):
 
 
 class Product(Block):
-    """Multiplies two signals: y = a · b. Direct feedthrough; NaN passes."""
+    """Multiplies two signals: y = a · b, element by element; a scalar goes with every element. Direct feedthrough; NaN passes."""
 
-    a = Input("any", "first factor", shape=...)
-    b = Input("any", "second factor", shape=...)
+    a = Input("any", "first factor", shape=..., broadcast=True)
+    b = Input("any", "second factor", shape=..., broadcast=True)
     y = Output("any", "a · b", shape=...)
 
     kernel = kernels.product
@@ -78,10 +78,13 @@ class Product(Block):
 
 
 class Divide(Block):
-    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator."""
+    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator.
 
-    a = Input("any", "dividend", shape=...)
-    b = Input("any", "divisor", shape=...)
+    Element by element; a scalar goes with every element.
+    """
+
+    a = Input("any", "dividend", shape=..., broadcast=True)
+    b = Input("any", "divisor", shape=..., broadcast=True)
     y = Output("any", "a / b", shape=...)
 
     kernel = kernels.divide
@@ -137,27 +140,47 @@ class Stack(Block):
 
 
 class Select(Block):
-    """Takes elements out of a vector: one, y = u[index], or several, y = (u[i], u[j], ...). Below 0 they count from the end.
+    """Takes elements out of an array: y = u[index], with an index as NumPy has it. `signal[index]` makes one.
 
-    The elements of a matrix are numbered row by row.
+    Of a signal whose shape is not declared an index is a whole number, or a list of them, and the signal a vector.
     """
 
-    index = Param(0, "1", "which element, or a tuple of them", dtype=object)
+    index = Param(0, "1", "which elements: a whole number, a list, slices, or a tuple of these, one for each axis", dtype=object)
+    of = Param(None, "1", "shape of the input, found along the wire if left out", dtype=tuple)
 
-    u = Input("any", "vector", shape=...)
+    u = Input("any", "array", shape=...)
     y = Output("any", "what was taken")
-    places = Memory(0.0, "the elements, counted from the start")
+    places = Memory(0.0, "the elements, counted row by row")
 
     kernel = vectors.select
+    examples = ({}, {"index": (1, slice(None)), "of": (2, 3)})
 
     def configure(self):
-        self.indices = whole_numbers("index", self.index if isinstance(self.index, (tuple, list)) else (self.index,), None)
+        if self.of is None:
+            self.plain()
+            return
+        shape = whole_numbers("of", self.of)
+        try:
+            taken = np.arange(math.prod(shape)).reshape(shape)[decoded(self.index)]
+        except IndexError as error:
+            raise ValueError(f"index: {error}") from None
+        if not taken.size:
+            raise ValueError("index must name an element")
+        self.inputs = {"u": Input("any", "array", shape=shape).named("u")}
+        self.outputs = {"y": Output("any", "what was taken", shape=taken.shape).named("y")}
+        self.places = taken.ravel().tolist()
+
+    def plain(self):
+        """An index into a vector, whatever its length: a whole number, or a list of them."""
+        several = isinstance(self.index, (list, tuple))
+        self.indices = whole_numbers("index", self.index if several else (self.index,), None)
         if not self.indices:
             raise ValueError("index must name an element")
-        shape = (len(self.indices),) if isinstance(self.index, (tuple, list)) else ()
-        self.outputs = {"y": Output("any", "what was taken", shape=shape).named("y")}
+        self.outputs = {"y": Output("any", "what was taken", shape=(len(self.indices),) if several else ()).named("y")}
 
     def prepare(self, dt):
+        if self.of is not None:
+            return
         for index in self.indices:
             if not -self.width <= index < self.width:
                 raise ValueError(f"there is no element {index} in a vector of {self.width}")
@@ -165,6 +188,23 @@ class Select(Block):
 
     def output_range(self, u):
         return u
+
+
+def encoded(index):
+    """An index as JSON can hold it: slices as {"slice": [start, stop, step]}."""
+    if isinstance(index, tuple):
+        return tuple(encoded(item) for item in index)
+    if isinstance(index, slice):
+        return {"slice": (index.start, index.stop, index.step)}
+    return index.tolist() if hasattr(index, "tolist") else index
+
+
+def decoded(index):
+    if isinstance(index, tuple):
+        return tuple(decoded(item) for item in index)
+    if isinstance(index, dict):
+        return slice(*index["slice"])
+    return index
 
 
 def whole_numbers(name, values, smallest=1):

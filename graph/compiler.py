@@ -324,6 +324,7 @@ class Compilation:
     def prepare(self):
         """Tell each block how wide it is and how often it runs."""
         for block in self.blocks:
-            block.width = size_of(next((self.shapes[block, n] for n, p in (block.inputs | block.outputs).items() if p.shape is ...), ()))
+            free = (self.shapes[block, name] for name, port in (block.inputs | block.outputs).items() if port.shape is ...)
+            block.width = size_of(next(filter(None, free), ()))
             block.dt = block.every / self.diagram.rate
             self.attempt(block, block.prepare, block.dt)

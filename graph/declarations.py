@@ -50,11 +50,14 @@ class Input(Port):
     shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
     dtype : float, int or bool
     default : value of an unwired input; without one, leaving it unwired is an error
+    broadcast : of shape ..., a scalar signal may be wired too and goes with every element; a kernel finds size 1, a step a float
     """
 
-    def __init__(self, unit, description="", *, shape=(), dtype=float, default=None):
+    def __init__(self, unit, description="", *, shape=(), dtype=float, default=None, broadcast=False):
         super().__init__(unit, description, shape=shape, dtype=dtype)
-        self.default = default
+        if broadcast and shape is not ...:
+            raise TypeError(f"what broadcasts has shape=..., not {shape!r}")
+        self.default, self.broadcast = default, broadcast
 
 
 class Output(Port):

@@ -28,29 +28,38 @@ def spread(blocks, sources, visit):
 
 
 def infer_shapes(blocks, sources):
-    """Shape by (block, port name). The shape of a block's `...` ports is that of the first such input that has one, () if none has."""
+    """Shape by (block, port name). The shape of a block's `...` ports is that of the first such input that is no scalar, () if all are.
+
+    A scalar into an input that declares `broadcast` stays one.
+    """
     free = {}
 
     def shape_of(source):
         if not isinstance(source, Signal):
-            return source.shape or None                     # a number fits any shape
+            return source.shape                             # a number fits any shape
         shape = source.declaration.shape
         return free.get(source.block) if shape is ... else shape
 
     def visit(block):
         if block in free:
             return False
-        found = (shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...)
-        shape = next((shape for shape in found if shape is not None), None)
-        if shape is not None:
-            free[block] = shape
-        return shape is not None
+        found = [shape_of(sources[block, name]) for name, port in block.inputs.items() if port.shape is ...]
+        shape = next(filter(None, found), () if patient is False and () in found else None)
+        if shape is None:
+            return False
+        free[block] = shape
+        return True
 
-    spread(blocks, sources, visit)
-    return {
-        (block, name): free.get(block, ()) if port.shape is ... else port.shape
-        for block in blocks for name, port in (block.inputs | block.outputs).items()
-    }
+    for patient in (True, False):                           # first where a vector decides; then scalars, which any vector overrules
+        spread(blocks, sources, visit)
+
+    def shape_at(block, name, port):
+        if port.shape is not ...:
+            return port.shape
+        shape = free.get(block, ())
+        return () if shape and getattr(port, "broadcast", False) and shape_of(sources[block, name]) == () else shape
+
+    return {(block, name): shape_at(block, name, port) for block in blocks for name, port in (block.inputs | block.outputs).items()}
 
 
 def infer_units(blocks, sources, attempt):
