@@ -4,7 +4,10 @@ All have direct feedthrough and no state, and work element by element; NaN passe
 """
 
 import functools
+import math
 import operator
+
+import numpy as np
 
 from cext.kernels import mathematics as kernels
 from cext.kernels import vectors
@@ -145,7 +148,7 @@ class Select(Block):
     Of a signal whose shape is not declared an index is a whole number, or a list of them, and the signal a vector.
     """
 
-    index = Param(0, "1", "which elements: a whole number, a list, slices, or a tuple of these, one for each axis", dtype=object)
+    index = Param(0, "1", "which elements: a whole number, or several; with `of`, as `encoded` writes what NumPy takes", dtype=object)
     of = Param(None, "1", "shape of the input, found along the wire if left out", dtype=tuple)
 
     u = Input("any", "array", shape=...)
@@ -153,7 +156,7 @@ class Select(Block):
     places = Memory(0.0, "the elements, counted row by row")
 
     kernel = vectors.select
-    examples = ({}, {"index": (1, slice(None)), "of": (2, 3)})
+    examples = ({}, {"index": (1, {"slice": (None, None, None)}), "of": (2, 3)})
 
     def configure(self):
         if self.of is None:
@@ -191,19 +194,23 @@ class Select(Block):
 
 
 def encoded(index):
-    """An index as JSON can hold it: slices as {"slice": [start, stop, step]}."""
+    """An index as JSON can hold it: {"slice": (start, stop, step)}, {"list": (...)}, {"ellipsis": True}."""
     if isinstance(index, tuple):
         return tuple(encoded(item) for item in index)
     if isinstance(index, slice):
         return {"slice": (index.start, index.stop, index.step)}
-    return index.tolist() if hasattr(index, "tolist") else index
+    if isinstance(index, list):
+        return {"list": tuple(index)}
+    if index is ...:
+        return {"ellipsis": True}
+    return operator.index(index)
 
 
 def decoded(index):
     if isinstance(index, tuple):
         return tuple(decoded(item) for item in index)
     if isinstance(index, dict):
-        return slice(*index["slice"])
+        return ... if "ellipsis" in index else slice(*index["slice"]) if "slice" in index else list(index["list"])
     return index
 
 

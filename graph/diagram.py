@@ -60,13 +60,17 @@ class Signal:
         return _arithmetic().times(self, -1.0)
 
     def __getitem__(self, index):
-        """One element of a vector, `gyro[1]`, or several, `gyro[0, 2]` or `gyro[:2]`."""
-        if isinstance(index, slice):
-            shape = self.declaration.shape
-            if shape is ... or len(shape) != 1:
-                raise TypeError(f"{self.path} can be sliced only where its length is declared: name the elements, as in [0, 1]")
-            index = tuple(range(*index.indices(shape[0])))
-        return _arithmetic().Select(index)(self)
+        """Elements, as NumPy has them: `gyro[1]`, `gyro[:2]`, `gyro[[0, 2]]`, `matrix[1, 0]`, `matrix[:, 2]`.
+
+        Where the shape is not declared, the signal is a vector, and the index a whole number or a list of them.
+        """
+        shape = self.declaration.shape
+        arithmetic = _arithmetic()
+        if shape is not ...:
+            return arithmetic.Select(arithmetic.encoded(index), shape)(self)
+        if isinstance(index, (slice, tuple)) or index is ...:
+            raise TypeError(f"{self.path} takes slices and several axes only where its shape is declared: name the elements, as in [[0, 1]]")
+        return arithmetic.Select(tuple(index) if isinstance(index, list) else index)(self)
 
     __iter__ = None             # its length is not known until the compile
 

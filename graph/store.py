@@ -63,6 +63,9 @@ def describe_block(block, known, source):
         parameters[name] = {"live": [value, *map(encode, block.live_bounds[name])]} if name in block.live_bounds else value
     if parameters:
         data["parameters"] = parameters
+    live = [name for name in block.parameters if block.live(name)]
+    if live:
+        data["live"] = live
     files = {name: file_hash(block, name) for name, param in block.parameters.items() if param.file and getattr(block, name)}
     if files:
         data["files"] = files
@@ -104,10 +107,18 @@ def decode(value):
     return tuple(decode(item) for item in value) if isinstance(value, list) else value
 
 
+def unchanging(entry):
+    """Of a block's description what its content is: of files what is in them, of live parameters their bounds and not their values."""
+    parameters = {**entry.get("parameters", {}), **entry.get("files", {})}
+    for name in entry.get("live", ()):
+        value = parameters[name]
+        parameters[name] = {"live": value["live"][1:]} if isinstance(value, dict) and "live" in value else None
+    return {**entry, "parameters": parameters}
+
+
 def digest(data):
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
-    essence["blocks"] = [
-        {**entry, "parameters": {**entry["parameters"], **entry["files"]}} if "files" in entry else entry for entry in data["blocks"]]
+    essence["blocks"] = [unchanging(entry) for entry in data["blocks"]]
     text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
     return "sha256:" + hashlib.sha256(text.encode()).hexdigest()
 
@@ -219,8 +230,13 @@ def find_type(entry, libraries, trust):
             "TW032", f"{qualname} was defined in a file of its own ({module}), not in a library", path=entry["path"],
             hint=f"run that file again, or import it and load with trust=({module!r},)"))
     if top not in registered() and module not in trust and top not in trust:
-        owner = next((f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)), top)
-        raise DiagramError(Diagnostic("TW031", f"{entry['type']} comes from a library that is not installed", path=entry["path"], hint=f"pip install {owner}"))
+        owner = next((f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)), None)
+        if owner is None:
+            raise DiagramError(Diagnostic(
+                "TW031", f"{entry['type']} is of no block library, neither of those installed nor of those that the text names", path=entry["path"],
+                hint=f"if you know {top!r} and want it imported, load with trust=({top!r},)"))
+        raise DiagramError(Diagnostic(
+            "TW031", f"{entry['type']} comes from a library that is not installed", path=entry["path"], hint=f"pip install {owner}"))
     try:
         found = importlib.import_module(module)
         for name in qualname.split("."):

@@ -48,18 +48,22 @@ cdef int sum_kernel(double *arena, const int32_t *slots, const int32_t *sizes) n
 
 
 cdef int product_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # a, b, y
+    # a, b, y; a scalar goes with every element
+    cdef int p = sizes[0] > 1
+    cdef int q = sizes[1] > 1
     cdef int i
     for i in range(sizes[2]):
-        arena[slots[2] + i] = arena[slots[0] + i] * arena[slots[1] + i]
+        arena[slots[2] + i] = arena[slots[0] + p * i] * arena[slots[1] + q * i]
     return OK
 
 
 cdef int divide_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # a, b, y
+    # a, b, y; a scalar goes with every element
+    cdef int p = sizes[0] > 1
+    cdef int q = sizes[1] > 1
     cdef int i
     for i in range(sizes[2]):
-        arena[slots[2] + i] = arena[slots[0] + i] / arena[slots[1] + i]
+        arena[slots[2] + i] = arena[slots[0] + p * i] / arena[slots[1] + q * i]
     return OK
 
 

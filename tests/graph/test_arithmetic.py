@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Constant, Ramp
 from cext.executor import Executor
 from cext.page import RECORD_ROW, Page
 from cext.program import Program
-from graph import Block, Diagram, Output, compile, stack
+from graph import Block, Diagram, DiagramError, Output, compile, stack
 from tests.graph.complaints import complaint, here
 
 
@@ -84,5 +85,7 @@ def test_a_signal_is_neither_a_truth_nor_a_sequence_nor_divided_by_zero():
             list(signal)
         with pytest.raises(ZeroDivisionError):
             signal / 0
-        with pytest.raises(TypeError, match="only where its length is declared"):
+        with pytest.raises(DiagramError, match="too many indices for array"):
             signal[:1]
+        with pytest.raises(TypeError, match="only where its shape is declared"):
+            Gain()(signal)[:1]

@@ -63,12 +63,14 @@ def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
 
 def test_the_hash_does_not_know_the_order_of_making_but_knows_parameters_wires_and_rate():
     assert content_hash(knee()) == content_hash(knee(reverse=True))
-    others = [knee(stiffness=31.0), knee(rate=100)]
+    others = [knee(rate=100)]
+    with Diagram("knee", rate=200) as other_gain:
+        Gain(3.0)(1.0)
     with Diagram("knee", rate=200) as rewired:
         Gain()(1.0)
     with Diagram("knee", rate=200) as same_but_a_wire:
         Gain()(2.0)
-    hashes = {content_hash(d) for d in [knee(), *others, rewired, same_but_a_wire]}
+    hashes = {content_hash(d) for d in [knee(), *others, rewired, other_gain, same_but_a_wire]}
     assert len(hashes) == 5
 
 
@@ -132,3 +134,20 @@ def test_the_hash_knows_the_content_of_a_file_that_is_played_and_not_its_place(t
     assert (found.code, found.path) == ("TW010", "playback") and found.message == f"file: cannot read {file}: No such file or directory"
     with pytest.raises(DiagramError, match=f"cannot read {file}"):
         from_json(text)
+
+
+def test_the_hash_knows_the_bounds_of_live_parameters_and_not_their_values():
+    def hashed(stiffness):
+        with Diagram("d", rate=100) as diagram:
+            Impedance(stiffness=stiffness, name="law")(position=0.1, velocity=0.0)
+        return content_hash(diagram)
+
+    assert hashed(30.0) == hashed(40.0)                                         # declared live
+    assert hashed(Live(30.0, max=50.0)) == hashed(Live(20.0, max=50.0)) != hashed(Live(30.0, max=60.0))
+    assert hashed(30.0) != hashed(Live(30.0, max=50.0))
+
+
+def test_a_module_that_no_library_brings_is_not_suggested_to_pip():
+    text = json.dumps({**json.loads(to_json(knee())), "libraries": {}}).replace("graph.arithmetic:", "os:")
+    [found] = pytest.raises(DiagramError, from_json, text).value.diagnostics
+    assert found.code == "TW031" and "pip" not in found.hint and "trust=('os',)" in found.hint
