@@ -8,6 +8,7 @@ import sys
 import traceback
 from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
+from importlib.util import find_spec
 from pathlib import Path
 
 from graph import Block, Diagram, DiagramError, compile
@@ -209,6 +210,9 @@ def import_hint(path, error):
     file = getattr(module, "__file__", None) or ""
     if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
         return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
+    top = (error.name or "").partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
+        return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
     wanted = re.match(r"cannot import name '(\w+)'", str(error))
     return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""
 

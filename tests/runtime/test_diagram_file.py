@@ -197,7 +197,9 @@ def test_endless_recursion(tmp_path, refused):
 
 def test_a_missing_library_is_told_with_the_line(tmp_path, refused):
     write(tmp_path, "\nimport no_such_library\n")
-    assert refused("robot.py") == "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'\n    import no_such_library"
+    assert refused("robot.py") == (
+        "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; if it is a library of blocks: pip install no-such-library\n"
+        "    import no_such_library")
 
 
 def test_a_mistyped_block_is_suggested(tmp_path, refused):

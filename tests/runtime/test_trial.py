@@ -1,7 +1,10 @@
 """What a recording says of its trial and of where it came from."""
 
 import json
+import shutil
 import subprocess
+
+import pytest
 
 from runtime.errors import OK
 from tests.runtime.runs import knee
@@ -32,6 +35,7 @@ def test_a_field_without_a_name_or_given_twice_is_refused(command_line, tmp_path
     assert command_line.refused(path, "--trial", "a=1", "a=2") == "--trial: a was given twice"
 
 
+@pytest.mark.skipif(shutil.which("git") is None, reason="needs git")
 def test_the_revision_of_the_diagrams_repository_is_told_and_whether_it_is_dirty(command_line, tmp_path):
     path = knee(tmp_path)
     git(tmp_path, "init", "-q")
