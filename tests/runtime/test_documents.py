@@ -48,7 +48,8 @@ def test_the_readmes_diagram_prints_what_the_readme_shows(sample):
     assert (process.returncode, process.stderr) == (OK, "")
     shown = shown_after(README, "Saved as `knee.py`")
     assert len(python_of(README)[0].splitlines()) <= 17
-    assert without_numbers(process.stdout.splitlines()) == without_numbers(shown)
+    told = [line for line in process.stdout.splitlines() if not line.startswith("  overruns")]      # there where a busy machine missed ticks
+    assert without_numbers(told) == without_numbers(shown)
 
 
 def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
