@@ -37,9 +37,21 @@ MAKE = {
 }
 
 
-@pytest.mark.parametrize("name", MAKE)
-@given(data=st.data())
-@settings(max_examples=100, deadline=None)
-def test_no_output_leaves_its_range(name, data):
+def kept(name, data):
     with np.errstate(all="ignore"):
         keeps_its_range(data, made(MAKE[name]), nan=True, ticks=12)
+
+
+@pytest.mark.parametrize("name", MAKE)
+@given(data=st.data())
+@settings(max_examples=40, deadline=None)
+def test_no_output_leaves_its_range(name, data):
+    kept(name, data)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("name", MAKE)
+@given(data=st.data())
+@settings(max_examples=1000, deadline=None)
+def test_no_output_leaves_its_range_however_long_one_tries(name, data):
+    kept(name, data)
