@@ -50,6 +50,8 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     BUS_ERROR = 7           # a bus cannot receive or send
     FENCED = 8              # another process has stopped the run
     OVERRUN = 9             # more grid points were missed than the run allows
+    UNGUARDED = 10          # the guardian does not answer
+    FOREIGN_COMMAND = 11    # somebody else commands one of our devices
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

@@ -46,11 +46,13 @@ cdef class Devices:
     cdef Laps *laps              # NULL: no stamps
     cdef int item                # of the stopwatch: that of the first device
     cdef bint ran
+    cdef bint alone              # nobody else may command them
 
     cdef int load(self) except -1
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int commanded(self, const Frame *frame) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil

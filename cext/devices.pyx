@@ -13,8 +13,8 @@ from libc.stdint cimport uint8_t, uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FOREIGN, MALFORMED, OK, SILENT, TAKEN
-from cext.page cimport FRAME, RECEIVED, commit, reserve
+from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN
+from cext.page cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
 
 from cext.handover import address, slot_words, words
@@ -133,6 +133,11 @@ cdef class Devices:
                         device.replies += 1
                     if answer != FOREIGN:
                         break
+                if self.alone and answer != TAKEN:
+                    number = self.commanded(frame)
+                    if number >= 0 and not (page != NULL and load_i32(&page.fence)):       # behind it the guardian commands, too
+                        self.failed.device = number
+                        status = FOREIGN_COMMAND
                 if page != NULL:
                     page.frames_received += 1
                     page.frames_foreign += answer == FOREIGN
@@ -143,6 +148,16 @@ cdef class Devices:
             if device.age >= 0:
                 self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
         return status
+
+    cdef int commanded(self, const Frame *frame) noexcept nogil:
+        """The device that a frame which is no reply commands; -1 if it commands none: it has the id and the length of our own commands."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].bus == frame.bus and (
+                    is_like(&self.devices[number].zero, frame) or is_like(&self.devices[number].disable, frame)
+                    or is_like(&self.devices[number].enable, frame)):
+                return number
+        return -1
 
     cdef int watch(self, int64_t now) noexcept nogil:
         """A device that is silent past its timeout, or reports a fault, ends the run."""
@@ -183,6 +198,8 @@ cdef class Devices:
         cdef int bus, status
         cdef int first = 0
         for bus in range(self.bus_count):
+            if page != NULL and load_i32(&page.fence):
+                return FENCED
             status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page)
             if status != OK:
                 return status
@@ -208,12 +225,17 @@ cdef class Devices:
         return OK
 
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil:
-        """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered."""
+        """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered.
+
+        Behind the fence only the frames of the safe stop go out: those with `disable`.
+        """
         cdef int number
         cdef Device *device
         cdef int status = OK
         for number in range(self.count):
             device = &self.devices[number]
+            if not disable and page != NULL and load_i32(&page.fence):
+                return FENCED
             if enable and device.replies < device.replies_wanted:
                 status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
             if zero:
@@ -249,6 +271,14 @@ cdef class Devices:
             for rounds in range(64):
                 if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
                     break
+
+
+cdef inline bint is_like(const Batch *batch, const Frame *frame) noexcept nogil:
+    cdef int index
+    for index in range(batch.count):
+        if batch.frames[index].id == frame.id and batch.frames[index].length == frame.length:
+            return True
+    return False
 
 
 cdef inline void log_received(PageLayout *page, int64_t now) noexcept nogil:

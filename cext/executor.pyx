@@ -16,7 +16,7 @@ import sys
 from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
-from cext.abi cimport AUTHORITY, FENCED, NO_ANSWER, OK, OVERRUN
+from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.journal cimport Journal
@@ -52,6 +52,8 @@ cdef class Executor:
     spin : s before a deadline in which it spins instead of sleeping
     profile : whether every step is timed, as `profile` tells afterwards
     tape : Tape of a recorded run, whose ticks are run again in virtual time, as late as they were
+    guard : s of the guardian's silence that end the run; then nobody else may command the devices either. 0 where there is no guardian
+    carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
     """
 
     cdef Program control, plant
@@ -63,21 +65,24 @@ cdef class Executor:
     cdef Tick body
     cdef Tape tape
     cdef int to_blame            # item of the stopwatch that the last overrun came from
-    cdef bint virtual, simulated
+    cdef bint virtual, simulated, carried
     cdef int64_t began, first_tick, tick, previous
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the run's begin to the present round or tick
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
-                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None):
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None,
+                 double guard=0.0, bint carried=False):
         self.signals = Signals()
         self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Journal(page, control, virtual, reader, self.signals)
+        self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9))
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
         self.tape = tape
+        self.carried = carried
+        control.devices.alone = guard > 0.0
         if tape is not None and not virtual:
             raise ValueError("a recorded run is run again in virtual time")
 
@@ -120,7 +125,7 @@ cdef class Executor:
                     status = self.loop(ticks, fade)
                 if status == STOP_WANTED:
                     stopped, status = True, OK
-                self.stop(stopping_timeout)
+                self.stop(0.0 if status == UNGUARDED and self.carried else stopping_timeout)
         finally:
             self.signals.give_back()
             sys.setswitchinterval(switching)
@@ -182,6 +187,7 @@ cdef class Executor:
         cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round, now
         cdef int status = OK
+        self.journal.attend(monotonic())
         self.journal.set_state(ARMING)
         self.control.devices.want_replies(True, False)
         for round in range(rounds + 1 if self.control.devices.count else 0):
@@ -190,9 +196,9 @@ cdef class Executor:
                 self.pace.sleep_until(self.began + now)
             if self.signals.caught[0] or not self.journal.make_room(False):
                 return OK
-            if self.journal.fenced():
-                return FENCED
-            status = apply_changes(self.control.live, self.layout, -1, 0.0)
+            status = self.journal.attend(monotonic())
+            if status == OK:
+                status = apply_changes(self.control.live, self.layout, -1, 0.0)
             if status == OK:
                 status = self.control.devices.receive(now, self.layout)
             if status != OK:
@@ -236,6 +242,7 @@ cdef class Executor:
             self.now = now = self.first_tick + self.pace.grid(tick)
             self.tick = tick
             self.body.watch.begin(tick, began)
+            status = self.journal.attend(began)
             for skipped in range(self.previous + 1, tick):         # the plant does not stand still meanwhile
                 if status == OK:
                     status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
@@ -299,6 +306,7 @@ cdef class Executor:
         self.journal.make_room(True)
         self.control.devices.receive(now, self.layout)             # answers to the last commands confirm nothing
         while self.control.devices.count > 0:
+            self.journal.attend(monotonic())
             self.control.devices.want_replies(True, True)
             self.journal.make_room(True)
             self.control.devices.send_batches(False, True, True, now, self.layout)

@@ -10,11 +10,13 @@ cdef class Journal:
     cdef bint virtual
     cdef int reader
     cdef const int32_t *caught
+    cdef int64_t guard               # ns of the guardian's silence that end the run, 0: there is none
     cdef uint64_t most               # bytes that one tick pushes at most
 
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil
     cdef bint fenced(self) noexcept nogil
+    cdef int attend(self, int64_t now) noexcept nogil
     cdef void raise_fence(self) noexcept nogil
     cdef bint push_row(self, int64_t tick) noexcept nogil
     cdef bint make_room(self, bint stopping) noexcept nogil

@@ -3,11 +3,11 @@
 
 from libc.string cimport memset
 
-from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, Frame
+from cext.abi cimport FENCED, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.histogram cimport Histogram
 from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
-from cext.page cimport ROW, commit, load_i32, load_u64, reserve, store_i32
+from cext.page cimport ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.signals cimport Signals
 
@@ -21,13 +21,15 @@ cdef class Journal:
     program : Program whose columns make a row
     virtual : a full ring makes the loop wait instead of dropping
     reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
+    guard : ns of the guardian's silence that end the run, 0 where there is no guardian
     """
 
-    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals):
+    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
         self.layout = NULL if page is None else page.layout
+        self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
@@ -59,6 +61,15 @@ cdef class Journal:
 
     cdef bint fenced(self) noexcept nogil:
         return self.layout != NULL and load_i32(&self.layout.fence) != 0
+
+    cdef int attend(self, int64_t now) noexcept nogil:
+        """Show that the loop is alive, and see whether it may go on: OK, FENCED or UNGUARDED. now : ns, CLOCK_MONOTONIC"""
+        if self.layout == NULL:
+            return OK
+        store_i64(&self.layout.beat, now)
+        if self.fenced():
+            return FENCED
+        return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK
 
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:

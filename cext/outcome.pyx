@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 from cext.abi cimport (
-    BUS_ERROR, DEVICE_FAULT, FENCED, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT,
+    BUS_ERROR, DEVICE_FAULT, FENCED, FOREIGN_COMMAND, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
 )
 
 STATUS = {
@@ -18,6 +18,8 @@ STATUS = {
     BUS_ERROR: "bus error",
     FENCED: "fenced",
     OVERRUN: "overrun",
+    UNGUARDED: "unguarded",
+    FOREIGN_COMMAND: "foreign command",
 }
 
 

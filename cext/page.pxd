@@ -1,7 +1,7 @@
 """The shared page: what the control process shows to the others, and the ring that its recording runs through.
 
 One memory file, mapped by every process of a run: the layout below, the ring, then what there is to know of live parameters. The
-control process writes, the others read; only `fence`, the mailbox and the ring's tail go the other way. Nothing here locks.
+control process writes, the others read; only `fence`, `guard`, the mailbox and the ring's tail go the other way. Nothing here locks.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
@@ -38,6 +38,8 @@ cdef struct PageLayout:
     int32_t closed              # 1: nothing will be pushed any more
     int32_t status              # why it stopped
     int64_t control             # number of the control process
+    int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
+    int64_t guard               # the same of the guardian's newest look; 0 without one
     int64_t live_count          # live parameters
     int64_t live_bytes          # of the JSON that describes them
     int64_t began               # ns, CLOCK_MONOTONIC of the run's begin; frames are timed from here

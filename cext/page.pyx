@@ -112,6 +112,20 @@ cdef class Page:
         """From now on no process of this run sends a command frame. There is no way back."""
         store_i32(&self.layout.fence, 1)
 
+    def look_after(self, int64_t now):
+        """The guardian is there. now : ns, CLOCK_MONOTONIC; 0 when it leaves"""
+        store_i64(&self.layout.guard, now)
+
+    @property
+    def guarded(self):
+        """ns, CLOCK_MONOTONIC of the guardian's newest look; 0 while there is none."""
+        return load_i64(&self.layout.guard)
+
+    @property
+    def beat(self):
+        """ns, CLOCK_MONOTONIC at which the loop's newest round of arming, tick, or round of the safe stop began."""
+        return load_i64(&self.layout.beat)
+
     def close(self):
         """Say that nothing will be pushed any more."""
         store_i32(&self.layout.closed, 1)

@@ -3,7 +3,7 @@
 
 from libc.stdlib cimport calloc, free
 
-from cext.abi cimport DT, FENCED, LATENESS, OK, PERIOD, TICK, TIME, WAKE
+from cext.abi cimport DT, LATENESS, OK, PERIOD, TICK, TIME, WAKE
 from cext.histogram cimport add
 from cext.live cimport apply_changes
 from cext.pace cimport clock, monotonic
@@ -59,7 +59,7 @@ cdef class Tick:
         if status == OK:
             status = self.control.devices.command()
         if status == OK:
-            status = FENCED if self.journal.fenced() else self.control.devices.transmit(now, self.journal.layout)
+            status = self.control.devices.transmit(now, self.journal.layout)
         if laps != NULL:
             on_wires += lap(laps, TRANSMIT)
             if self.journal.layout != NULL:
