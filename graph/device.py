@@ -38,6 +38,14 @@ class Device(Block):
         """
         return None
 
+    def replies(self):
+        """By which frames others know that this device has answered, as (arbitration id, mask, is extended, first bytes).
+
+        Where replies and commands share an id, the first bytes tell them apart.
+        """
+        heard = self.hears()
+        return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if heard is None else heard)]
+
     def traffic(self):
         """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""
         return []

@@ -47,6 +47,9 @@ def what(result, block, program):
         "device fault": "the device reports a fault",
         "bus error": "the bus can neither send nor receive",
         "overrun": overran(result),
+        "fenced": fenced(result),
+        "unguarded": unguarded(result),
+        "foreign command": foreign_command(block),
     }.get(outcome.status, f"it ended with {outcome.status}")
 
 
@@ -64,6 +67,34 @@ def on_the_rig(rig):
     words = [f" (on {name} ids {', '.join(ids)})" for name, ids in rig.strangers().items()]
     words += [f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate" for channel in rig.unheard()]
     return "".join(words)
+
+
+def fenced(result):
+    """What the guardian saw."""
+    stop = result.rig.report["stop"] if result.rig is not None else None
+    if stop is None:
+        return "the run was fenced by another process"
+    return f"fenced by the guardian: the loop had stood still for {stop['silent'] * 1e3:.0f} ms"
+
+
+def unguarded(result):
+    """How the guardian ended, and what was done without it."""
+    if result.rig is None:
+        return "there is no guardian"
+    report = result.rig.report
+    how = f"the guardian did not answer, and nothing moves without it (process {result.rig.guardian.pid}, {report['died']})"
+    if "taken_over" not in report:
+        return how
+    unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
+    return f"{how}; the motors were stopped from here{unopened}"
+
+
+def foreign_command(block):
+    """Who was commanded by somebody else."""
+    if not isinstance(block, Device):
+        return "somebody else commands its actuators"
+    ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
+    return f"somebody else commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
 
 
 def overran(result):

@@ -6,7 +6,7 @@ import re
 import signal
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from cext.executor import Executor
@@ -16,6 +16,7 @@ from cext.program import Program
 from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
+from runtime.guardian import SILENCE
 from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
@@ -122,6 +123,8 @@ def run(prepared, say=lambda lines: None):
     """
     request, schedule, simulation, rig = prepared.request, prepared.schedule, prepared.simulation, prepared.rig
     page = Page(ring_bytes(schedule), live=describe(schedule))
+    if rig is not None:
+        guard(rig, page, prepared)
     recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
@@ -131,7 +134,8 @@ def run(prepared, say=lambda lines: None):
         control = Program(schedule, (simulation if rig is None else rig).ends())
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
-            virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile)
+            virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
+            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries)
     except BaseException:
         realtime.release()
         recorder.abandon()
@@ -145,12 +149,16 @@ def run(prepared, say=lambda lines: None):
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
+            if rig is not None and outcome is not None and outcome.status == "unguarded":
+                outcome = replace(outcome, unconfirmed=rig.take_over())
             realtime.release()
             if realtime.spun:
                 tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
             statistics = page.statistics()
             if rig is not None:
                 tell(page, json.dumps({"event": "buses", **rig.finish()}).encode(), recorder)
+                if rig.report["stop"] is not None:
+                    tell(page, json.dumps(rig.report["stop"]).encode(), recorder)
                 statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
                 tell(page, ending(outcome, executor.overruns), recorder)
@@ -159,6 +167,16 @@ def run(prepared, say=lambda lines: None):
     return Result(
         **vars(prepared), outcome=outcome, statistics=statistics, recording=recording, seconds=seconds, control=control,
         realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
+
+
+def guard(rig, page, prepared):
+    """The guardian comes first: without it nothing is armed. RigError"""
+    priority = None if prepared.request.realtime == "off" else prepared.request.priority
+    try:
+        rig.watch(page, prepared.schedule, prepared.diagram, priority)
+    except BaseException:
+        rig.close()
+        raise
 
 
 @contextmanager

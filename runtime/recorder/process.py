@@ -25,6 +25,7 @@ IDLE = 5                        # ms between looks at an empty ring
 IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
 FLUSH = 0.5                     # s between flushes at most,
 HELD = 0.25                     # or this share of the ring that waits for one
+GUARD = 200_000_000             # ns since the guardian's newest look, then it has died too
 FOLLOW = 0.1                    # s between looks at who has the terminal
 
 
@@ -123,7 +124,7 @@ def drain(page, control, recording, status, panel, heir, idle):
     """Ring to recording, until nothing more will come. Returns the heir, which may be a new one."""
     flush_at = follow_at = 0.0
     while True:
-        over = page.closed or control.gone              # asked first: what was pushed before is then in the ring
+        over = page.closed or (control.gone and not guarded(page))      # asked first: what was pushed before is then in the ring
         records = page.drain(BATCH, release=False)
         recording.take(records)
         now = time.monotonic()
@@ -145,6 +146,11 @@ def drain(page, control, recording, status, panel, heir, idle):
         if over or control.abandoned:
             return heir
         control.look(idle)
+
+
+def guarded(page):
+    """Whether a guardian is at work, which tells what it has done after the control process has died."""
+    return time.monotonic_ns() - page.guarded < GUARD
 
 
 def orphan_line(report):

@@ -4,26 +4,48 @@ import errno
 import os
 from dataclasses import dataclass
 
+from cext.rings import Line, Lines
 from cext.socketcan import SocketCan
 from graph import Device
 from runtime.doctor.machine import Machine
+from runtime.guardian import GuardianError, GuardianProcess
+from runtime.guardian import plan as guardians_plan
+from runtime.guardian.lock import BusLock, BusTaken
 from runtime.rig.file import SOCKETCAN
 from runtime.rig.fitness import WIRING, again, take_up
 from runtime.rig.interface import Interface
 from runtime.rig.troubles import Refused, RigError, Trouble
 
 PATIENCE = 10                   # ticks in a row with a full queue, then it is a fault
+SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this interface says what it needs"
 GONE = (errno.ENODEV, errno.ENXIO)
+
+
+ONE_PROCESS = ("virtual",)      # kinds whose other nodes would have to be in the process that opens them
 
 
 @dataclass
 class OpenBus:
-    interface: Interface
-    can: SocketCan
+    interface: object           # Interface, or Carried
+    can: object                 # SocketCan, or Line
+
+
+class Carried:
+    """An interface that the guardian opens and carries the frames of. bus : RigBus"""
+
+    virtual, remarks, strangers = False, (), None
+
+    def __init__(self, bus):
+        self.bus = bus
+
+    def close(self):
+        pass
 
 
 class RigBuses:
-    """The interfaces behind the buses of a robot, open. RigError with everything that keeps one from it.
+    """The interfaces behind the buses of a robot, and the guardian of both. RigError with everything that keeps them from it.
+
+    SocketCAN is open from here on, the others are from `watch` on.
 
     rig : RigFile
     robot : Diagram, as the rig has it
@@ -32,22 +54,35 @@ class RigBuses:
 
     def __init__(self, rig, robot, names, machine=None):
         self.rig, self.buses, troubles = rig, {}, []
+        self.locks, self.guardian, self.report = [], None, None
+        self.lines, self.bell = None, -1
+        kinds = [rig.buses[name].interface for name in names]
+        if any(kind != SOCKETCAN for kind in kinds):
+            self.lines, self.bell = Lines(len(names)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         devices = [block for block in robot if isinstance(block, Device)]
-        for name in names:
+        for index, name in enumerate(names):
             try:
-                self.buses[name] = self.open(name, [block for block in devices if block.bus == name], machine or Machine())
+                self.buses[name] = self.open(index, name, [block for block in devices if block.bus == name], machine or Machine())
             except Refused as refused:
                 troubles.append(refused.trouble)
         if troubles:
             self.close()
             raise RigError(rig.path, dict.fromkeys(troubles))
 
-    def open(self, name, devices, machine):
+    def open(self, index, name, devices, machine):
         bus = self.rig.buses[name]
-        if bus.interface != SOCKETCAN:
+        if bus.interface in ONE_PROCESS:
             raise Refused(Trouble(
-                "TW105", f"[bus.{name}] interface = {bus.interface!r}: a robot runs over socketcan alone",
-                "most adapters have a SocketCAN driver: candleLight (gs_usb), slcan (sudo slcand -o -s8 /dev/ttyACM0 can0), PEAK, Kvaser"))
+                "TW105", f"[bus.{name}] interface = {bus.interface!r} has no nodes outside of one process",
+                "run without --rig, where every device is emulated; or udp_multicast, whose nodes are processes of this machine"))
+        try:
+            self.locks.append(BusLock(bus.interface, bus.channel))
+        except BusTaken as taken:
+            raise Refused(Trouble(
+                "TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
+                "end that one first: a bus has one controller")) from None
+        if bus.interface != SOCKETCAN:
+            return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
         listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})
         interface = Interface(bus, listens, sorted({address for device in devices for address in device.addresses()}), machine)
@@ -57,16 +92,58 @@ class RigBuses:
         """The robot's end of each bus, in the schedule's order."""
         return [bus.can.end for bus in self.buses.values()]
 
+    @property
+    def carries(self):
+        """Whether the guardian carries the frames of some bus."""
+        return self.lines is not None
+
+    def watch(self, page, schedule, robot, priority):
+        """Start the guardian, which opens what is not open yet. RigError
+
+        page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
+        """
+        self.guardian = GuardianProcess(page, self.lines, self.bell, self.locks)
+        buses = [
+            {
+                "name": name, "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel,
+                "bitrate": bus.interface.bus.bitrate, "fd": bus.interface.bus.fd, "virtual": bus.interface.virtual,
+                "line": index if isinstance(bus.can, Line) else None,
+            }
+            for index, (name, bus) in enumerate(self.buses.items())
+        ]
+        try:
+            self.guardian.configure(guardians_plan(buses, schedule, robot, priority))
+        except GuardianError as error:
+            troubles = [
+                Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
+                for name, why in error.troubles.items()]
+            raise RigError(self.rig.path, troubles or [Trouble("TW120", str(error), "it says why on the terminal")]) from None
+
+    def take_over(self):
+        """The guardian does not answer: stop the actuators from here. Returns the names of those that have not confirmed."""
+        died, troubles, stop = self.guardian.take_over()
+        self.report = {"stop": None, "troubles": troubles, "died": died, "taken_over": stop}
+        return tuple(stop["unconfirmed"])
+
     def remarks(self):
         """Lines that a person should read before the run."""
         return [f"{self.rig.path}: {remark}" for bus in self.buses.values() for remark in bus.interface.remarks]
 
     def close(self):
+        if self.guardian is not None:
+            self.guardian.kill()
         for bus in self.buses.values():
             bus.interface.close()
+        for lock in self.locks:
+            lock.close()
+        if self.bell >= 0:
+            os.close(self.bell)
+            self.bell = -1
 
     def finish(self):
         """Ask what happened, and close. Returns {bus: its counts, state and strangers} as plain data."""
+        if self.guardian is not None and self.report is None:
+            self.report = self.guardian.finish()
         self.after = {name: self.count(bus) for name, bus in self.buses.items()}
         self.close()
         return self.after
@@ -75,7 +152,7 @@ class RigBuses:
         strangers, ids = bus.interface.strangers.heard() if bus.interface.strangers is not None else (0, [])
         return {
             "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel, **bus.can.counts, "strangers": strangers,
-            "stranger_ids": ids, "worst_state": bus.can.worst}
+            "stranger_ids": ids, "worst_state": getattr(bus.can, "worst", None)}
 
     def correct(self, frames):
         """Frames as a run's statistics count them, with what did not reach the robot: {kind: number}. To be asked after `finish`."""
@@ -97,6 +174,10 @@ class RigBuses:
 
     def explain(self, name):
         """Why a bus failed, and the cure: two lines."""
+        bus = self.buses[name].interface.bus
+        if isinstance(self.buses[name].can, Line):
+            said = (self.report or {}).get("troubles", {}).get(name) or "it takes no frames"
+            return f"{bus.interface} {bus.channel}: {said}", "is the adapter plugged in, and its supply on?"
         return in_words(self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual)
 
 

@@ -10,6 +10,7 @@ CODES = {
     "TW103": "rig of another robot",
     "TW104": "bus without an interface",
     "TW105": "interface of another kind",
+    "TW106": "bus that somebody else controls",
     "TW111": "kernel without CAN",
     "TW112": "no such interface",
     "TW113": "interface that is not CAN",
@@ -19,6 +20,7 @@ CODES = {
     "TW117": "interface without CAN FD",
     "TW118": "no permission",
     "TW119": "interface that cannot be opened",
+    "TW120": "no guardian",
 }
 
 

@@ -110,6 +110,9 @@ class CubeMars(Actuator):
     def hears(self):
         return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]         # replies come from the drive's id, or from 0
 
+    def replies(self):
+        return [(*pattern, bytes([self.can_id])) for pattern in self.hears()]
+
     def traffic(self):
         return [(8, False), (8, False)]
 

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import socket
 
 import pytest
@@ -11,6 +12,8 @@ from graph import Diagram
 from runtime.commands.run import parse_run
 from runtime.doctor.machine import Machine
 from runtime.errors import CHECK_FAILED, OK
+from runtime.guardian import GuardianProcess
+from runtime.guardian.lock import BusLock
 from runtime.rig import RigBuses, RigError, read
 from runtime.rig.buses import in_words
 from runtime.rig.file import RigBus
@@ -18,6 +21,7 @@ from tests.runtime.doctor.machines import PI_4, lay_out
 from tests.runtime.runs import KNEE_EXO, knee, write
 
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
+OWN = f"/dev/ttyOf{os.getpid()}"
 CAN0 = RigBus("legs", "socketcan", "can0")
 UP = "sudo ip link set can0 type can bitrate 1000000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up"
 
@@ -94,19 +98,54 @@ def opened(tmp_path):
     return opened
 
 
-def test_an_interface_of_another_kind_is_told(opened):
+def test_an_interface_of_one_process_is_told(opened):
     with pytest.raises(RigError) as caught:
-        opened('[bus.legs]\ninterface = "slcan"\nchannel = "/dev/ttyACM0"\n')
+        opened('[bus.legs]\ninterface = "virtual"\nchannel = "legs"\n')
     [trouble] = caught.value.troubles
-    assert (trouble.code, trouble.message) == ("TW105", "[bus.legs] interface = 'slcan': a robot runs over socketcan alone")
-    assert "slcand" in trouble.hint
+    assert (trouble.code, trouble.message) == ("TW105", "[bus.legs] interface = 'virtual' has no nodes outside of one process")
+    assert "without --rig" in trouble.hint
+
+
+def test_a_bus_that_another_process_controls_is_told(opened):
+    lock = BusLock("slcan", OWN)
+    with pytest.raises(RigError, match=f"TW106 bus that somebody else controls: .* is controlled by process {os.getpid()} "):
+        opened(f'[bus.legs]\ninterface = "slcan"\nchannel = "{OWN}"\n')
+    lock.close()
+
+
+def test_an_interface_that_python_can_cannot_open_is_told_and_leaves_its_lock(command_line):
+    rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    assert complaint.startswith(
+        "lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast 192.0.2.1: could not create or configure socket")
+    BusLock("udp_multicast", "192.0.2.1").close()
+
+
+def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
+    class Short(GuardianProcess):
+        """Is killed before it can have opened anything."""
+
+        def configure(self, plan):
+            self._child.kill()
+            self._child.wait()
+            super().configure(plan)
+
+    monkeypatch.setattr("runtime.rig.buses.GuardianProcess", Short)
+    rig = write(command_line.folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{OWN}"\n', "lab.toml")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    assert complaint.startswith("lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed")
+    BusLock("slcan", OWN).close()
 
 
 @pytest.mark.parametrize("number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")])
 def test_no_permission_is_told(opened, monkeypatch, number, words):
     """The system call alone is replaced: what refuses it is a sandbox, which no test can put on and take off again."""
-    def refuse(*arguments):
-        raise PermissionError(number, words)
+    system = socket.socket
+
+    def refuse(*arguments, **options):
+        if arguments[0] == getattr(socket, "AF_CAN", None):
+            raise PermissionError(number, words)
+        return system(*arguments, **options)
 
     monkeypatch.setattr(socket, "socket", refuse)
     with pytest.raises(RigError, match=f"error TW118 no permission: the system gives no CAN socket: {words}"):

@@ -1,0 +1,207 @@
+"""The guardian as the control process sees it: a process of its own that stops the actuators where this one cannot.
+
+    guardian = GuardianProcess(page, lines, bell, locks)
+    guardian.configure(plan)              # its buses are open from here on, and it watches
+    ...                                   # the run
+    report = guardian.finish()
+
+The plan is a dict that JSON can carry:
+
+    buses       of each: name, interface, channel, bitrate, fd, virtual, line (its number; None where the loop drives the bus itself)
+    devices     of each: name, bus (index), zero and disable as [id, data], replies as [id, mask, first bytes]; data in hex digits, ids with
+                the flag bits of struct can_frame
+    limit       s without a tick after which the loop counts as stalled
+    priority    of SCHED_FIFO, or None
+
+The guardian writes on the page when it has looked last: where that is longer ago than SILENCE the loop ends the run. The actuators on
+buses that the guardian carried are then stopped from here, by `take_over`.
+"""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+
+from runtime.guardian.stopping import SafeStop
+from runtime.guardian.wires import CannotOpen, open_wire
+
+READY_TIMEOUT = 30.0        # s
+LEAVE_TIMEOUT = 5.0         # s
+SILENCE = 0.1               # s of the guardian's that end a run
+FLAGS = 0xE0000000          # of struct can_frame: extended, remote, error
+PERIODS, STALL = 5, 0.04    # the loop counts as stalled after so many periods, and at least so many s, without a tick
+_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+
+# The parent's packages, whatever the working folder holds; then the parent's path, for python-can and its interfaces.
+_BOOT = """
+import sys
+path = sys.argv[7:]
+sys.path[:] = [sys.argv[6], *path]
+import cext, runtime
+sys.path[:] = path
+from runtime.guardian.process import main
+main(*map(int, sys.argv[1:6]))
+"""
+
+
+class GuardianError(Exception):
+    """There is no guardian, so nothing may be armed. troubles : {bus: why it cannot be opened}"""
+
+    def __init__(self, words, troubles):
+        super().__init__(words)
+        self.troubles = troubles
+
+
+class GuardianProcess:
+    """The guardian of one run. Spawned at once.
+
+    page : cext.page.Page
+    lines : cext.rings.Lines, or None where the loop drives every bus itself
+    bell : file descriptor of the eventfd that the loop rings, or -1
+    locks : runtime.guardian.lock.BusLock of every bus, which it holds as long as it lives
+
+    pid : number of the process
+    """
+
+    def __init__(self, page, lines, bell, locks):
+        answers, their_answers = os.pipe()
+        control = os.pidfd_open(os.getpid())
+        inherited = (page.fd, their_answers, control, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()))
+        places = (page.fd, -1 if lines is None else lines.fd, bell, their_answers, control)
+        path = [os.path.abspath(entry) for entry in sys.path]
+        try:
+            self._child = subprocess.Popen(
+                [sys.executable, "-c", _BOOT, *map(str, places), _ROOT, *path],
+                stdin=subprocess.PIPE, pass_fds=(*inherited, *(lock.fileno() for lock in locks)), start_new_session=True)
+        finally:
+            os.close(their_answers)
+            os.close(control)
+        self.pid = self._child.pid
+        self.granted = []
+        self._plan = None
+        self._answers, self._heard = answers, b""
+
+    def configure(self, plan):
+        """Send the plan and wait until every bus is open. GuardianError; then nothing is left behind."""
+        self._plan = plan
+        try:
+            self._child.stdin.write(json.dumps(plan).encode() + b"\n")
+            self._child.stdin.flush()
+            answer = self._answer(READY_TIMEOUT)
+        except BrokenPipeError:
+            answer = None
+        except TimeoutError:
+            answer = {"troubles": {}}
+        if answer is None or "troubles" in answer:
+            how = self.kill()
+            raise GuardianError(f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {}))
+        self.granted = answer["granted"]
+
+    def finish(self):
+        """The run is over: let it go. Returns its report.
+
+        stop : what it has done on its own, None if nothing: `because` is "died" or "stalled"; `silent`, `took` in s; `last_tick`;
+               `confirmed`, `unconfirmed` are names of devices
+        troubles : {bus: why it failed}
+        died : how it ended, where it did not last to the end
+        """
+        try:
+            self._child.stdin.write(b"release\n")
+            self._child.stdin.flush()
+            answer = self._answer(LEAVE_TIMEOUT)
+        except (OSError, TimeoutError):
+            answer = None
+        how = self.kill(LEAVE_TIMEOUT if answer is not None else 0.0)
+        return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
+
+    def kill(self, patience=0.0):
+        """End it, by force if it takes longer than `patience` s, and say how it ended."""
+        if self._child.stdin.closed:
+            return ending(self._child.returncode)
+        try:
+            self._child.stdin.close()
+        except OSError:
+            pass
+        try:
+            self._child.wait(patience)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+        os.close(self._answers)
+        return ending(self._child.returncode)
+
+    def take_over(self):
+        """Where the guardian does not answer: open every bus from here, and stop the actuators.
+
+        Returns (how the guardian ended, {bus: why it could not be opened}, the report of the stop).
+        """
+        from runtime.guardian.process import decoded
+
+        how = self.kill()
+        wires, troubles = {}, {}
+        devices = [decoded(device) for device in self._plan["devices"]]
+        for index, bus in enumerate(self._plan["buses"]):
+            try:
+                wires[index] = open_wire(bus)
+            except CannotOpen as error:
+                troubles[bus["name"]] = str(error)
+        stop = SafeStop(devices, wires, time.monotonic_ns())
+        for index, wire in wires.items():
+            if self._plan["buses"][index]["line"] is None:
+                wire.listen([reply for device in devices if device["bus"] == index for reply in device["replies"]])
+        while not stop.over:
+            stop.step(time.monotonic_ns())
+            time.sleep(0.0005)
+            for index, wire in wires.items():
+                for identifier, data in wire.receive():
+                    stop.hear(index, identifier, data, time.monotonic_ns())
+        for wire in wires.values():
+            wire.close()
+        return how, troubles, stop.report()
+
+    def _answer(self, timeout):
+        """The next line of JSON from the process; None if it ended without one. TimeoutError."""
+        deadline = time.monotonic() + timeout
+        poll = select.poll()
+        poll.register(self._answers, select.POLLIN)
+        while b"\n" not in self._heard:
+            if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
+                raise TimeoutError
+            data = os.read(self._answers, 1 << 16)
+            if not data:
+                return None
+            self._heard += data
+        line, _, self._heard = self._heard.partition(b"\n")
+        return json.loads(line)
+
+
+def ending(code):
+    return signal.Signals(-code).name if code < 0 else f"exit code {code}"
+
+
+def plan(buses, schedule, diagram, priority):
+    """The guardian's plan. buses : as above; priority : of the loop's SCHED_FIFO, or None"""
+    return {
+        "buses": buses,
+        "devices": [
+            {
+                "name": device.name, "bus": device.bus, "zero": told(device.zero), "disable": told(device.disable),
+                "replies": [[flagged(wanted, extended), mask | FLAGS, begin.hex()]
+                            for wanted, mask, extended, begin in diagram[device.name].replies()],
+            }
+            for device in schedule.devices
+        ],
+        "limit": max(PERIODS / schedule.rate, STALL),
+        "priority": None if priority is None else priority + 1,
+    }
+
+
+def told(frames):
+    return [[flagged(identifier, extended), bytes(data).hex()] for identifier, extended, data in frames]
+
+
+def flagged(identifier, extended):
+    return identifier | 0x80000000 * extended

@@ -1,0 +1,91 @@
+"""One controller for each bus: a lock that ends with whoever holds it, kill -9 included, and names its process.
+
+It is a socket in Linux's abstract namespace that listens and never answers: there is no file that could be left behind. The guardian
+inherits it, so that a bus is not free before its actuators are stopped.
+"""
+
+import errno
+import hashlib
+import os
+import socket
+import struct
+import time
+
+LONGEST = 80                    # bytes of a name; the system takes 107
+PATIENCE = 1.0                  # s for the guardian of a dead controller to stop its actuators
+CREDENTIALS = struct.Struct("3i")
+
+
+class BusTaken(Exception):
+    """Another process controls the bus. pid : its number, 0 if the system does not tell; owner : the process in words"""
+
+    def __init__(self, pid):
+        self.pid, self.owner = pid, in_words(pid)
+        super().__init__(f"controlled by {self.owner}")
+
+
+class BusLock:
+    """The right to command what is on a bus, from now until `close`. BusTaken.
+
+    interface, channel : as python-can names them
+    """
+
+    def __init__(self, interface, channel):
+        name = name_of(interface, channel)
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                self.socket.bind(name)
+                self.socket.listen(socket.SOMAXCONN)
+                return
+            except OSError as error:
+                self.socket.close()
+                if error.errno != errno.EADDRINUSE:
+                    raise
+            pid = holder(name)
+            if pid is not None and (alive(pid) or time.monotonic() > deadline):
+                raise BusTaken(pid)
+            time.sleep(0.01)
+
+    def fileno(self):
+        return self.socket.fileno()
+
+    def close(self):
+        self.socket.close()
+
+
+def name_of(interface, channel):
+    channel = os.path.realpath(channel) if os.path.exists(channel) else channel        # two links to one port are one bus
+    name = f"tickwork/bus/{interface}/{channel}".encode()
+    if len(name) > LONGEST:
+        name = name[:LONGEST - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
+    return b"\0" + name
+
+
+def holder(name):
+    """Number of the process that listens at a name, 0 if the system does not tell; None if there is none by now."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
+        visitor.setblocking(False)
+        try:
+            visitor.connect(name)
+        except ConnectionRefusedError:
+            return None
+        except OSError:
+            return 0
+        return CREDENTIALS.unpack(visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[0]
+
+
+def alive(pid):
+    return pid == 0 or os.path.exists(f"/proc/{pid}")
+
+
+def in_words(pid):
+    if pid == 0:
+        return "another process"
+    try:
+        with open(f"/proc/{pid}/cmdline", "rb") as file:
+            words = " ".join(file.read().decode(errors="replace").replace("\0", " ").split())
+    except OSError:
+        return f"process {pid}, which has ended; its guardian has not"
+    return f"process {pid}" + (f" ({words})" if words else "")

@@ -1,0 +1,254 @@
+"""The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
+
+    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall)
+    stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed or 200 ms have passed
+    carry       frames between the rings and the interfaces that are ours; behind the fence none but those of the safe stop
+
+It ends with the control process, or when that says so. Signals do not end it.
+"""
+
+import gc
+import json
+import os
+import resource
+import select
+import signal
+import sys
+import time
+from contextlib import suppress
+
+from cext import realtime
+from cext.page import RECORD_EVENT, Page
+from cext.rings import Lines
+
+from runtime.guardian.stopping import SafeStop
+from runtime.guardian.wires import CannotOpen, open_wire
+from runtime.system import CAP_IPC_LOCK, capable
+
+ORDERS = 0                      # standard input
+LOOK = 5_000_000                # ns between looks at the loop at most
+ACTIVE = ("arming", "running", "stopping")
+NAME = "tickwork-guard"
+
+
+def main(page, lines, bell, answers, control):
+    """The process. File descriptors: of the page, the lines or -1, the bell or -1, the pipe for answers, a pidfd of the control process."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with open("/proc/self/comm", "w") as file:
+        file.write(NAME)
+    guardian = Guardian(Page(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)
+    if guardian.prepare():
+        guardian.run()
+
+
+class Guardian:
+    def __init__(self, page, lines, bell, answers, control):
+        self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
+        self.heard = b""
+        self.released = self.gone = self.told = False
+        self.stop = self.verdict = None
+        self.wires, self.carried, self.places = {}, [], {}
+        self.poll = select.poll()
+        for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
+            self.poll.register(descriptor, select.POLLIN)
+
+    def prepare(self):
+        """Get the plan, open the wires, take what the system grants. False where that is not to be."""
+        while b"\n" not in self.heard and not (self.gone or self.released):
+            self.look(None)
+        if self.gone or self.released:
+            return False
+        line, _, self.heard = self.heard.partition(b"\n")
+        plan = json.loads(line)
+        self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
+        self.harmless = {
+            (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"]}
+        troubles = {}
+        for index, bus in enumerate(self.buses):
+            try:
+                self.wires[index] = open_wire(bus)
+            except CannotOpen as error:
+                troubles[bus["name"]] = str(error)
+        if troubles:
+            self.answer({"troubles": troubles})
+            return False
+        self.carried = [(index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None]
+        self.restless = any(wire.fileno() is None for _, _, wire in self.carried)
+        self.places = {wire.fileno(): index for index, _, wire in self.carried if wire.fileno() is not None}
+        for descriptor in self.places:
+            self.poll.register(descriptor, select.POLLIN)
+        granted = hold_on(plan["priority"])
+        self.page.look_after(time.monotonic_ns())
+        self.answer({"ready": True, "granted": granted})
+        return True
+
+    def run(self):
+        looked = time.monotonic_ns()
+        grace = 0
+        while not self.is_over():
+            self.look(self.milliseconds())
+            now = time.monotonic_ns()
+            self.page.look_after(now)
+            if now - looked > self.limit // 2:
+                grace = now + LOOK          # we were away ourselves: so, perhaps, was the whole machine
+            looked = now
+            if self.stop is None and (self.gone or now >= grace):
+                self.judge(now)
+            self.carry()
+            if self.stop is not None and not self.told:
+                self.listen()
+                self.stop.step(now)
+                self.tell()
+        self.leave()
+
+    def is_over(self):
+        return (self.released or self.gone) and (self.stop is None or self.told)
+
+    def milliseconds(self):
+        """How long to sleep at most."""
+        if self.restless or (self.stop is not None and not self.stop.over):
+            return 1
+        return LOOK // 1_000_000
+
+    def look(self, milliseconds):
+        """Wait until something happens, and take what it is."""
+        for descriptor, event in self.poll.poll(milliseconds):
+            if descriptor == self.bell:
+                with suppress(BlockingIOError):
+                    os.eventfd_read(self.bell)
+            elif descriptor in self.places:
+                self.receive(self.places[descriptor])
+                if not event & select.POLLIN:           # it is gone
+                    self.poll.unregister(descriptor)
+                    self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
+            elif descriptor == self.control:
+                self.gone = True
+                self.poll.unregister(self.control)
+            else:
+                data = os.read(ORDERS, 1 << 20)
+                self.heard += data
+                self.released = self.released or self.heard.endswith(b"release\n")
+                if not data:
+                    self.poll.unregister(ORDERS)
+
+    def judge(self, now):
+        """Is the loop there? If not, stop what it has left."""
+        if self.page.state not in ACTIVE:
+            return
+        silent = now - self.page.beat
+        if self.gone:
+            self.begin_stop("died", silent, now)
+        elif silent > self.limit:
+            self.begin_stop("stalled", silent, now)
+
+    def begin_stop(self, because, silent, now):
+        self.page.raise_fence()
+        self.verdict = {
+            "event": "guardian", "because": because, "silent": silent * 1e-9, "state": self.page.state,
+            "last_tick": self.page.statistics()["last_tick"]}
+        for index, wire in self.wires.items():
+            if self.buses[index]["line"] is None:
+                wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
+            else:
+                self.receive(index)                     # answers to what came before confirm nothing
+        self.stop = SafeStop(self.devices, self.wires, now)
+        self.stop.step(now)
+
+    def carry(self):
+        """What the loop wants sent goes out; behind the fence the frames of the safe stop alone."""
+        for index, line, wire in self.carried:
+            for identifier, data, _ in self.lines.take(line):
+                if self.page.fenced and (index, identifier, data) not in self.harmless:
+                    self.lines.count_up(line, "withheld")
+                else:
+                    wire.send(identifier, data)
+            if self.restless and wire.fileno() is None:
+                self.receive(index)
+            if wire.counts:
+                for kind, many in wire.counts.items():
+                    self.lines.count_up(line, kind, many)
+                wire.counts.clear()
+            if wire.trouble is not None:
+                self.lines.fail(line, wire.trouble[0])
+
+    def receive(self, index):
+        """What has come on a wire of ours goes to the loop, and to the safe stop if there is one."""
+        frames = self.wires[index].receive()
+        now = time.monotonic_ns()
+        for identifier, data in frames:
+            self.lines.give(self.buses[index]["line"], identifier, data, now)
+            if self.stop is not None:
+                self.stop.hear(index, identifier, data, now)
+
+    def listen(self):
+        """In a safe stop, what has come where the loop drives the bus."""
+        for index, wire in self.wires.items():
+            if self.buses[index]["line"] is None:
+                for identifier, data in wire.receive():
+                    self.stop.hear(index, identifier, data, time.monotonic_ns())
+
+    def tell(self):
+        """Once it is done, say what was done: on standard error, and in the recording where its ring has no other writer any more."""
+        if not self.stop.over:
+            return
+        self.told = True
+        self.verdict |= self.stop.report()
+        print(in_words(self.verdict), file=sys.stderr, flush=True)
+
+    def leave(self):
+        if self.verdict is not None and self.gone:
+            self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
+        self.page.look_after(0)
+        self.answer({
+            "stop": self.verdict,
+            "troubles": {self.buses[index]["name"]: wire.trouble[1] for index, wire in self.wires.items() if wire.trouble is not None}})
+        for wire in self.wires.values():
+            wire.close()
+
+    def answer(self, message):
+        """One line of JSON to the control process, if it still listens."""
+        with suppress(BrokenPipeError):
+            os.write(self.answers, json.dumps(message).encode() + b"\n")
+
+
+def decoded(device):
+    """A device of the plan with bytes in place of their hex digits."""
+    frames = {key: [(identifier, bytes.fromhex(data)) for identifier, data in device[key]] for key in ("zero", "disable")}
+    return device | frames | {"replies": [(wanted, mask, bytes.fromhex(begin)) for wanted, mask, begin in device["replies"]]}
+
+
+def in_words(verdict):
+    """What happened, in one line."""
+    tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
+    why = {
+        "died": f"the control process died after {tick}",
+        "stalled": f"the loop has stood still for {verdict['silent'] * 1e3:.0f} ms after {tick}",
+    }[verdict["because"]]
+    done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(verdict["confirmed"])
+    done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
+    return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'nobody to tell'}"
+
+
+def hold_on(priority):
+    """Take what the system grants, so that nothing else keeps us from our task: a list of what that is.
+
+    priority : of SCHED_FIFO, None for an ordinary process
+    """
+    granted = []
+    realtime.set_timer_slack(1)
+    gc.collect()
+    gc.freeze()
+    with suppress(OSError):
+        with open("/proc/self/oom_score_adj", "w") as file:
+            file.write("-1000")
+        granted.append("last to be killed for memory")
+    if capable(CAP_IPC_LOCK) or resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
+        with suppress(OSError):
+            realtime.lock_memory(as_touched=True)
+            granted.append("memory locked")
+    if priority is not None:
+        with suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+            granted.append(f"SCHED_FIFO {priority}")
+    return granted

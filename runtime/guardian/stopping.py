@@ -1,0 +1,64 @@
+"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up."""
+
+ROUND = 5_000_000               # ns between repetitions
+LONGEST = 200_000_000           # ns
+
+
+class SafeStop:
+    """One safe stop, step by step.
+
+    devices : of the plan (runtime.guardian)
+    wires : {index of the bus: wire}, as runtime.guardian.wires has them
+    now : ns, CLOCK_MONOTONIC at which it begins
+
+    due : ns at which `step` has something to do next
+    """
+
+    def __init__(self, devices, wires, now):
+        self.wires, self.began, self.due, self.ended = wires, now, now, None
+        self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
+        self.confirmed, self.heard, self.sent = [], {}, 0
+
+    @property
+    def over(self):
+        return self.ended is not None
+
+    def step(self, now):
+        """Send the next round to those that have not confirmed; see whether all is done."""
+        if self.over:
+            return
+        if not self.waiting or now - self.began >= LONGEST:
+            self.ended = now
+            return
+        if now < self.due:
+            return
+        self.due = now + ROUND
+        self.heard = dict.fromkeys(self.waiting, 0)
+        for device in self.waiting.values():
+            wire = self.wires.get(device["bus"])
+            for identifier, data in device["zero"] + device["disable"]:
+                if wire is not None and wire.send(identifier, data):
+                    self.sent += 1
+
+    def hear(self, bus, identifier, data, now):
+        """A frame that is no echo."""
+        for name, device in list(self.waiting.items()):
+            if device["bus"] != bus or name not in self.heard or not is_reply(device, identifier, data):
+                continue
+            self.heard[name] += 1
+            if self.heard[name] >= len(device["zero"]) + len(device["disable"]):
+                self.confirmed.append(name)
+                del self.waiting[name]
+            break
+        if not self.waiting and not self.over:
+            self.ended = now
+
+    def report(self):
+        """confirmed, unconfirmed : names; sent : frames; took : s"""
+        return {
+            "confirmed": self.confirmed, "unconfirmed": list(self.waiting), "sent": self.sent,
+            "took": ((self.ended or self.began) - self.began) * 1e-9}
+
+
+def is_reply(device, identifier, data):
+    return any(identifier & mask == wanted & mask and data.startswith(begin) for wanted, mask, begin in device["replies"])

@@ -1,0 +1,218 @@
+"""Interfaces as the guardian has them: non-blocking, and never an exception once they are open.
+
+    receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data)
+    send(id, data)  whether the frame went out
+    fileno()        for poll, or None where there is nothing to poll
+    counts          {what became of frames: how many}; trouble : (errno, words) once the interface has failed, else None
+"""
+
+import errno
+import logging
+import os
+import socket
+import struct
+import time
+
+EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
+IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29       # of Linux, which Python's socket has no names for
+MOST = 64                       # frames taken at once
+ECHO = 0.1                      # s within which an interface hands back what was sent
+TIMEOUT = 0.002                 # s that an interface may take to accept a frame
+PATIENCE = 100                  # failures in a row, then the interface has failed
+REMEMBERED = 1024               # different frames of which an echo is awaited
+
+
+class CannotOpen(Exception):
+    """The interface cannot be opened. The text says why."""
+
+
+class Wire:
+    def __init__(self):
+        self.counts = {}
+        self.trouble = None
+        self.failures = 0
+
+    def count(self, kind):
+        self.counts[kind] = self.counts.get(kind, 0) + 1
+
+    def fail(self, number, words):
+        self.trouble = self.trouble or (number or errno.EIO, words)
+
+    def failed_once(self, error):
+        """A failure that may pass: many in a row do not."""
+        self.failures += 1
+        if self.failures >= PATIENCE:
+            self.fail(errno_of(error), str(error))
+
+
+class PythonCanWire(Wire):
+    """Any interface of python-can.
+
+    What is received is compared with what was sent: some interfaces hand a sender its own frames, as if they had been received.
+    """
+
+    def __init__(self, interface, channel, bitrate, fd):
+        super().__init__()
+        import can
+
+        logging.getLogger("can").addHandler(logging.NullHandler())          # it is told by whoever opens us, once
+        self.message = can.Message
+        self.errors = (can.CanError, OSError, ValueError)
+        try:
+            self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **({"fd": True} if fd else {}))
+        except Exception as error:          # what an interface raises is its own
+            raise CannotOpen(str(error) or type(error).__name__) from error
+        if interface == "udp_multicast":
+            keep_apart(self.bus.fileno())
+        self.fd = fd
+        self.echoes = {}                    # (id, data): (how many, time of the last)
+
+    def fileno(self):
+        try:
+            number = self.bus.fileno()
+        except NotImplementedError:
+            return None
+        return number if number >= 0 else None
+
+    def receive(self):
+        frames = []
+        for _ in range(MOST):
+            try:
+                message = self.bus.recv(0)
+            except self.errors as error:
+                self.failed_once(error)
+                if errno_of(error) or self.trouble:
+                    break
+                self.count("corrupt")
+                continue
+            if message is None:
+                break
+            self.failures = 0
+            frame = identifier_of(message), bytes(message.data)
+            if frame[0] & ERROR:
+                self.count("errors")
+            if self.is_echo(frame):
+                self.count("echoes")
+            else:
+                frames.append(frame)
+        return frames
+
+    def send(self, identifier, data):
+        now = time.monotonic()
+        many, _ = self.echoes.get((identifier, data), (0, 0.0))
+        try:
+            self.bus.send(
+                self.message(
+                    arbitration_id=identifier & 0x1FFFFFFF, is_extended_id=bool(identifier & EXTENDED),
+                    is_remote_frame=bool(identifier & REMOTE), data=data, is_fd=self.fd and len(data) > 8),
+                timeout=TIMEOUT)
+        except self.errors as error:
+            self.count("refused")
+            self.failed_once(error)
+            return False
+        self.failures = 0
+        if len(self.echoes) >= REMEMBERED:
+            self.echoes = {frame: known for frame, known in self.echoes.items() if now - known[1] < ECHO}
+        self.echoes[identifier, data] = many + 1, now
+        return True
+
+    def is_echo(self, frame):
+        many, last = self.echoes.get(frame, (0, 0.0))
+        if not many:
+            return False
+        if many == 1 or time.monotonic() - last >= ECHO:
+            del self.echoes[frame]
+        else:
+            self.echoes[frame] = many - 1, last
+        return time.monotonic() - last < ECHO
+
+    def close(self):
+        self.bus.shutdown()
+
+
+class SocketCanWire(Wire):
+    """A socket of our own on an interface that the loop drives itself: it hears nothing before `listen`."""
+
+    FILTER, FD_FRAMES = 1, 5
+    FRAME, FD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IB3x64s")
+
+    def __init__(self, channel, fd, virtual):
+        super().__init__()
+        self.virtual = virtual
+        try:
+            self.socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW | socket.SOCK_NONBLOCK, socket.CAN_RAW)
+            self.socket.setsockopt(socket.SOL_CAN_RAW, self.FILTER, b"")
+            if fd:
+                self.socket.setsockopt(socket.SOL_CAN_RAW, self.FD_FRAMES, 1)
+            self.socket.bind((channel,))
+        except OSError as error:
+            raise CannotOpen(f"{channel}: {error.strerror}") from error
+
+    def fileno(self):
+        return self.socket.fileno()
+
+    def listen(self, replies):
+        """replies : (id, mask, first bytes) of frames to hear"""
+        self.socket.setsockopt(
+            socket.SOL_CAN_RAW, self.FILTER, b"".join(struct.pack("=II", wanted, mask & ~ERROR) for wanted, mask, _ in replies))
+
+    def receive(self):
+        frames = []
+        for _ in range(MOST):
+            try:
+                frame, _, flags, _ = self.socket.recvmsg(self.FD_FRAME.size)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                self.fail(error.errno, error.strerror)
+                break
+            if flags & socket.MSG_DONTROUTE and not self.virtual:
+                self.count("echoes")
+            elif len(frame) >= 8:
+                identifier, length = struct.unpack_from("=IB", frame)
+                frames.append((identifier, frame[8 : 8 + length]))
+        return frames
+
+    def send(self, identifier, data):
+        layout = self.FRAME if len(data) <= 8 else self.FD_FRAME
+        try:
+            self.socket.send(layout.pack(identifier, len(data), data))
+        except OSError as error:
+            self.count("refused")
+            if error.errno not in (errno.ENOBUFS, errno.EAGAIN):
+                self.fail(error.errno, error.strerror)
+            return False
+        return True
+
+    def close(self):
+        self.socket.close()
+
+
+def open_wire(bus):
+    """The wire of a bus of the plan. CannotOpen."""
+    if bus["interface"] == "socketcan":
+        return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
+    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"])
+
+
+def keep_apart(descriptor):
+    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined."""
+    with socket.socket(fileno=os.dup(descriptor)) as twin:
+        if twin.family == socket.AF_INET6:
+            twin.setsockopt(socket.IPPROTO_IPV6, IPV6_MULTICAST_ALL, 0)
+        else:
+            twin.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+
+
+def identifier_of(message):
+    return (
+        message.arbitration_id | EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame | ERROR * message.is_error_frame)
+
+
+def errno_of(error):
+    """The errno behind an exception of an interface, 0 if there is none."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno:
+            return error.errno
+        error = error.__cause__
+    return 0

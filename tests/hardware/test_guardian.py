@@ -1,0 +1,88 @@
+"""The guardian over real SocketCAN: a run is killed or stopped, and a third party on the bus hears the motors being disabled."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.hardware.drives import Drives, answer
+from tests.hardware.vcan import Node, needs_vcan
+from tests.runtime.guardian.bus import guardian_of
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, knee, started
+
+pytestmark = [needs_vcan, pytest.mark.soak]
+MOTOR = {1: 0.3}
+LIMIT = 0.25                                    # s, under an emulated kernel
+
+
+class Listener(Node):
+    """A node that remembers when it heard what: (s of time.monotonic, hex digits of a command)."""
+
+    def __init__(self):
+        super().__init__()
+        self.commands = []
+
+    def listen(self, seconds, until=lambda data: False):
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            for identifier, data in self.heard():
+                if identifier == 1 and data != answer(1, MOTOR[1]):
+                    self.commands.append((time.monotonic(), data.hex().upper()))
+                    if until(self.commands[-1][1]):
+                        return True
+            time.sleep(0.001)
+        return False
+
+    def assert_stopped(self, since):
+        words = [data for _, data in self.commands]
+        end = words.index(DISABLE)
+        assert words[end - 1] == NOTHING and set(words[end - 1 :]) == {NOTHING, DISABLE}
+        assert self.commands[end][0] - since < LIMIT
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A run under torque, and who listens."""
+    rig = tmp_path / "lab.toml"
+    rig.write_text('[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n')
+    with Drives(MOTOR), Listener() as listener:
+        process = started(
+            knee(tmp_path, law="return 2.0"), "--rig", rig, "--rate", "50", "--no-record", "--realtime", "off", "--set",
+            "knee.timeout=0.5", cwd=tmp_path)
+        assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
+        yield process, listener
+        process.kill()
+        process.communicate(timeout=30)
+
+
+def test_kill_9(run):
+    process, listener = run
+    killed = time.monotonic()
+    process.kill()
+    listener.listen(0.5)
+    listener.assert_stopped(killed)
+    assert "the control process died after" in process.communicate(timeout=30)[1]
+
+
+def test_kill_stop_and_kill_cont(run):
+    process, listener = run
+    stopped = time.monotonic()
+    os.kill(process.pid, signal.SIGSTOP)
+    listener.listen(0.6)
+    listener.assert_stopped(stopped)
+    os.kill(process.pid, signal.SIGCONT)
+    _, err = process.communicate(timeout=30)
+    listener.listen(0.1)
+    listener.assert_stopped(stopped)
+    assert process.returncode == 3 and "fenced by the guardian" in err
+
+
+def test_kill_9_of_the_guardian(run):
+    process, listener = run
+    killed = time.monotonic()
+    guardian_of(process).kill()
+    listener.listen(0.5)
+    _, err = process.communicate(timeout=30)
+    listener.assert_stopped(killed)
+    assert process.returncode == 3 and "the guardian did not answer" in err

@@ -1,0 +1,39 @@
+"""The drives of a robot on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.drives CHANNEL ID...`.
+
+Each answers every frame to its id as an AK10-9 would that stands still, unless that frame is its own.
+"""
+
+import sys
+from collections import Counter
+
+import can
+
+from runtime.guardian.wires import keep_apart
+from tests.blocks.actuators import reference
+
+AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
+
+
+def open_bus(channel):
+    bus = can.Bus(channel, interface="udp_multicast")
+    keep_apart(bus.fileno())
+    return bus
+
+
+def main(channel, *identifiers):
+    bus, sent = open_bus(channel), Counter()
+    motors = set(map(int, identifiers))
+    print("ready", flush=True)
+    while True:
+        heard = bus.recv()
+        frame = heard.arbitration_id, bytes(heard.data)
+        if sent[frame]:
+            sent[frame] -= 1
+        elif heard.arbitration_id in motors and not heard.is_extended_id and heard.dlc == 8:
+            answer = reference.reply(AK10_9, heard.arbitration_id, 0.1, 0.0, 0.0, 30.0, 0)
+            sent[heard.arbitration_id, bytes(answer)] += 1
+            bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=answer))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

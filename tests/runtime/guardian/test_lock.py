@@ -1,0 +1,72 @@
+"""One controller a bus: a lock that ends with its process and names it."""
+
+import os
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+
+from runtime.guardian.lock import BusLock, BusTaken, name_of
+from tests.runtime.runs import ROOT
+
+HOLD = (
+    "import sys; from runtime.guardian.lock import BusLock\n"
+    "lock = BusLock('socketcan', sys.argv[1]); print('held', flush=True); sys.stdin.read()")
+
+
+@pytest.fixture
+def channel():
+    return f"can_of_{os.getpid()}"
+
+
+def holding(channel):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLD, channel], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def test_a_bus_has_one_controller_and_others_learn_who_it_is(channel):
+    with holding(channel) as process:
+        for _ in range(3):
+            with pytest.raises(BusTaken, match=f"controlled by process {process.pid} \\(.* {channel}\\)") as taken:
+                BusLock("socketcan", channel)
+            assert taken.value.pid == process.pid
+        BusLock("socketcan", f"{channel}_other").close()
+        BusLock("slcan", channel).close()
+
+
+def test_the_lock_ends_with_its_process_even_by_kill_9(channel):
+    with holding(channel) as process:
+        process.kill()
+        process.wait()
+        began = time.monotonic()
+        BusLock("socketcan", channel).close()
+        assert time.monotonic() - began < 0.5
+
+
+def test_a_lock_that_is_closed_is_free_again(channel):
+    first = BusLock("socketcan", channel)
+    with pytest.raises(BusTaken, match=f"process {os.getpid()} "):
+        BusLock("socketcan", channel)
+    first.close()
+    BusLock("socketcan", channel).close()
+
+
+def test_two_names_of_one_port_are_one_bus(tmp_path):
+    (tmp_path / "ttyACM0").touch()
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    lock = BusLock("slcan", str(tmp_path / "ttyACM0"))
+    with pytest.raises(BusTaken):
+        BusLock("slcan", str(tmp_path / "by-id"))
+    lock.close()
+
+
+def test_long_channels_have_names_of_their_own():
+    long = "usb:" + 200 * "x"
+    assert name_of("gs_usb", long + "1") != name_of("gs_usb", long + "2")
+    for channel in (long, "ü" * 60):
+        with socket.socket(socket.AF_UNIX) as place:
+            place.bind(name_of("gs_usb", channel))

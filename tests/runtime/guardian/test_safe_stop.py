@@ -1,0 +1,103 @@
+"""The safe stop over wires, in virtual time: what is sent, when it ends, and who has confirmed."""
+
+import pytest
+
+from runtime.guardian.stopping import LONGEST, ROUND, SafeStop
+
+ALL = 0xFFFFFFFF
+
+
+class Log:
+    """A wire that keeps what is sent. working : whether frames go out"""
+
+    def __init__(self, working=True):
+        self.sent, self.working = [], working
+
+    def send(self, identifier, data):
+        self.sent.append((identifier, data))
+        return self.working
+
+
+def device(name, bus, identifier, begin=b""):
+    return {
+        "name": name, "bus": bus, "zero": [(identifier, b"zero")], "disable": [(identifier, b"disable")],
+        "replies": [(identifier + 0x100, ALL, begin)]}
+
+
+@pytest.fixture
+def legs():
+    """Two devices on a bus, one on another."""
+    wires = {0: Log(), 1: Log()}
+    return SafeStop([device("left", 0, 1), device("right", 0, 2), device("hip", 1, 1, b"\1")], wires, 0), wires
+
+
+def test_everybody_is_told_at_once_and_again_every_round(legs):
+    stop, wires = legs
+    stop.step(0)
+    assert wires[0].sent == [(1, b"zero"), (1, b"disable"), (2, b"zero"), (2, b"disable")]
+    assert wires[1].sent == [(1, b"zero"), (1, b"disable")]
+    stop.step(ROUND - 1)
+    assert len(wires[0].sent) == 4
+    stop.step(ROUND)
+    assert len(wires[0].sent) == 8 and stop.report()["sent"] == 12
+
+
+def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
+    stop, wires = legs
+    stop.step(0)
+    stop.hear(0, 0x101, b"", 1)
+    stop.step(ROUND)                                        # one answer is not enough, and counts no more
+    stop.hear(0, 0x101, b"", ROUND + 1)
+    assert stop.report()["confirmed"] == []
+    stop.hear(0, 0x101, b"", ROUND + 2)
+    assert stop.report()["confirmed"] == ["left"]
+    stop.step(2 * ROUND)
+    assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
+
+
+def test_it_ends_when_all_have_confirmed(legs):
+    stop, _ = legs
+    stop.step(0)
+    for bus, identifier, data in ((0, 0x101, b""), (0, 0x102, b""), (1, 0x101, b"\1!")):
+        stop.hear(bus, identifier, data, 1_000_000)
+        assert not stop.over
+        stop.hear(bus, identifier, data, 2_000_000)
+    assert stop.over and stop.report() == {"confirmed": ["left", "right", "hip"], "unconfirmed": [], "sent": 6, "took": 0.002}
+
+
+def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
+    stop, wires = legs
+    for now in range(0, LONGEST + 1, 1_000_000):
+        stop.step(now)
+    assert stop.over and stop.report()["unconfirmed"] == ["left", "right", "hip"] and stop.report()["took"] == 0.2
+    assert len(wires[1].sent) == 2 * LONGEST // ROUND
+    stop.step(2 * LONGEST)
+    assert len(wires[1].sent) == 2 * LONGEST // ROUND
+
+
+@pytest.mark.parametrize("bus, identifier, data", [
+    (0, 0x101, b"\1"),              # from another bus
+    (1, 0x201, b"\1"),              # from another id
+    (1, 0x101, b"\2"),              # it begins otherwise, as a command does
+    (1, 0x101, b""),
+    (1, 0x80000101, b"\1"),         # extended
+])
+def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
+    stop, _ = legs
+    stop.step(0)
+    for _ in range(4):
+        stop.hear(bus, identifier, data, 1)
+    assert "hip" not in stop.report()["confirmed"]
+
+
+def test_a_bus_that_takes_no_frame_does_not_keep_the_others_from_their_stop():
+    wires = {0: Log(working=False), 1: Log()}
+    stop = SafeStop([device("left", 0, 1), device("hip", 1, 1), device("gone", 2, 1)], wires, 0)
+    stop.step(0)
+    assert len(wires[0].sent) == 2 and len(wires[1].sent) == 2 and stop.report()["sent"] == 2
+
+
+def test_devices_that_are_never_told_anything_are_not_waited_for():
+    stop = SafeStop([device("imu", 0, 1) | {"zero": [], "disable": []}], {0: Log()}, 0)
+    stop.step(0)
+    assert stop.over

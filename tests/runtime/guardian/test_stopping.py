@@ -1,0 +1,169 @@
+"""What stops the motors when the process that drives them cannot: real processes, real signals, and a third node that listens."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of, is_torque
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
+
+DEATH = 0.1                     # s from a kill to the last first stop frame, on a machine that may be busy; 0.001 where it is not
+STALL = 0.2                     # likewise, with the 40 ms that a loop may stand still
+
+
+@pytest.fixture
+def bus(tmp_path):
+    with Bus(tmp_path) as bus:
+        yield bus
+
+
+def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
+    process = bus.start("--record", "out")
+    bus.await_torque()
+    everybody = family(process)
+    killed = time.time()
+    process.kill()
+    bus.listen(0.3)
+    _, err = process.communicate(timeout=10)
+    assert bus.stopped_after(killed) < DEATH
+    assert "tickwork guardian: the control process died after tick" in err and "confirmed by left/knee, right/knee" in err
+    assert_nothing_is_left(everybody, bus.channel)
+    [event] = [event for event in Files(tmp_path / "out").sidecar["events"] if event["event"] == "guardian"]
+    assert event["because"] == "died" and sorted(event["confirmed"]) == ["left/knee", "right/knee"] and event["took"] < 0.2
+
+
+def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
+    process = bus.start("--no-record")
+    bus.await_torque()
+    everybody = family(process)
+    stopped = time.time()
+    os.kill(process.pid, signal.SIGSTOP)
+    bus.listen(0.4)
+    assert bus.stopped_after(stopped) < STALL
+    os.kill(process.pid, signal.SIGCONT)
+    bus.listen(0.3)
+    _, err = process.communicate(timeout=10)
+    bus.listen()
+    assert bus.stopped_after(stopped) < STALL                       # and none since
+    assert process.returncode == 3 and "fenced by the guardian" in err and "stood still for" in err
+    assert_nothing_is_left(everybody, bus.channel)
+
+
+HANGS = {
+    "in Python": {"law": "if tick > 40: time.sleep(1e6)"},
+    "in native code, with the GIL": {"law": "if tick > 40: ctypes.PyDLL(None).pause()"},
+    "in a native kernel": {"more": "with subsystem('late', enabled=law.late): Hang()(law.torque)"},
+}
+
+
+@pytest.mark.parametrize("where", HANGS)
+def test_a_block_that_hangs_does_not_keep_the_motors_turning(bus, where):
+    process = bus.start("--no-record", **HANGS[where])
+    bus.await_torque()
+    everybody = family(process)
+    first = bus.listen(3.0, lambda frame: frame.data == DISABLE)
+    bus.listen(0.1)
+    last = max(frame.time for frame in bus.frames if is_torque(frame))
+    assert first is not None and bus.stopped_after(last) < STALL
+    process.kill()
+    process.communicate(timeout=10)
+    assert_nothing_is_left(everybody, bus.channel)
+
+
+@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP])
+def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by):
+    process = bus.start("--no-record")
+    bus.await_torque()
+    everybody = family(process)
+    killed = time.time()
+    guardian_of(process).send_signal(by)
+    _, err = process.communicate(timeout=10)
+    bus.listen()
+    assert bus.stopped_after(killed) < 0.1 + STALL
+    assert process.returncode == 3 and "the guardian" in err and "SIGKILL" in err
+    assert_nothing_is_left(everybody, bus.channel)
+
+
+def test_a_run_that_is_stopped_while_arming_enables_nothing_afterwards(tmp_path):
+    with Bus(tmp_path, number=1, answering=False) as bus:
+        process = bus.start("--no-record")
+        assert bus.listen(20.0, lambda frame: frame.data == ENABLE)
+        everybody = family(process)
+        stopped = time.time()
+        os.kill(process.pid, signal.SIGSTOP)
+        bus.listen(0.5)
+        assert bus.stopped_after(stopped) < STALL
+        os.kill(process.pid, signal.SIGCONT)
+        _, err = process.communicate(timeout=10)
+        bus.listen()
+        assert bus.stopped_after(stopped) < STALL and process.returncode == 3
+        assert "while arming" in err and "fenced by the guardian" in err and "NOT confirmed by left/knee, right/knee" in err
+        assert_nothing_is_left(everybody, bus.channel)
+
+
+def test_whoever_else_commands_a_drive_ends_the_run(bus):
+    process = bus.start("--no-record")
+    bus.await_torque()
+    bus.send(2, bytes.fromhex(ENABLE))
+    out, err = process.communicate(timeout=10)
+    bus.listen()
+    assert process.returncode == 3 and "FAULT at right/knee" in err and "somebody else commands it: a frame to id 2 on bus legs" in err
+    assert "confirmed by left/knee, right/knee" in out
+    said = [frame.data for frame in bus.commands(1)]
+    assert said[-2:] == [NOTHING, DISABLE]
+
+
+def test_own_commands_that_look_like_replies_are_none(tmp_path):
+    """Zero torque begins with 7F, and so do the replies of drive 127: a drive that does not answer is not taken for one that does."""
+    with Bus(tmp_path, number=2, motors=(127,), answering=False) as bus:
+        process = bus.start("--no-record", "--set", "left/knee.can_id=127", "--set", "right/knee.can_id=126")
+        _, err = process.communicate(timeout=20)
+        bus.listen()
+        assert any(frame.data == NOTHING and frame.identifier == 127 for frame in bus.frames)
+        assert "no answer from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); nothing was heard on any bus" in err
+
+
+def test_one_controller_a_bus(bus):
+    process = bus.start("--no-record")
+    bus.await_torque()
+    second = bus.start("--no-record")
+    _, err = second.communicate(timeout=20)
+    assert second.returncode == 2
+    assert f"error TW106 bus that somebody else controls: [bus.legs] {bus.channel} is controlled by process {process.pid} (" in err
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=10)                      # nobody has disturbed it
+    assert process.returncode == 130 and "FAULT" not in err and "confirmed by left/knee, right/knee" in out
+
+
+@pytest.mark.soak
+def test_a_hundred_kills(tmp_path):
+    """p99 of 20 ms from kill -9 to the last first stop frame, and none missed."""
+    took = []
+    for _ in range(100):
+        with Bus(tmp_path, number=3) as bus:
+            process = bus.start("--no-record")
+            bus.await_torque()
+            killed = time.time()
+            process.kill()
+            bus.listen(0.1)
+            process.communicate(timeout=10)
+            took.append(bus.stopped_after(killed))
+    assert sorted(took)[98] < 0.02, took
+
+
+@pytest.mark.soak
+def test_kill_stop_at_any_moment(tmp_path):
+    for moment in range(100):
+        with Bus(tmp_path, number=4) as bus:
+            process = bus.start("--no-record")
+            bus.await_torque()
+            bus.listen(0.005 * moment / 100)
+            stopped = time.time()
+            os.kill(process.pid, signal.SIGSTOP)
+            bus.listen(0.15)
+            os.kill(process.pid, signal.SIGCONT)
+            process.communicate(timeout=10)
+            bus.listen()
+            assert bus.stopped_after(stopped) < STALL

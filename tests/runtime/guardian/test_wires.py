@@ -1,0 +1,119 @@
+"""Interfaces as the guardian has them: real sockets of udp_multicast, and python-can's in-memory bus."""
+
+import errno
+import itertools
+import os
+import select
+import socket
+
+import can
+import pytest
+
+from runtime.guardian.wires import CannotOpen, PythonCanWire, SocketCanWire
+from tests.runtime.guardian.drives import open_bus
+
+PORT = 43113                    # of udp_multicast
+CHANNELS = (f"239.{210 + os.getpid() % 40}.{os.getpid() // 40 % 250}.{number}" for number in itertools.count(1))
+NOTHING = bytes.fromhex("7fff7ff0000007ff")
+
+
+@pytest.fixture
+def channel():
+    return next(CHANNELS)
+
+
+@pytest.fixture
+def wire(channel):
+    wire = PythonCanWire("udp_multicast", channel, 1_000_000, False)
+    yield wire
+    wire.close()
+
+
+@pytest.fixture
+def node(channel):
+    node = open_bus(channel)
+    yield node
+    node.shutdown()
+
+
+def heard(wire, count):
+    """The next frames, as they come."""
+    frames = []
+    while len(frames) < count and select.select([wire], [], [], 5.0)[0]:
+        frames += wire.receive()
+    return frames
+
+
+def message(identifier, data, extended=False, **kind):
+    return can.Message(arbitration_id=identifier, data=data, is_extended_id=extended, **kind)
+
+
+def test_own_frames_are_not_received_though_the_interface_hands_them_back(wire, node):
+    assert all(wire.send(127, NOTHING) for _ in range(3))
+    node.send(message(127, bytes.fromhex("7f8000800800460" + "0")))
+    assert heard(wire, 1) == [(127, bytes.fromhex("7f80008008004600"))]
+    assert wire.counts == {"echoes": 3}
+
+
+def test_a_frame_of_another_node_that_equals_ours_is_received_beside_the_echo(wire, node):
+    wire.send(127, NOTHING)
+    node.send(message(127, NOTHING))
+    assert heard(wire, 1) == [(127, NOTHING)] and wire.counts == {"echoes": 1}
+
+
+def test_frames_of_every_kind_go_both_ways(wire, node):
+    wire.send(0x80012345, b"abc")
+    wire.send(0x40000123, b"")
+    one, other = node.recv(1.0), node.recv(1.0)
+    assert (one.arbitration_id, one.is_extended_id, one.data, other.is_remote_frame) == (0x12345, True, b"abc", True)
+    node.send(message(0x54321, b"xyz", extended=True))
+    node.send(message(0x1, b"", is_remote_frame=True))
+    node.send(message(0x4, bytes(8), is_error_frame=True))
+    assert heard(wire, 3) == [(0x80054321, b"xyz"), (0x40000001, b""), (0x20000004, bytes(8))]
+    assert wire.counts["errors"] == 1
+
+
+def test_what_is_no_frame_is_counted_and_reception_goes_on(wire, node, channel):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for rubbish in (b"", b"\xc1", b"rubbish", os.urandom(300), b"\x93\x01\x02\x03"):
+            stranger.sendto(rubbish, (channel, PORT))
+    node.send(message(1, b"after"))
+    assert heard(wire, 1) == [(1, b"after")]
+    assert wire.counts["corrupt"] == 5 and wire.trouble is None
+
+
+def test_two_buses_of_one_machine_do_not_hear_each_other(wire, node):
+    other = open_bus(next(CHANNELS))
+    other.send(message(1, b"other"))
+    node.send(message(1, b"ours"))
+    assert heard(wire, 1) == [(1, b"ours")]
+    other.shutdown()
+
+
+def test_an_interface_that_python_can_cannot_open_says_why():
+    with pytest.raises(CannotOpen, match="could not create or configure socket"):
+        PythonCanWire("udp_multicast", "192.0.2.1", 1_000_000, False)
+
+
+def test_an_interface_without_a_descriptor_is_read_all_the_same(channel):
+    wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
+    node.send(message(3, b"abc"))
+    assert wire.fileno() is None and wire.receive() == [(3, b"abc")] and wire.receive() == []
+    assert wire.send(3, b"def") and node.recv(1.0).data == b"def"
+    wire.close()
+    node.shutdown()
+
+
+def test_an_interface_that_fails_is_told_after_some_patience_and_never_raises(channel):
+    wire = PythonCanWire("udp_multicast", channel, 1_000_000, False)
+    with socket.socket(fileno=os.dup(wire.fileno())) as twin:
+        wire.close()
+        assert not any(wire.send(1, b"") for _ in range(99)) and wire.trouble is None
+        assert not wire.send(1, b"") and wire.trouble[0] in (errno.EBADF, errno.EIO)
+        assert wire.counts["refused"] == 100 and wire.receive() == []
+        assert twin.fileno() >= 0
+
+
+def test_a_socketcan_interface_that_is_not_there_is_told():
+    with pytest.raises(CannotOpen, match="can_no_such"):
+        SocketCanWire("can_no_such", False, False)
