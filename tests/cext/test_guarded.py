@@ -10,7 +10,7 @@ from cext.page import Page
 from graph import Block, Input, Output
 from tests.cext.rigs import ends_in_the_safe_stop, one_drive
 
-GUARD = 0.05                        # s
+GUARD = 0.5                         # s: before a run garbage is collected, which takes long among many tests
 
 
 class Then(Block):
