@@ -26,6 +26,7 @@ from runtime.simulation import Simulation
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
+MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
 LONGEST_WORD = 40               # characters of a trial's field in the names of files
 FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
 
@@ -149,8 +150,8 @@ def run(prepared, say=lambda lines: None):
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
-            if rig is not None and outcome is not None and outcome.status == "unguarded":
-                outcome = replace(outcome, unconfirmed=rig.take_over())
+            if rig is not None and outcome is not None:
+                outcome = stopped_by_hand(outcome, rig, page)
             realtime.release()
             if realtime.spun:
                 tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
@@ -167,6 +168,24 @@ def run(prepared, say=lambda lines: None):
     return Result(
         **vars(prepared), outcome=outcome, statistics=statistics, recording=recording, seconds=seconds, control=control,
         realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
+
+
+def stopped_by_hand(outcome, rig, page):
+    """The Outcome, once the actuators have been stopped from here where the guardian that carries their frames no longer answers."""
+    lost = outcome.unconfirmed and rig.carries and not looks(page)
+    if not lost and outcome.status != "unguarded":
+        return outcome
+    if outcome.status in ("silent", "no answer", "bus error"):      # its drives are silent because it is
+        outcome = replace(outcome, status="unguarded", culprit=None)
+    return replace(outcome, unconfirmed=rig.take_over())
+
+
+def looks(page):
+    """Whether the guardian looks at the page once more within a moment."""
+    before, deadline = page.guarded, time.monotonic() + MOMENT
+    while page.guarded == before and time.monotonic() < deadline:
+        time.sleep(0.001)
+    return page.guarded != before
 
 
 def guard(rig, page, prepared):
