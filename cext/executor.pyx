@@ -16,7 +16,7 @@ import sys
 from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
-from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
+from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, SILENT, UNGUARDED
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.journal cimport Journal
@@ -125,6 +125,9 @@ cdef class Executor:
                     status = self.loop(ticks, fade)
                 if status == STOP_WANTED:
                     stopped, status = True, OK
+                if status == SILENT and self.carried and self.journal.guardian_is_late():
+                    status = UNGUARDED
+                    self.control.devices.failed.device = -1
                 self.stop(0.0 if status == UNGUARDED and self.carried else stopping_timeout)
         finally:
             self.signals.give_back()

@@ -71,6 +71,10 @@ cdef class Journal:
             return FENCED
         return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK
 
+    cdef bint guardian_is_late(self) noexcept nogil:
+        """Whether drives that seem silent may be so because the guardian is, which carries their frames."""
+        return self.guard > 0 and monotonic() - load_i64(&self.layout.guard) > self.guard // 2
+
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
             store_i32(&self.layout.fence, 1)
