@@ -19,12 +19,11 @@ buses that the guardian carried are then stopped from here, by `take_over`.
 
 import json
 import os
-import select
 import signal
 import subprocess
-import sys
 import time
 
+from runtime.child import ChildProcess
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 
@@ -33,18 +32,6 @@ LEAVE_TIMEOUT = 5.0         # s
 SILENCE = 0.1               # s of the guardian's that end a run
 FLAGS = 0xE0000000          # of struct can_frame: extended, remote, error
 PERIODS, STALL = 5, 0.04    # the loop counts as stalled after so many periods, and at least so many s, without a tick
-_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-
-# The parent's packages, whatever the working folder holds; then the parent's path, for python-can and its interfaces.
-_BOOT = """
-import sys
-path = sys.argv[7:]
-sys.path[:] = [sys.argv[6], *path]
-import cext, runtime
-sys.path[:] = path
-from runtime.guardian.process import main
-main(*map(int, sys.argv[1:6]))
-"""
 
 
 class GuardianError(Exception):
@@ -55,7 +42,7 @@ class GuardianError(Exception):
         self.troubles = troubles
 
 
-class GuardianProcess:
+class GuardianProcess(ChildProcess):
     """The guardian of one run. Spawned at once.
 
     page : cext.page.Page
@@ -67,22 +54,10 @@ class GuardianProcess:
     """
 
     def __init__(self, page, lines, bell, locks):
-        answers, their_answers = os.pipe()
-        control = os.pidfd_open(os.getpid())
-        inherited = (page.fd, their_answers, control, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()))
-        places = (page.fd, -1 if lines is None else lines.fd, bell, their_answers, control)
-        path = [os.path.abspath(entry) for entry in sys.path]
-        try:
-            self._child = subprocess.Popen(
-                [sys.executable, "-c", _BOOT, *map(str, places), _ROOT, *path],
-                stdin=subprocess.PIPE, pass_fds=(*inherited, *(lock.fileno() for lock in locks)), start_new_session=True)
-        finally:
-            os.close(their_answers)
-            os.close(control)
-        self.pid = self._child.pid
+        inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks))
+        super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted = []
         self._plan = None
-        self._answers, self._heard = answers, b""
 
     def configure(self, plan):
         """Send the plan and wait until every bus is open. GuardianError; then nothing is left behind."""
@@ -161,21 +136,6 @@ class GuardianProcess:
         for wire in wires.values():
             wire.close()
         return how, troubles, stop.report()
-
-    def _answer(self, timeout):
-        """The next line of JSON from the process; None if it ended without one. TimeoutError."""
-        deadline = time.monotonic() + timeout
-        poll = select.poll()
-        poll.register(self._answers, select.POLLIN)
-        while b"\n" not in self._heard:
-            if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
-                raise TimeoutError
-            data = os.read(self._answers, 1 << 16)
-            if not data:
-                return None
-            self._heard += data
-        line, _, self._heard = self._heard.partition(b"\n")
-        return json.loads(line)
 
 
 def ending(code):

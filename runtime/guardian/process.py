@@ -31,8 +31,8 @@ ACTIVE = ("arming", "running", "stopping")
 NAME = "tickwork-guard"
 
 
-def main(page, lines, bell, answers, control):
-    """The process. File descriptors: of the page, the lines or -1, the bell or -1, the pipe for answers, a pidfd of the control process."""
+def main(answers, control, page, lines, bell):
+    """The process. File descriptors: of the pipe for answers, a pidfd of the control process, the page, the lines or -1, the bell or -1."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     with open("/proc/self/comm", "w") as file:

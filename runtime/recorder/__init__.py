@@ -28,33 +28,20 @@ import os
 import select
 import signal
 import subprocess
-import sys
 import termios
-import time
 
+from runtime.child import ChildProcess
 from runtime.recorder.keyboard import own_terminal, put_back
 
 READY_TIMEOUT = 30.0        # s, for a slow disk
 ABANDON_TIMEOUT = 5.0       # s
-_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-
-# The parent's packages, whatever the working folder holds; then the parent's path, for services of other packages.
-_BOOT = """
-import sys
-path = sys.argv[6:]
-sys.path[:] = [sys.argv[5], *path]
-import cext, runtime
-sys.path[:] = path
-from runtime.recorder.process import main
-main(*map(int, sys.argv[1:5]))
-"""
 
 
 class RecorderError(Exception):
     """The recording cannot be made. The text says why, in one line."""
 
 
-class RecorderProcess:
+class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
     page : cext.page.Page
@@ -63,21 +50,10 @@ class RecorderProcess:
     """
 
     def __init__(self, page):
-        answers, their_answers = os.pipe()
-        control = os.pidfd_open(os.getpid())
         self._terminal = own_terminal()
         self._attributes = None if self._terminal is None else termios.tcgetattr(self._terminal)
         keys = () if self._terminal is None else (self._terminal,)
-        path = [os.path.abspath(entry) for entry in sys.path]
-        try:
-            self._child = subprocess.Popen(
-                [sys.executable, "-c", _BOOT, str(page.fd), str(their_answers), str(control), str(*keys or (-1,)), _ROOT, *path],
-                stdin=subprocess.PIPE, pass_fds=(page.fd, their_answers, control, *keys), start_new_session=True)
-        finally:
-            os.close(their_answers)
-            os.close(control)
-        self.pid = self._child.pid
-        self._answers, self._heard = answers, b""
+        super().__init__("runtime.recorder.process", (page.fd, *(keys or (-1,))), (page.fd, *keys))
         self._files = []
         self._over = False
 
@@ -163,21 +139,6 @@ class RecorderProcess:
         poll = select.poll()
         poll.register(self._answers, 0)
         poll.poll(timeout * 1e3)
-
-    def _answer(self, timeout):
-        """The next line of JSON from the process; None if it ended without one. TimeoutError."""
-        deadline = time.monotonic() + timeout
-        poll = select.poll()
-        poll.register(self._answers, select.POLLIN)
-        while b"\n" not in self._heard:
-            if not poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
-                raise TimeoutError
-            data = os.read(self._answers, 1 << 16)
-            if not data:
-                return None
-            self._heard += data
-        line, _, self._heard = self._heard.partition(b"\n")
-        return json.loads(line)
 
     def _end(self, timeout=10.0):
         """Wait for the process to end, kill it if it does not, and say how it ended."""

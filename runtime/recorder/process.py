@@ -65,8 +65,8 @@ class Control:
         return None if self.abandoned or self.gone else json.loads(line)
 
 
-def main(page, answers, control, keys):
-    """The process: file descriptors of the page, of the pipe for answers, a pidfd of the control process, and its terminal's or -1."""
+def main(answers, control, page, keys):
+    """The process: file descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or -1."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     be_ordinary()
