@@ -21,6 +21,8 @@ cdef struct Device:
     Batch enable
     Batch zero
     Batch disable
+    Batch damp                   # a safe stop begins with these,
+    int64_t damping              # for so many ns
     int64_t heard                # ns, when the newest sample arrived
     int64_t replies
     int64_t replies_wanted       # before it counts as answered
@@ -47,6 +49,7 @@ cdef class Devices:
     cdef int item                # of the stopwatch: that of the first device
     cdef bint ran
     cdef bint alone              # nobody else may command them
+    cdef int64_t longest_damping # ns
 
     cdef int load(self) except -1
     cdef void reset(self)
@@ -58,6 +61,7 @@ cdef class Devices:
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
+    cdef int send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil

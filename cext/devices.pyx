@@ -91,6 +91,9 @@ cdef class Devices:
             load_batch(&device.enable, entry.enable)
             load_batch(&device.zero, entry.zero)
             load_batch(&device.disable, entry.disable)
+            load_batch(&device.damp, entry.damp)
+            device.damping = round(entry.damp_time * 1e9) if entry.damp else 0
+            self.longest_damping = max(self.longest_damping, device.damping)
         return 0
 
     cdef void begin(self, int64_t began) noexcept nogil:
@@ -241,6 +244,20 @@ cdef class Devices:
             if zero:
                 status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
             if disable:
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+        return BUS_ERROR if status != OK else OK
+
+    cdef int send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil:
+        """One round of the safe stop, `since` ns after it began: damping to who is damped first, zero torque and disable to all others."""
+        cdef int number
+        cdef Device *device
+        cdef int status = OK
+        for number in range(self.count):
+            device = &self.devices[number]
+            if since < device.damping:
+                status |= self.send(device.bus, device.damp.frames, device.damp.count, now, page)
+            else:
+                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
                 status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
         return BUS_ERROR if status != OK else OK
 

@@ -299,10 +299,16 @@ cdef class Executor:
         store_i64(&page.ticks, page.ticks + 1)
 
     cdef void stop(self, double timeout) noexcept nogil:
-        """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up."""
+        """The safe stop: fence, then zero torque and disable, again and again until every device has confirmed or time is up.
+
+        Devices that are to be damped first are, where they may have been under torque.
+        """
         cdef int64_t step = max(100000, min(self.pace.period, 5000000))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
-        cdef int64_t waited = 0
+        cdef int64_t damping = self.control.devices.longest_damping
+        cdef int64_t since = 0 if self.tick >= 0 else damping      # ns since the stop began
+        cdef int64_t limit = damping + <int64_t>(timeout * 1e9)
+        cdef bint damped
         cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)
@@ -312,14 +318,15 @@ cdef class Executor:
             self.journal.attend(monotonic())
             self.control.devices.want_replies(True, True)
             self.journal.make_room(True)
-            self.control.devices.send_batches(False, True, True, now, self.layout)
+            damped = since < damping
+            self.control.devices.send_stop(since, now, self.layout)
             self.body.advance_plant(now)
             now += step
-            waited += step
+            since += step
             if not self.virtual:
                 self.pace.sleep_until(monotonic() + step)
             self.control.devices.receive(now, self.layout)
-            if self.control.devices.all_answered() or waited >= timeout * 1e9:
+            if since >= limit or (not damped and self.control.devices.all_answered()):
                 break
         self.control.devices.failed = blame
         self.control.live.dismiss(self.layout)

@@ -10,6 +10,7 @@ class Device(Block):
     decode, encode : native, cext.abi's decode_t and encode_t
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
+    damp_time : s for which a safe stop keeps it damped before it is disabled
     hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
@@ -17,6 +18,7 @@ class Device(Block):
     bus = ""
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
+    damp_time = 0.0
     hardware = ()
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()
@@ -60,6 +62,10 @@ class Device(Block):
 
     def disable_frames(self):
         """Frames that make the device passive. Enabling again takes arming."""
+        return []
+
+    def damp_frames(self):
+        """Frames that make it resist motion and nothing else: a safe stop begins with these for `damp_time` s, where that is above 0."""
         return []
 
     def emulator(self):

@@ -37,6 +37,8 @@ class DeviceSteps:
     enable: tuple
     zero: tuple
     disable: tuple
+    damp: tuple = ()           # instead of both for so many s, first
+    damp_time: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from cext.abi cimport (
 cdef enum: # of CubeMars, in the order of its declaration
     POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
     POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT
-    CAN_ID, INVERT, OFFSET, TIMEOUT
+    CAN_ID, INVERT, OFFSET, TIMEOUT, STOP_DAMPING, STOP_TIME
     WIRE                        # position, velocity, stiffness, damping, torque: half the range of each
     LIMITS                      # position, velocity, stiffness, damping, torque: what a command must stay inside
 

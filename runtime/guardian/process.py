@@ -63,7 +63,7 @@ class Guardian:
         plan = json.loads(line)
         self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
         self.harmless = {
-            (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"]}
+            (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"] + device["damp"]}
         troubles = {}
         for index, bus in enumerate(self.buses):
             try:
@@ -152,7 +152,7 @@ class Guardian:
                 wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
             else:
                 self.receive(index)                     # answers to what came before confirm nothing
-        self.stop = SafeStop(self.devices, self.wires, now)
+        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0)
         self.stop.step(now)
 
     def carry(self):
@@ -214,7 +214,7 @@ class Guardian:
 
 def decoded(device):
     """A device of the plan with bytes in place of their hex digits."""
-    frames = {key: [(identifier, bytes.fromhex(data)) for identifier, data in device[key]] for key in ("zero", "disable")}
+    frames = {key: [(identifier, bytes.fromhex(data)) for identifier, data in device[key]] for key in ("zero", "disable", "damp")}
     return device | frames | {"replies": [(wanted, mask, bytes.fromhex(begin)) for wanted, mask, begin in device["replies"]]}
 
 

@@ -1,7 +1,10 @@
-"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up."""
+"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up.
+
+An actuator that is to be damped first, so that no joint drops its wearer, is damped for its time before that.
+"""
 
 ROUND = 5_000_000               # ns between repetitions
-LONGEST = 200_000_000           # ns
+LONGEST = 200_000_000           # ns, after the longest damping
 
 
 class SafeStop:
@@ -10,13 +13,16 @@ class SafeStop:
     devices : of the plan (runtime.guardian)
     wires : {index of the bus: wire}, as runtime.guardian.wires has them
     now : ns, CLOCK_MONOTONIC at which it begins
+    moving : whether they may have been under torque, and are damped where they should be
 
     due : ns at which `step` has something to do next
     """
 
-    def __init__(self, devices, wires, now):
+    def __init__(self, devices, wires, now, moving=True):
         self.wires, self.began, self.due, self.ended = wires, now, now, None
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
+        self.damping = {name: round(device["damp_time"] * 1e9) * moving for name, device in self.waiting.items()}
+        self.limit = LONGEST + max(self.damping.values(), default=0)
         self.confirmed, self.heard, self.sent = [], {}, 0
 
     @property
@@ -27,16 +33,17 @@ class SafeStop:
         """Send the next round to those that have not confirmed; see whether all is done."""
         if self.over:
             return
-        if not self.waiting or now - self.began >= LONGEST:
+        if not self.waiting or now - self.began >= self.limit:
             self.ended = now
             return
         if now < self.due:
             return
         self.due = now + ROUND
-        self.heard = dict.fromkeys(self.waiting, 0)
-        for device in self.waiting.values():
+        damped = {name for name in self.waiting if now - self.began < self.damping[name]}
+        self.heard = dict.fromkeys(self.waiting.keys() - damped, 0)
+        for name, device in self.waiting.items():
             wire = self.wires.get(device["bus"])
-            for identifier, data in device["zero"] + device["disable"]:
+            for identifier, data in device["damp"] if name in damped else device["zero"] + device["disable"]:
                 if wire is not None and wire.send(identifier, data):
                     self.sent += 1
 

@@ -33,6 +33,10 @@ class CubeMars(Actuator):
         0.0, "rad", "motor position where the joint is at zero, the way the joint turns", min=-models.POSITION, max=models.POSITION,
         fixed=True)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
+    safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
+                      choices=("disable", "damp"))
+    stop_damping = Param(1.0, "N·m·s/rad", "of the joint while it is damped", above=0.0, max=models.DAMPING, fixed=True)
+    stop_time = Param(1.0, "s", "for which it is damped before it is disabled", above=0.0, max=5.0, fixed=True)
 
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)
@@ -59,6 +63,7 @@ class CubeMars(Actuator):
         self.model = found.name
         self.wire = (models.POSITION, found.wire_velocity, models.STIFFNESS, models.DAMPING, found.wire_torque)
         self.torque_limit = self.find_limit()
+        self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         # The joint's range is the wire's, moved by the offset: what lies beyond cannot be sent.
         self.limits = (models.POSITION - abs(self.offset), found.wire_velocity, models.STIFFNESS, models.DAMPING, self.torque_limit)
 
@@ -124,6 +129,10 @@ class CubeMars(Actuator):
 
     def disable_frames(self):
         return [(self.can_id, False, DISABLE)]
+
+    def damp_frames(self):
+        code = int(self.stop_damping * 0xFFF / models.DAMPING)
+        return [(self.can_id, False, bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]]))]
 
     def emulator(self, **parameters):
         from blocks.actuators.cubemars.emulator import EmulatedCubeMars

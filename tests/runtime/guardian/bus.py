@@ -49,7 +49,7 @@ def build():
     with Diagram("knees", rate=200) as diagram:
         for side, can_id in (("left", 1), ("right", 2)):
             with subsystem(side):
-                knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, name="knee")
+                knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, name="knee"{drive})
                 law = Law(name="law")(knee.position)
                 knee(torque_command=TorqueLimiter(limit=5.0)(law.torque))
         {more}
@@ -112,9 +112,9 @@ class Bus:
                     return self.frames[-1]
         return None
 
-    def start(self, *words, law="pass", torque=2.0, more="", **how):
+    def start(self, *words, law="pass", torque=2.0, more="", drive="", **how):
         """A run of the robot, that has been started."""
-        robot = write(self.folder, ROBOT.format(law=law, torque=torque, more=more))
+        robot = write(self.folder, ROBOT.format(law=law, torque=torque, more=more, drive=drive))
         return started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how)
 
     def await_torque(self):

@@ -18,9 +18,10 @@ class Log:
         return self.working
 
 
-def device(name, bus, identifier, begin=b""):
+def device(name, bus, identifier, begin=b"", damp_time=0.0):
     return {
         "name": name, "bus": bus, "zero": [(identifier, b"zero")], "disable": [(identifier, b"disable")],
+        "damp": [(identifier, b"damp")], "damp_time": damp_time,
         "replies": [(identifier + 0x100, ALL, begin)]}
 
 
@@ -88,6 +89,30 @@ def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
     for _ in range(4):
         stop.hear(bus, identifier, data, 1)
     assert "hip" not in stop.report()["confirmed"]
+
+
+def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
+    wire = Log()
+    stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
+    for now in range(0, 300_000_000, ROUND):
+        stop.step(now)
+        stop.hear(0, 0x101, b"", now + 1)                   # it answers, which confirms nothing while it is damped
+        stop.hear(0, 0x101, b"", now + 2)
+    assert {frame for frame in wire.sent if frame[0] == 1} == {(1, b"damp")} and wire.sent.count((1, b"damp")) == 60
+    assert (2, b"disable") in wire.sent and stop.report()["unconfirmed"] == ["knee", "hip"]
+    stop.step(300_000_000)
+    assert wire.sent[-2:] == [(1, b"zero"), (1, b"disable")]
+    for now in (300_000_001, 300_000_002):
+        stop.hear(0, 0x101, b"", now)
+    assert stop.report()["confirmed"] == ["knee"] and stop.report()["unconfirmed"] == ["hip"]
+    stop.step(500_000_000)
+    assert stop.over
+
+
+def test_what_was_never_under_torque_is_not_damped():
+    wire = Log()
+    SafeStop([device("knee", 0, 1, damp_time=0.3)], {0: wire}, 0, moving=False).step(0)
+    assert wire.sent == [(1, b"zero"), (1, b"disable")]
 
 
 def test_a_bus_that_takes_no_frame_does_not_keep_the_others_from_their_stop():

@@ -51,6 +51,23 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     assert_nothing_is_left(everybody, bus.channel)
 
 
+def test_kill_9_leaves_a_joint_damped_that_must_not_drop_its_wearer(bus):
+    damped = "7FFF7FF0003337FF"                                     # 1 N·m·s/rad of the 5 that all ones are
+    process = bus.start("--no-record", drive=', safe_stop="damp", stop_time=0.25')
+    bus.await_torque()
+    killed = time.time()
+    process.kill()
+    bus.listen(0.6)
+    process.communicate(timeout=10)
+    for motor in bus.motors:
+        said = bus.commands(motor)
+        first = next(place for place, frame in enumerate(said) if frame.data == damped)
+        end = next(place for place, frame in enumerate(said) if frame.data == DISABLE)
+        assert said[first].time - killed < DEATH and 0.2 < said[end].time - said[first].time < 0.25 + DEATH
+        assert {frame.data for frame in said[first : end - 1]} == {damped}
+        assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}
+
+
 HANGS = {
     "in Python": {"law": "if tick > 40: time.sleep(1e6)"},
     "in native code, with the GIL": {"law": "if tick > 40: ctypes.PyDLL(None).pause()"},

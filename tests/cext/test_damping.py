@@ -1,0 +1,105 @@
+"""The safe stop of a joint that must not drop its wearer: damped for a bounded time, then disabled like any other."""
+
+import numpy as np
+import pytest
+
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.models import Limb
+from graph import Block, Diagram, DiagramError, Input, Output, compile
+from tests.blocks.actuators import reference
+from tests.cext.rigs import STOP, Rig, one_drive, plant_of
+
+AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
+
+
+class Trip(Block):
+    """Passes its input, and raises at a tick."""
+
+    u = Input("N·m")
+    y = Output("N·m", range=(-10.0, 10.0))
+
+    def step(self, u, tick):
+        if tick == 40:
+            raise RuntimeError("tripped")
+        return u
+
+
+def damp(robot, **parameters):
+    return CubeMars("AK10-9-V2.0", **{"can_id": 1, "name": "knee", "safe_stop": "damp", **parameters})
+
+
+def after(last, rig, can_id):
+    """(s since the first of them, data) of every frame to one drive behind that of the last tick, at `last` ns."""
+    frames = [frame for frame in rig.frames if frame.sent and frame.id == can_id and frame.time > last]
+    return [((frame.time - frames[0].time) * 1e-9, frame.data) for frame in frames]
+
+
+def two_drives():
+    with Diagram("robot", rate=200) as robot:
+        knee = damp(robot, can_id=1, name="knee", stop_damping=2.0, stop_time=0.3)
+        hip = CubeMars("AK10-9-V2.0", can_id=2, name="hip")
+        torque = TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0))
+        knee(torque_command=torque)
+        hip(torque_command=torque)
+    return robot
+
+
+def test_one_drive_is_damped_for_its_time_and_then_disabled_while_the_other_is_disabled_at_once():
+    rig = Rig(two_drives(), plant_of(two_drives()))
+    outcome = rig.run(100, fade=0.0)
+    assert (outcome.status, outcome.culprit, outcome.unconfirmed) == ("exception", "trip", ())
+    last = max(frame.time for frame in rig.frames if frame.sent and frame.data not in STOP and frame.id == 2)
+    knee, hip = after(last, rig, 1), after(last, rig, 2)
+    assert [data for _, data in hip[:2]] == STOP
+    damped = [(time, data) for time, data in knee if data not in STOP]
+    said = reference.read_command(AK10_9, damped[0][1])
+    assert said["stiffness"] == 0.0 and said["damping"] == pytest.approx(2.0, abs=5.0 / 4095)
+    assert said["velocity"] == pytest.approx(0.0, abs=100.0 / 4095) and said["torque"] == pytest.approx(0.0, abs=130.0 / 4095)
+    assert {data for _, data in damped} == {damped[0][1]} and damped[-1][0] == pytest.approx(0.3 - 0.005, abs=1e-9)
+    assert [data for _, data in knee[len(damped) : len(damped) + 2]] == STOP and knee[len(damped)][0] == pytest.approx(0.3, abs=1e-9)
+    assert rig.page.fenced and rig.page.state == "safe"
+
+
+def test_a_damped_limb_comes_to_rest_and_a_disabled_one_swings_on():
+    speeds = {}
+    for how in ("damp", "disable"):
+        with Diagram("robot", rate=200) as robot:
+            knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", safe_stop=how, stop_damping=2.0, stop_time=0.5)
+            knee(torque_command=TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0)))
+        with Diagram("plant", rate=1000) as plant:
+            drive = EmulatedCubeMars.of(robot["knee"], name="drive")
+            limb = Limb(inertia=0.2, damping=0.0, stiffness=0.0, reflex=0.0, name="limb")
+            limb(torque=drive.torque)
+            drive(position=limb.position, velocity=limb.velocity)
+        rig = Rig(robot, plant)
+        rig.run(100, fade=0.0)
+        replies = [frame.data for frame in rig.frames if not frame.sent and frame.id == 1]
+        speeds[how] = [reference.read_reply(AK10_9, data)[2] for data in replies]
+    assert max(np.abs(speeds["disable"])) > 3.0 and abs(speeds["disable"][-1]) > 3.0
+    assert max(np.abs(speeds["damp"])) > 3.0 and abs(speeds["damp"][-1]) < 0.1         # I / B = 0.1 s, and 0.5 s of it
+
+
+def test_a_run_that_was_never_under_torque_is_not_damped():
+    rig = one_drive(lambda knee: 0.0, plant=False, safe_stop="damp")
+    assert rig.run(10).status == "no answer"
+    assert set(rig.sent()[-4:]) == set(STOP)
+
+
+def test_damping_ends_on_its_time_where_nobody_answers_any_more():
+    rig = one_drive(lambda knee: 0.0, virtual=False, safe_stop="damp", stop_time=0.1)
+    rig.executor.run(10, stopping_timeout=0.1)
+    assert rig.page.state == "safe"
+
+
+@pytest.mark.parametrize("wrong", [{"safe_stop": "brake"}, {"stop_damping": 0.0}, {"stop_damping": 5.1}, {"stop_time": 6.0}])
+def test_a_stop_that_cannot_be_is_refused(wrong):
+    with pytest.raises(DiagramError, match=next(iter(wrong))), Diagram("robot", rate=200):
+        CubeMars("AK10-9-V2.0", **wrong)(torque_command=0.0)
+
+
+def test_a_schedule_carries_the_frames_of_the_stop():
+    with Diagram("robot", rate=200) as robot:
+        damp(robot, stop_damping=5.0)(torque_command=0.0)
+    [device] = compile(robot).devices
+    assert device.damp == ((1, False, bytes.fromhex("7fff7ff000fff7ff")),) and device.damp_time == 1.0
