@@ -38,6 +38,14 @@ def key_mode(attributes):
     return changed
 
 
+def attributes_of(descriptor):
+    """What a terminal is set to; None where there is none any more."""
+    try:
+        return termios.tcgetattr(descriptor)
+    except termios.error:
+        return None
+
+
 def put_back(descriptor, attributes):
     """Give a terminal these attributes, if it is in the key mode of them."""
     try:

@@ -12,7 +12,7 @@ import time
 
 from cext.page import Page
 
-from runtime.recorder.keyboard import Keyboard
+from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
@@ -82,10 +82,13 @@ def main(answers, control, page, keys):
         return
     terminal = Terminal()
     recording.say = terminal.say
+    before = attributes_of(keys) if keys >= 0 else None
     ready = {"ready": True, "files": recording.list_files()}
     while True:
         try:
             record(page, answers, control, keys, recording, terminal, ready)
+            if before is not None:              # whoever had changed the terminal may have been killed, and the run with it
+                put_back(keys, before)
             return
         except Inherited as death:              # we are the heir
             recording, ready = recording.next_part(death.will), None

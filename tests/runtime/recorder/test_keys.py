@@ -117,8 +117,8 @@ def test_in_virtual_time_the_space_bar_stops_as_well(tmp_path, terminal):
     assert "stopped by the space bar" in terminal.look() and "1 change of live" in terminal.look()
 
 
-@pytest.mark.parametrize("victim", ["control", "recorder"])
-def test_after_kill_9_of_either_process_the_terminal_is_as_it_was(tmp_path, terminal, victim):
+@pytest.mark.parametrize("victim", ["control", "recorder", "both"])
+def test_after_kill_9_of_either_process_or_both_the_terminal_is_as_it_was(tmp_path, terminal, victim):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--no-record", cwd=tmp_path)
     terminal.wait_for("tells the keys")
@@ -128,6 +128,9 @@ def test_after_kill_9_of_either_process_the_terminal_is_as_it_was(tmp_path, term
         recorder.kill()
         patient(lambda: recorder.status() == psutil.STATUS_ZOMBIE)
         terminal.process.send_signal(signal.SIGINT)
+    elif victim == "both":
+        recorder.kill()
+        terminal.process.kill()
     else:
         terminal.process.kill()
     terminal.process.wait(20)
