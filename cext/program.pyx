@@ -15,7 +15,7 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
-from cext.abi cimport DT, OK, PERIOD, PYTHON_ERROR
+from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.histogram cimport add
 from cext.python_step cimport PythonStep
 from cext.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
@@ -117,6 +117,11 @@ cdef class Program:
     def values(self):
         """The arena as an array: the live memory, not a copy."""
         return self.memory
+
+    @property
+    def late(self):
+        """s, how late the newest tick began."""
+        return float(self.arena[LATENESS])
 
     @property
     def culprit(self):

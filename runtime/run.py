@@ -162,7 +162,7 @@ def run(prepared, say=lambda lines: None):
                     tell(page, json.dumps(rig.report["stop"]).encode(), recorder)
                 statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
-                tell(page, ending(outcome, executor.overruns), recorder)
+                tell(page, ending(outcome, executor.overruns, control.late), recorder)
             page.close()
             recording = recorder.finish()
     return Result(
@@ -286,10 +286,11 @@ def tell(page, event, recorder):
         time.sleep(0.001)
 
 
-def ending(outcome, overruns):
+def ending(outcome, overruns, late):
+    """The last event of a recording. late : s, of the last tick that began"""
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
-        "stopped": outcome.stopped, "overruns": overruns,
+        "stopped": outcome.stopped, "overruns": overruns, "late": late,
     }
     return json.dumps(event).encode()
 

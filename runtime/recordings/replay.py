@@ -29,6 +29,7 @@ from runtime.recordings.trial import Trial
 from runtime.rig.file import parse
 
 RING = 1 << 22                  # bytes
+FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")      # ends whose cause is not among what was recorded
 
 
 @dataclass
@@ -57,9 +58,15 @@ class Replayed:
         return self.comparison.identical and self.frame is None and self.ended_alike
 
     @property
+    def end(self):
+        """How the recorded run ended, as `status` and `culprit`; {} where the recording does not say."""
+        return (self.there.end or {}).get("end") or {}
+
+    @property
     def ended_alike(self):
-        end = (self.there.end or {}).get("end")
-        return end is None or (end["status"], end["culprit"]) == (self.outcome.status, self.outcome.culprit)
+        if self.end.get("status") in FROM_OUTSIDE:
+            return self.outcome.status == "ok"
+        return not self.end or (self.end["status"], self.end["culprit"]) == (self.outcome.status, self.outcome.culprit)
 
 
 def replay(path, file=None, folder=None):
@@ -145,11 +152,11 @@ def buses(trial, schedule):
 
 
 def tape(trial):
-    """The ticks that ran: those with a row, and the one that a fault ended."""
+    """The ticks that ran: those with a row, and the one that a fault ended whose cause was recorded."""
     ticks, late = trial.tick, np.rint(trial.lateness * 1e9).astype(np.int64)
     end = (trial.end or {}).get("end")
-    if end is not None and end["status"] != "ok" and end["tick"] > ticks[-1]:
-        ticks, late = np.append(ticks, end["tick"]), np.append(late, 0)
+    if end is not None and end["status"] not in ("ok", *FROM_OUTSIDE) and end["tick"] > ticks[-1]:
+        ticks, late = np.append(ticks, end["tick"]), np.append(late, round(end.get("late", 0.0) * 1e9))
     return Tape(ticks, late, trial.about["simulated"])
 
 
@@ -216,6 +223,8 @@ def told(result):
     signals = len(comparison.same) + len(comparison.differences)
     if result.same:
         lines.append(f"  all {signals} signals and {result.frames} sent frames are the same, bit for bit")
+    if result.end.get("status") in FROM_OUTSIDE:
+        lines.append(f"  then it ended from outside, which a replay does not repeat: {result.end['status']}")
     if comparison.differences:
         first = comparison.differences[0]
         lines.append(f"  differs first: {first.path} at tick {first.first}: {first.here!r} was recorded, and now it is {first.there!r} {first.unit}")
@@ -228,6 +237,5 @@ def told(result):
     if any(comparison.missing):
         lines.append(f"  {comparison.missing[0]} ticks of the recording did not run now, {comparison.missing[1]} ran now only")
     if not result.ended_alike:
-        end = there.end["end"]
-        lines.append(f"  it ended otherwise: {end['status']} at {end['culprit']} then, {result.outcome.status} at {result.outcome.culprit} now")
+        lines.append(f"  it ended otherwise: {result.end['status']} at {result.end['culprit']} then, {result.outcome.status} at {result.outcome.culprit} now")
     return lines + [f"  {path}" for path in result.files]

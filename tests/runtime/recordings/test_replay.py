@@ -13,6 +13,7 @@ import pytest
 
 from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK
 from runtime.recordings.trial import Trial
+from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import write
 
 ROOT = Path(__file__).parents[3]
@@ -22,6 +23,7 @@ KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
 LAW = """
 import os
 import random
+import time
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
 from graph import Block, Diagram, Input, Output
@@ -119,6 +121,26 @@ def test_a_fault_happens_again(recorded, command_line, tmp_path):
     law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")                   # the fault is mended
     code, out, _ = command_line("replay", file)
     assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
+
+
+def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(command_line, tmp_path):
+    with Bus(tmp_path) as bus:
+        process = bus.start("--record", "out")
+        bus.await_torque()
+        bus.drives.kill()
+        process.communicate(timeout=10)
+    assert process.returncode == FAULT
+    [file] = (tmp_path / "out").glob("*.mcap")
+    assert Trial(file).end["end"]["status"] == "silent"
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "bit for bit" in out
+
+
+def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path, "return time.sleep(0.02 * (tick == 20)) or 1.0"), "--overrun", "fault:2", "--duration", "2", code=FAULT)
+    assert Trial(file).end["end"]["status"] == "overrun"
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
 
 
 def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
