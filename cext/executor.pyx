@@ -160,6 +160,11 @@ cdef class Executor:
         return self.body.watch.overruns()
 
     @property
+    def newest(self):
+        """The rows of the newest ticks, as cext.journal.Journal.newest has them."""
+        return self.journal.newest()
+
+    @property
     def profile(self):
         """(rows of the robot, rows of its plant) as cext.stopwatch.Stopwatch.rows has them."""
         return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
@@ -309,6 +314,9 @@ cdef class Executor:
         cdef int64_t since = 0 if self.tick >= 0 else damping      # ns since the stop began
         cdef int64_t limit = damping + <int64_t>(timeout * 1e9)
         cdef bint damped
+        self.control.keep_values()                                 # what the devices say from here on did not lead to this
+        if self.plant is not None:
+            self.plant.keep_values()
         cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)

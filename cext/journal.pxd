@@ -12,6 +12,8 @@ cdef class Journal:
     cdef const int32_t *caught
     cdef int64_t guard               # ns of the guardian's silence that end the run, 0: there is none
     cdef uint64_t most               # bytes that one tick pushes at most
+    cdef double *recent              # the rows of the newest ticks, a ring of its own
+    cdef int64_t recent_count        # rows that were ever put there
 
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil

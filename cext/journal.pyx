@@ -1,7 +1,8 @@
 # cython: freethreading_compatible=True
 """What a run puts on the shared page: its state, its rows, and the waiting for a reader in virtual time."""
 
-from libc.string cimport memset
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
 
 from cext.abi cimport FENCED, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.histogram cimport Histogram
@@ -10,6 +11,9 @@ from cext.pace cimport monotonic
 from cext.page cimport ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.signals cimport Signals
+
+cdef enum:
+    RECENT = 6                      # rows that are kept to tell of what led to a fault
 
 
 cdef class Journal:
@@ -36,10 +40,26 @@ cdef class Journal:
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
+        self.recent = <double *>calloc(RECENT * (2 + program.column_count), sizeof(double))
+        if self.recent == NULL:
+            raise MemoryError
+
+    def __dealloc__(self):
+        free(self.recent)
+
+    def newest(self):
+        """The newest rows, the oldest first, each as a tuple: the tick, its lateness in s, the recorded signals."""
+        cdef int width = 2 + self.program.column_count
+        cdef int64_t row
+        return [
+            tuple(self.recent[row % RECENT * width + column] for column in range(width))
+            for row in range(max(0, self.recent_count - RECENT), self.recent_count)
+        ]
 
     cdef void clear(self):
         """Forget an earlier run on the same page; the ring keeps what has not been read."""
         cdef PageLayout *page = self.layout
+        self.recent_count = 0
         if page == NULL:
             return
         page.tick = -1
@@ -82,8 +102,14 @@ cdef class Journal:
     cdef bint push_row(self, int64_t tick) noexcept nogil:
         """The recorded signals of this tick into the ring. False: a signal came while waiting for room."""
         cdef PageLayout *page = self.layout
-        cdef double *row = <double *>reserve(page, ROW, 8 * (2 + self.program.column_count))
+        cdef int size = 2 + self.program.column_count
+        cdef double *kept = self.recent + self.recent_count % RECENT * size
+        cdef double *row = <double *>reserve(page, ROW, 8 * size)
         cdef int64_t since
+        kept[0] = <double>tick
+        kept[1] = self.program.arena[LATENESS]
+        self.program.record(kept + 2)
+        self.recent_count += 1
         while row == NULL:
             if not self.virtual:
                 page.dropped += 1
@@ -95,10 +121,8 @@ cdef class Journal:
             page.waited += monotonic() - since
             if self.caught[0]:
                 return False
-            row = <double *>reserve(page, ROW, 8 * (2 + self.program.column_count))
-        row[0] = <double>tick
-        row[1] = self.program.arena[LATENESS]
-        self.program.record(row + 2)
+            row = <double *>reserve(page, ROW, 8 * size)
+        memcpy(row, kept, size * sizeof(double))
         commit(page)
         return True
 

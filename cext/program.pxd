@@ -36,7 +36,8 @@ cdef class Program:
     cdef double *arena
     cdef const double *initial   # what the arena holds at reset
     cdef int size
-    cdef object memory, image, keep
+    cdef object memory, image, keep, kept
+    cdef double *last            # the arena as it was when the run ended
     cdef Phase look, settle, output, update
     cdef int memory_start        # slot from which on the arena is state
     cdef Devices devices
@@ -55,6 +56,7 @@ cdef class Program:
     cdef int load_phase(self, Phase *phase, steps) except -1
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
+    cdef void keep_values(self) noexcept nogil
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil
     cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil
     cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil

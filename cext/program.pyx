@@ -39,6 +39,8 @@ cdef class Program:
         self.arena = <double *><uintptr_t>self.memory.ctypes.data
         self.initial = <const double *><uintptr_t>self.image.ctypes.data
         self.size = len(self.memory)
+        self.kept = self.memory.copy()
+        self.last = <double *><uintptr_t>self.kept.ctypes.data
         self.keep = []
         self.blocks = list(schedule.python_blocks)
         self.live = LiveTable(schedule.live, self.memory)
@@ -140,8 +142,16 @@ cdef class Program:
         self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
 
     def inputs(self, str path):
-        """Present values at the scalar inputs of a block, by name; empty if the schedule does not know it."""
-        return {name: float(self.memory[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
+        """Values at the scalar inputs of a block when the run ended, by name; empty if the schedule does not know it."""
+        return {name: float(self.kept[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
+
+    @property
+    def final(self):
+        """The arena as it was when the run ended, before its safe stop heard anything."""
+        return self.kept
+
+    cdef void keep_values(self) noexcept nogil:
+        memcpy(self.last, self.arena, self.size * sizeof(double))
 
     cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
         cdef int index = 0

@@ -84,5 +84,9 @@ class Actuator(Device):
         """In words, where the limits come from, for the proof: 'rated torque of AK80-9'."""
         return ""
 
+    def fault_in_words(self, code):
+        """What its output `fault` says."""
+        return f"code {code}"
+
     def limit_interval(self, limit):
         return Interval(-limit, limit)

@@ -5,6 +5,7 @@ import traceback
 
 from graph import Device
 from graph.diagram import Signal
+from runtime import aftermath
 from runtime.diagram_file import own_frames
 from runtime.timing import micro
 
@@ -24,7 +25,10 @@ def explain(result):
         lines += [f"  {line}" for line in own_traceback(result.request.file, outcome.error)]
     if outcome.status == "bus error" and result.rig is not None:
         lines += [f"  {line}" for line in result.rig.explain(outcome.culprit)]
+    if not result.failed_in_plant:
+        lines += [f"  {line}" for line in aftermath.ticks(result, block)]
     if schedule.devices:
+        lines += [f"  {line}" for line in aftermath.actuators(result)]
         lines.append("  nothing re-enables an actuator by itself: mend it, and arm again")
     return lines
 
@@ -117,13 +121,14 @@ def circumstances(outcome, diagram, schedule, program, block):
                 unit = block.inputs[name].unit
                 lines.append(f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream promises a range it does not keep")
     if outcome.status == "not finite":
-        source = origin(diagram, schedule, program.values, block)
+        source = origin(diagram, schedule, program.final, block)
         if source is not None:
             given = ", ".join(f"{name} = {value:g}" for name, value in program.inputs(source.block.path).items())
             lines.append(f"it came out of {source.path}, made at {source.block.location}" + (f", from {given}" if given else ""))
     if outcome.status == "device fault":
-        outputs = {name: program.values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
-        lines.append("it says: " + ", ".join(f"{name} = {value:g}" for name, value in outputs.items()))
+        outputs = {name: program.final[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
+        said = ", ".join(f"{name} = {value:g}" for name, value in outputs.items())
+        lines.append(f"it says: {block.fault_in_words(int(outputs['fault']))} ({said})")
     return lines
 
 

@@ -16,6 +16,7 @@ from cext.program import Program
 from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
+from runtime.fault import explain
 from runtime.guardian import SILENCE
 from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
@@ -83,6 +84,7 @@ class Result(Prepared):
     overruns : who took the time where grid points were missed, as cext.executor.Executor.overruns has it
     profile : (rows of the robot, rows of its plant), likewise
     page : the shared page, with all that was counted
+    newest : rows of the last ticks, as cext.executor.Executor.newest has them
     """
 
     outcome: object
@@ -94,6 +96,7 @@ class Result(Prepared):
     overruns: list
     profile: tuple
     page: Page
+    newest: list
 
     @property
     def failed_in_plant(self):
@@ -143,7 +146,7 @@ def run(prepared, say=lambda lines: None):
         if rig is not None:
             rig.close()
         raise
-    outcome = None
+    outcome = result = None
     began = time.monotonic()
     try:
         outcome = executor.run(prepared.ticks)
@@ -162,12 +165,14 @@ def run(prepared, say=lambda lines: None):
                     tell(page, json.dumps(rig.report["stop"]).encode(), recorder)
                 statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
-                tell(page, ending(outcome, executor.overruns, control.late), recorder)
+                result = Result(
+                    **vars(prepared), outcome=outcome, statistics=statistics, recording={}, seconds=seconds, control=control,
+                    realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page, newest=executor.newest)
+                tell(page, ending(result), recorder)
             page.close()
             recording = recorder.finish()
-    return Result(
-        **vars(prepared), outcome=outcome, statistics=statistics, recording=recording, seconds=seconds, control=control,
-        realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page)
+    result.recording.update(recording)
+    return result
 
 
 def stopped_by_hand(outcome, rig, page):
@@ -286,11 +291,13 @@ def tell(page, event, recorder):
         time.sleep(0.001)
 
 
-def ending(outcome, overruns, late):
-    """The last event of a recording. late : s, of the last tick that began"""
+def ending(result):
+    """The last event of a recording."""
+    outcome = result.outcome
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
-        "stopped": outcome.stopped, "overruns": overruns, "late": late,
+        "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
+        "report": explain(result) if outcome.faulted else [],
     }
     return json.dumps(event).encode()
 

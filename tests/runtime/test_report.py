@@ -9,6 +9,7 @@ import pytest
 from cext.executor import Outcome
 from runtime import fault, report, timing
 from runtime.recorder import RecorderProcess
+from runtime.recordings.trial import Trial
 from runtime.run import Request, prepare, run
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
 
@@ -128,7 +129,31 @@ def test_an_exception_shows_the_users_lines_only(tmp_path):
         f"  {tmp_path / 'gains_of_mine.py'}:2 in gain: return table['gain']",
         "  KeyError: 'gain'",
     ]
-    assert lines[5] == "  nothing re-enables an actuator by itself: mend it, and arm again"
+    assert lines[-1] == "  nothing re-enables an actuator by itself: mend it, and arm again"
+
+
+def test_a_fault_shows_the_last_ticks_before_it_and_what_every_actuator_was_asked_and_said(tmp_path):
+    path = write(tmp_path, KNEE.format(law="return math.nan if tick == 9 else tick / 8"))
+    result = carry_out(path)
+    lines = fault.explain(result)
+    begin = lines.index("  the last ticks before it:")
+    header, *rows = [line.split() for line in lines[begin + 1 : begin + 10]]
+    assert header == ["tick", "3", "4", "5", "6", "7", "8", "9,", "the", "fault"]
+    [torque] = [row for row in rows if row[0] == "torque_limiter.limited"]
+    assert torque[3:] == ["0.375", "0.5", "0.625", "0.75", "0.875", "1", "nan"]
+    [angle] = [row for row in rows if row[0] == "knee.position"]
+    known = result.control.final[result.schedule.signals["knee.position"].slot]
+    assert float(angle[-1]) == pytest.approx(known, rel=1e-3) and f"position {known:.4g} rad" in lines[-2]     # before the stop was answered
+    assert lines[-3].split() == ["actuator", "asked", "heard", "meaning"]
+    sent = result.newest[-1][2 + next(column.index for column in result.schedule.recorded if column.path == "knee.torque_sent")]
+    assert f"knee      torque nan N·m; torque sent {sent:.4g} N·m  position" in lines[-2] and sent == pytest.approx(1.0 * 8 / 100, abs=0.04)
+
+
+def test_the_report_of_a_fault_is_in_the_recording(tmp_path):
+    path = write(tmp_path, KNEE.format(law="return math.nan if tick == 9 else 1.0"))
+    result = run(prepare(Request(path, duration=1.0, fast=True, record=tmp_path / "out")))
+    [file] = (tmp_path / "out").glob("*.mcap")
+    assert Trial(file).end["end"]["report"] == fault.explain(result)
 
 
 def test_an_exception_inside_a_library_shows_who_called_it(tmp_path):
@@ -179,7 +204,8 @@ def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
         port='code = Output("1", dtype=int)', step="return 3 if t > 0.5 else 0",
         wiring="limb(torque=drive.torque)\n        drive(position=limb.position, velocity=limb.velocity, fault=Trouble()())"))
     assert lines[0].startswith("FAULT at knee, tick 10") and lines[0].endswith(": the device reports a fault")
-    assert lines[1].startswith("  it says: position = ") and ", fault = 3," in lines[1]
+    assert lines[1].startswith("  it says: over-voltage (position = ") and ", fault = 3," in lines[1]
+    assert "fault: over-voltage, heard 5.0 ms before, stop confirmed" in lines[-2]
 
 
 def test_a_fault_in_the_plant_says_so(tmp_path):

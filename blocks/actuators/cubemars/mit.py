@@ -92,6 +92,9 @@ class CubeMars(Actuator):
             "damping_command": Interval(0.0, damping),
         }
 
+    def fault_in_words(self, code):
+        return FAULTS.get(code, f"code {code}, which the manual does not know")
+
     def rating(self):
         source = f"{self.limit} torque" if isinstance(self.limit, str) else "its limit"
         return f"{source} and wire ranges of {self.found.name}"
