@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run test soak build wheel clean FORCE
+.PHONY: help run test test-hardware soak build wheel clean FORCE
 
 RUN ?= diagrams/knee_exo.py --duration 10
 TESTS ?=
@@ -34,6 +34,7 @@ SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 help:
 	echo "make run      set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test     set up .venv, build, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
 	echo "make soak     the long tests"
 	echo "make build    compile what has changed"
 	echo "make wheel    wheel and source archive, into dist/"
@@ -45,6 +46,9 @@ run: $(VENV)/installed
 
 test: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m pytest $(TESTS)
+
+test-hardware: $(VENV)/installed-test
+	exec $(VENV)/bin/python -m pytest -rs tests/hardware tests/runtime/guardian tests/runtime/rig $(TESTS)
 
 soak: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m pytest -m soak $(TESTS)

@@ -16,6 +16,9 @@ ADD = 5.0                                                   # ns
 DRIFT = 1.0                                                 # ns
 GROWTH = 1.0                                                # MiB
 KNEE_MINUTE = 0.2                                           # s
+BUS = 1.0                                                   # µs a tick beyond two system calls
+GUARDIAN = 100.0                                            # µs of a round trip, p99
+STOP = 20.0                                                 # ms from kill -9, p99
 
 
 @dataclass(frozen=True)
@@ -91,4 +94,13 @@ def of_costs(found):
         Goal("drift over 10^9 grid points", found["drift_ns"], DRIFT, "ns"),
         Goal("growth of resident memory", found["growth_mib"], GROWTH, "MiB"),
         Goal("60 s of knee_exo, loop time", found["knee_minute_s"], KNEE_MINUTE, "s"),
+    ]
+
+
+def of_bus(found):
+    return [
+        Goal("a bus, beyond its two system calls", found["beyond_us"]["p50"], BUS, "µs a tick"),
+        Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN, "µs"),
+        Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP, "ms"),
+        Goal("kills that no stop frame followed", found["missed"], 0, ""),
     ]

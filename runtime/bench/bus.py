@@ -1,0 +1,185 @@
+"""What buses cost, and how fast the motors are stopped after kill -9. Measured on sockets of this machine: CAN hardware adds its own."""
+
+import os
+import random
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import can
+
+from cext.bus_cost import time_of_ticks
+from cext.page import Page
+from cext.rings import Line, Lines
+from cext.socketcan import SocketCan
+from runtime.bench.drives import node
+from runtime.guardian import GuardianProcess
+from runtime.realtime import PRIORITY
+
+ROOT = Path(__file__).parents[2]
+SO_TIMESTAMPNS = 35
+ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")          # zero torque
+DISABLE = bytes.fromhex("fffffffffffffffd")
+PACE = 0.001                    # s between round trips
+PATIENCE = 10.0                 # s for a process to begin
+
+ROBOT = '''
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("bench", rate=200) as diagram:
+    torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
+    for can_id in (1, 2):
+        CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, name=f"knee{can_id}")(torque_command=torque)
+'''
+
+
+def host_cost(frames=8, rounds=20_000):
+    """(ns of a tick's receive and send through a bus, ns of the two system calls alone), two lists, over UDP on loopback."""
+    with ExitStack() as stack:
+        own, other = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
+        for end in (own, other):
+            end.bind(("127.0.0.1", 0))
+        own.connect(other.getsockname())
+        other.connect(own.getsockname())
+        own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        bus = SocketCan(own)
+        time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds // 10)         # warm
+        return time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds)
+
+
+@contextmanager
+def drives(channel, *identifiers):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        if process.stdout.readline() != "ready\n":
+            raise OSError("the drives did not begin: does this machine have multicast on loopback?")
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def channel():
+    """A multicast group that nobody else is likely to use."""
+    return f"239.{random.randrange(1, 255)}.{random.randrange(255)}.{random.randrange(1, 255)}"
+
+
+def round_trips(chunks=10, trips=200):
+    """(s of round trips to a drive through python-can alone, s of the same through the guardian), two lists; chunks taken in turn."""
+    group = channel()
+    direct, carried = [], []
+    with drives(group, ID), through_guardian(group) as line, ExitStack() as stack:
+        bus = node(group)
+        stack.callback(bus.shutdown)
+        for _ in range(chunks):
+            direct += [trip(lambda: send(bus), lambda: answered(bus)) for _ in range(trips)]
+            while line.receive():                       # it heard those, too
+                pass
+            carried += [trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
+                        for _ in range(trips)]
+            while bus.recv(0) is not None:
+                pass
+    return direct, carried
+
+
+def trip(send, answered):
+    time.sleep(PACE)
+    began = time.perf_counter()
+    send()
+    while not answered():
+        if time.perf_counter() - began > 1.0:
+            raise OSError("a drive did not answer within a second")
+    return time.perf_counter() - began
+
+
+def send(bus):
+    bus.send(can.Message(arbitration_id=ID, is_extended_id=False, data=COMMAND))
+
+
+def answered(bus):
+    message = bus.recv(0)
+    return message is not None and message.data[0] == ID
+
+
+@contextmanager
+def through_guardian(group):
+    """A bus as the loop has it when the guardian carries its frames."""
+    page, lines, bell = Page(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+    guardian = GuardianProcess(page, lines, bell, [])
+    try:
+        guardian.configure({
+            "buses": [{"name": "bench", "interface": "udp_multicast", "channel": group, "bitrate": 1_000_000, "fd": False, "virtual": False,
+                       "line": 0}],
+            "devices": [], "limit": 1.0, "priority": PRIORITY + 1})
+        yield Line(lines, 0, bell).end
+        guardian.finish()
+    finally:
+        guardian.kill()
+        os.close(bell)
+
+
+def kills(count=100):
+    """s from kill -9 of a run until both its drives had their last first stop frame, of every kill; inf where one had none."""
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
+        robot.write_text(ROBOT)
+        group = channel()
+        rig.write_text(f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{group}"\n')
+        with drives(group, 1, 2), ExitStack() as stack:
+            bus = node(group)
+            stack.callback(bus.shutdown)
+            for _ in range(count):
+                found.append(one_kill(bus, robot, rig))
+    return found
+
+
+def one_kill(bus, robot, rig):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--no-record"], cwd=ROOT, stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        if not listen(bus, PATIENCE, under_torque):
+            raise OSError("the run that was to be killed did not begin")
+        time.sleep(random.uniform(0.02, 0.06))              # somewhere in a period
+        while bus.recv(0) is not None:
+            pass
+        killed = time.time()
+        process.send_signal(signal.SIGKILL)
+        first = {}
+        deadline = time.monotonic() + 0.5
+        while time.monotonic() < deadline and len(first) < 2:
+            message = bus.recv(max(0.0, deadline - time.monotonic()))
+            if message is not None and bytes(message.data) == DISABLE:
+                first.setdefault(message.arbitration_id, message.timestamp - killed)
+        return max(first.values()) if len(first) == 2 else float("inf")
+    finally:
+        process.kill()
+        process.wait()
+        time.sleep(0.3)                                     # its guardian lets the bus go
+
+
+def listen(bus, seconds, wanted):
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        if select.select([bus], [], [], 0.1)[0]:
+            message = bus.recv(0)
+            if message is not None and wanted(message):
+                return message
+    return None
+
+
+def under_torque(message):
+    data = bytes(message.data)
+    return data[0] != message.arbitration_id and data != COMMAND and data[:7] != b"\xff" * 7

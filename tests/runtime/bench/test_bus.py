@@ -1,0 +1,51 @@
+"""`python -m runtime bench bus`: that it measures what it says. How fast this machine is, is not tested."""
+
+import json
+import os
+import socket
+
+import psutil
+import pytest
+
+from cext.bus_cost import time_of_ticks
+from cext.socketcan import SocketCan
+from runtime.errors import OK
+
+
+@pytest.fixture
+def ends():
+    """A SocketCan, its socket, and the socket at the other end."""
+    own, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
+    with own, other:
+        for end in (own, other):
+            end.bind(("127.0.0.1", 0))
+        own.connect(other.getsockname())
+        other.connect(own.getsockname())
+        yield SocketCan(own), own, other
+
+
+def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motors_stop(command_line):
+    code, out, err = command_line("bench", "bus", "--rounds", "200", "--trips", "3", "--kills", "2", "--json")
+    told = json.loads(out)
+    assert (code, err) == (OK, "")
+    found = told["bus"]
+    for name in ("host_us", "calls_us", "direct_us", "guardian_us", "stop_ms"):
+        assert 0.0 < found[name]["p50"] <= found[name]["p99"] <= found[name]["max"], name
+    assert found["missed"] == 0 and found["stop_ms"]["max"] < 500.0
+    assert [goal["what"] for goal in told["goals"]][0] == "a bus, beyond its two system calls" and len(told["goals"]) == 4
+    assert [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE] == []
+
+
+def test_both_ways_carry_every_frame_in_every_round(ends):
+    bus, own, other = ends
+    through, alone = time_of_ticks(bus.end, own.fileno(), other.fileno(), 8, 50)
+    assert len(through) == len(alone) == 50 and min(through) > 0 and min(alone) > 0
+    assert bus.counts["corrupt"] == bus.counts["echoes"] == 0
+
+
+def test_a_round_that_loses_a_frame_is_no_measurement(ends):
+    bus, own, other = ends
+    with pytest.raises(ValueError, match="1 to 64 frames, not 65"):
+        time_of_ticks(bus.end, own.fileno(), other.fileno(), 65, 1)
+    with pytest.raises(OSError), open(os.devnull) as nowhere:
+        time_of_ticks(bus.end, own.fileno(), nowhere.fileno(), 8, 1)
