@@ -32,13 +32,13 @@ endif
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 
 help:
-	echo "make run      set up .venv, build, and run: RUN='$(RUN)'"
-	echo "make test     set up .venv, build, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
+	echo "make test           set up .venv, build, and run the tests; TESTS='tests/graph -k units' chooses"
 	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
-	echo "make soak     the long tests"
-	echo "make build    compile what has changed"
-	echo "make wheel    wheel and source archive, into dist/"
-	echo "make clean    remove what was built"
+	echo "make soak           the long tests"
+	echo "make build          compile what has changed"
+	echo "make wheel          wheel and source archive, into dist/"
+	echo "make clean          remove what was built"
 	echo "PYTHON=python3.12 make ...  with another Python"
 
 run: $(VENV)/installed
