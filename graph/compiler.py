@@ -138,7 +138,7 @@ class Compilation:
 
     def compile_marked(self):
         """Python blocks that are marked `jit` become native, where Numba is installed."""
-        marked = [block for block in self.blocks if block.jit and block.is_python]
+        marked = [block for block in self.blocks if block.jit and block.is_python and not block.hold_exceptions]
         if not marked:
             return
         from graph import jit

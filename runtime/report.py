@@ -4,6 +4,8 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
+from runtime.held import held
+from runtime.held import text as held_text
 from runtime.lines import count
 from runtime.timing import timing
 
@@ -54,6 +56,8 @@ def summary(result):
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
         row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
+    for entry in held(result.request.file, result.control, result.plant):
+        row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
     if schedule.devices:

@@ -17,6 +17,7 @@ from graph import Sink
 from graph.store import to_json
 from runtime.errors import BadInput
 from runtime.guardian import SILENCE
+from runtime.held import held
 from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
@@ -162,7 +163,7 @@ def run(prepared, say=lambda lines: None):
                     tell(page, json.dumps(rig.report["stop"]).encode(), recorder)
                 statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
-                tell(page, ending(outcome, executor.overruns), recorder)
+                tell(page, ending(outcome, executor.overruns, held(request.file, control, prepared.plant)), recorder)
             page.close()
             recording = recorder.finish()
     return Result(
@@ -286,10 +287,10 @@ def tell(page, event, recorder):
         time.sleep(0.001)
 
 
-def ending(outcome, overruns):
+def ending(outcome, overruns, held):
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
-        "stopped": outcome.stopped, "overruns": overruns,
+        "stopped": outcome.stopped, "overruns": overruns, "held": held,
     }
     return json.dumps(event).encode()
 
