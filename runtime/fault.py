@@ -50,6 +50,7 @@ def what(result, block, program):
         "fenced": fenced(result),
         "unguarded": unguarded(result),
         "foreign command": foreign_command(block),
+        "e-stop": "the emergency stop was pressed",
     }.get(outcome.status, f"it ended with {outcome.status}")
 
 

@@ -90,9 +90,10 @@ def stride_text(stride):
 
 
 def stop_text(outcome, schedule):
+    told = [device.name for device in schedule.devices if device.zero or device.disable]
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
-    return f"zero torque, then disable: confirmed by {', '.join(device.name for device in schedule.devices)}"
+    return f"zero torque, then disable: confirmed by {', '.join(told) or 'nobody, as nothing moves'}"
 
 
 def note(file):
