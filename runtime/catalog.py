@@ -190,7 +190,7 @@ def find(name, kinds):
 def describe(kind, home, sheet):
     """All that one block declares."""
     card = class_card(kind)
-    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}{exceptions(card)}; {source_line(kind)}")]
+    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}")]
     for paragraph in documentation(kind) or ("no docstring",):
         code = re.search(r"^\s", paragraph, re.M)
         lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
@@ -216,7 +216,7 @@ def describe(kind, home, sheet):
 
 def exceptions(card):
     """What an exception in a Python block can be made to mean."""
-    return ", may be given hold_exceptions" if "Python" in card["runs"] else ""
+    return "; may be given hold_exceptions" if "Python" in card["runs"] else ""
 
 
 def source_line(kind):

@@ -1,7 +1,7 @@
 """Exceptions of Python blocks that were no fault, since the block may hold some: told at the end of a run."""
 
 from runtime.diagram_file import own_frames, words
-from runtime.lines import count
+from runtime.lines import count, relative
 
 
 def held(file, program, plant=None):
@@ -18,7 +18,7 @@ def held(file, program, plant=None):
 def place(file, error):
     """The innermost line of the user's own that an exception came through; "" where there is none."""
     frames = own_frames(file, error)
-    return f"{frames[-1].filename}:{frames[-1].lineno}" if frames else ""
+    return relative(f"{frames[-1].filename}:{frames[-1].lineno}") if frames else ""
 
 
 def text(entry, rate):
