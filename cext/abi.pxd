@@ -52,6 +52,7 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     OVERRUN = 9             # more grid points were missed than the run allows
     UNGUARDED = 10          # the guardian does not answer
     FOREIGN_COMMAND = 11    # somebody else commands one of our devices
+    ESTOP = 13              # an emergency stop
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

@@ -38,6 +38,7 @@ cdef class Journal:
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
         self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
+        self.most += program.share(self.layout)
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
         self.recent = <double *>calloc(RECENT * (2 + program.column_count), sizeof(double))

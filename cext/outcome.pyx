@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 from cext.abi cimport (
-    BUS_ERROR, DEVICE_FAULT, FENCED, FOREIGN_COMMAND, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
+    BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
 )
 
 STATUS = {
@@ -20,6 +20,7 @@ STATUS = {
     OVERRUN: "overrun",
     UNGUARDED: "unguarded",
     FOREIGN_COMMAND: "foreign command",
+    ESTOP: "e-stop",
 }
 
 

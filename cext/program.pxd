@@ -1,9 +1,11 @@
 from cpython.object cimport PyObject
-from libc.stdint cimport int32_t, int64_t
+from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.abi cimport kernel_t
 from cext.devices cimport Devices
 from cext.live cimport LiveTable
+from cext.page cimport PageLayout
+from cext.python_step cimport PythonStep
 from cext.stopwatch cimport Laps, Stopwatch
 
 cdef struct Step:
@@ -50,10 +52,14 @@ cdef class Program:
     cdef Laps *laps              # its own; NULL: no stamps
     cdef int64_t gil_taken
     cdef list blocks
+    cdef list holding            # PythonSteps that may hold exceptions
+    cdef PageLayout *page        # where the first one held is told; NULL: nowhere
     cdef object schedule
 
     cdef void stamp(self, Stopwatch watch)
-    cdef int load_phase(self, Phase *phase, steps) except -1
+    cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
+    cdef uint64_t share(self, PageLayout *page)
+    cdef void tell_held(self, PythonStep call) noexcept nogil
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef void keep_values(self) noexcept nogil

@@ -11,12 +11,13 @@ What goes over wires is its devices' part; the life cycle around these, the cloc
 
 import numpy as np
 
-from libc.stdint cimport uintptr_t
+from libc.stdint cimport uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.histogram cimport add
+from cext.page cimport EVENT, commit, reserve
 from cext.python_step cimport PythonStep
 from cext.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
@@ -43,12 +44,13 @@ cdef class Program:
         self.last = <double *><uintptr_t>self.kept.ctypes.data
         self.keep = []
         self.blocks = list(schedule.python_blocks)
+        self.holding = []
         self.live = LiveTable(schedule.live, self.memory)
         self.memory_start = schedule.memory_start
-        self.load_phase(&self.look, schedule.look)
-        self.load_phase(&self.settle, schedule.settle)
-        self.load_phase(&self.output, schedule.output)
-        self.load_phase(&self.update, schedule.update)
+        self.load_phase(&self.look, schedule.look, False)
+        self.load_phase(&self.settle, schedule.settle, False)
+        self.load_phase(&self.output, schedule.output, True)
+        self.load_phase(&self.update, schedule.update, True)
         self.look.item = self.settle.item = -1
         self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
         self.devices = Devices(schedule, ends, self.memory)
@@ -64,8 +66,11 @@ cdef class Program:
         free(self.update.steps); free(self.update.segments)
         free(self.columns)
 
-    cdef int load_phase(self, Phase *phase, steps) except -1:
-        """Copy the steps and cut them into segments of neighbours of one kind, rate and condition."""
+    cdef int load_phase(self, Phase *phase, steps, bint holds) except -1:
+        """Copy the steps and cut them into segments of neighbours of one kind, rate and condition.
+
+        holds : whether steps may hold exceptions: not while a robot is being armed
+        """
         cdef Step *step
         cdef Segment *segment = NULL
         cdef int index
@@ -86,8 +91,10 @@ cdef class Program:
                 step.sizes = step.slots + len(entry.table.slots)
                 table = step.sizes + len(entry.table.sizes)
             else:
-                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory)
+                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory, entry.hold if holds else 0)
                 self.keep.append(call)
+                if call.hold > 0:
+                    self.holding.append(call)
                 step.python = <PyObject *>call
             kind = (step.kernel == NULL, entry.every, entry.conditions)
             if segment == NULL or kind != previous:
@@ -110,6 +117,8 @@ cdef class Program:
         self.live.reset()
         for block in self.blocks:
             block.reset()
+        for call in self.holding:
+            (<PythonStep>call).reset()
         self.devices.reset()
         self.error = None
         self.failed.step = -1
@@ -124,6 +133,16 @@ cdef class Program:
     def late(self):
         """s, how late the newest tick began."""
         return float(self.arena[LATENESS])
+
+    @property
+    def held(self):
+        """Exceptions that were no fault: a list of (path, how many, tick of the first, the last one) of each block that held any."""
+        found = {}
+        for call in self.holding:
+            if call.held:
+                path, count, first, last = found.get(call.name, (call.name, 0, call.first_held, None))
+                found[path] = path, count + call.held, min(first, call.first_held), call.last_held if last is None else last
+        return list(found.values())
 
     @property
     def culprit(self):
@@ -242,7 +261,10 @@ cdef class Program:
                     if periods > 0:
                         self.set_clock(segment, periods, dt, period)
                         for step in range(segment.first, segment.last):
-                            (<PythonStep>phase.steps[step].python).call(self.arena)
+                            if (<PythonStep>phase.steps[step].python).hold == 0:
+                                (<PythonStep>phase.steps[step].python).call(self.arena)
+                            elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
+                                self.tell_held(<PythonStep>phase.steps[step].python)
                             if laps != NULL:
                                 lap(laps, phase.item + step)
                     if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
@@ -253,6 +275,23 @@ cdef class Program:
                 self.blame_step(phase, step)
                 return PYTHON_ERROR
         return OK
+
+    cdef uint64_t share(self, PageLayout *page):
+        """Where to tell of exceptions held; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
+        self.page = page
+        return sum(8 + (<PythonStep>call).news_size() for call in self.holding)
+
+    cdef void tell_held(self, PythonStep call) noexcept nogil:
+        """The first exception that a step holds, as an event of the recording. Its words come at the end."""
+        cdef char *room
+        if self.page == NULL:
+            return
+        room = <char *>reserve(self.page, EVENT, <uint32_t>call.news_size())
+        if room == NULL:
+            self.page.dropped += 1
+            return
+        call.write_news(room)
+        commit(self.page)
 
     cdef int start_from_here(self) noexcept nogil:
         """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""

@@ -1,5 +1,5 @@
 from cpython.object cimport PyObject
-from libc.stdint cimport int32_t
+from libc.stdint cimport int32_t, int64_t
 
 cdef class PythonStep:
     cdef object callable
@@ -9,11 +9,28 @@ cdef class PythonStep:
     cdef int32_t[32] input_slots
     cdef int[32] output_kinds
     cdef int32_t[32] output_slots
+    cdef int[32] output_sizes
     cdef double[32] output_lows
     cdef double[32] output_highs
     cdef PyObject *arguments[33]
+    cdef readonly int hold               # exceptions in a row that are no fault
+    cdef int in_a_row
+    cdef bint given                      # it has returned once: there are values to keep
+    cdef double *kept                    # the outputs of the step before
+    cdef readonly int64_t held           # exceptions that were no fault
+    cdef readonly int64_t first_held     # tick of the first
+    cdef readonly object last_held       # the last of them
+    cdef bytes news                      # JSON that tells of the first, up to its tick
+    cdef const char *news_text
+    cdef size_t news_length
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
+    cdef int attempt(self, double *arena, int64_t tick) except -1
+    cdef void keep(self, double *arena) noexcept nogil
+    cdef void put_back(self, double *arena) noexcept nogil
+    cdef void reset(self)
+    cdef size_t news_size(self) noexcept nogil
+    cdef void write_news(self, char *text) noexcept nogil
     cdef int refuse(self, int index, value) except -1
     cdef int store_array(self, int index, object value, double *arena) except -1
     cdef int store(self, int index, object value, double *arena) except -1

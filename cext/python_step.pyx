@@ -1,6 +1,8 @@
 # cython: freethreading_compatible=True
 """Python steps in the tick: floats out of the arena by vectorcall, results back into it."""
 
+import json
+
 import numpy as np
 
 from cpython.bool cimport PyBool_FromLong
@@ -9,7 +11,10 @@ from cpython.float cimport PyFloat_AS_DOUBLE, PyFloat_AsDouble, PyFloat_CheckExa
 from cpython.long cimport PyLong_FromDouble
 from cpython.ref cimport Py_DECREF, Py_XDECREF
 from libc.math cimport isfinite
-from libc.string cimport memmove, memset
+from libc.stdint cimport int64_t
+from libc.stdio cimport snprintf
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memmove, memset
 
 cdef extern from "Python.h":
     PyObject *PyObject_Vectorcall(PyObject *callable, PyObject **arguments, size_t flags, PyObject *names)
@@ -44,6 +49,9 @@ cdef enum:
     TRUTH
     ARRAY
 
+cdef enum:
+    MOST_DIGITS = 20                # of a tick, with its sign
+
 FLOAT = np.dtype(np.float64)
 KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
 
@@ -58,12 +66,13 @@ cdef class PythonStep:
     inputs : list of (name, slot, dtype, shape); dtype is "float", "int" or "bool"; a shape other than () is passed as a view
     outputs : list of (name, slot, dtype, shape, low, high); a result outside its range is an error, NaN passes
     arena : the float64 array that the slots point into
+    hold : exceptions in a row after which the next is an error; until then the outputs keep their last values, once there are any
     """
 
-    def __cinit__(self, callable, str name, inputs, outputs, arena):
+    def __cinit__(self, callable, str name, inputs, outputs, arena, int hold=0):
         if len(inputs) > 32 or len(outputs) > 32:
             raise ValueError("%s: a Python block has at most 32 inputs and 32 outputs" % name)
-        self.callable, self.name = callable, name
+        self.callable, self.name, self.hold = callable, name, hold
         self.input_count, self.output_count = len(inputs), len(outputs)
         self.input_views, self.output_views = [], []
         self.input_names, self.output_names = [port for port, *_ in inputs], [port for port, *_ in outputs]
@@ -81,6 +90,66 @@ cdef class PythonStep:
             self.output_lows[index], self.output_highs[index] = low, high
             self.output_kinds[index] = ARRAY if shape else KINDS[dtype]
             self.output_views.append(arena[slot : slot + int(np.prod(shape))].reshape(shape) if shape else None)
+            self.output_sizes[index] = int(np.prod(shape))
+        self.news = json.dumps({"event": "exception held", "block": name}).encode()[:-1] + b', "tick": '
+        self.news_text, self.news_length = self.news, len(self.news)
+        self.kept = <double *>calloc(1 + sum(self.output_sizes[i] for i in range(self.output_count)), sizeof(double))
+        self.reset()
+
+    cdef void reset(self):
+        """Nothing has been held, and there is nothing yet that could be kept."""
+        self.in_a_row, self.held, self.first_held, self.last_held = 0, 0, -1, None
+        self.given = self.output_count == 0
+
+    cdef int attempt(self, double *arena, int64_t tick) except -1:
+        """Like `call`, but an exception leaves the outputs as they were, `hold` times in a row. Returns 1 at the first one held.
+
+        What ends a program, such as SystemExit, is never held.
+        """
+        self.keep(arena)
+        try:
+            self.call(arena)
+        except Exception as error:
+            if not self.given or self.in_a_row >= self.hold:
+                raise
+            self.put_back(arena)
+            self.in_a_row += 1
+            self.held += 1
+            self.last_held = error
+            if self.held == 1:
+                self.first_held = tick
+                return 1
+            return 0
+        self.in_a_row = 0
+        self.given = True
+        return 0
+
+    cdef size_t news_size(self) noexcept nogil:
+        """Bytes of the record that tells of the first exception held: a multiple of 8."""
+        return (self.news_length + MOST_DIGITS + 1 + 7) // 8 * 8
+
+    cdef void write_news(self, char *text) noexcept nogil:
+        """That record, as JSON with spaces where the number of its tick is shorter than it may be."""
+        cdef char[MOST_DIGITS + 1] digits
+        memset(text, 32, self.news_size())
+        memcpy(text, self.news_text, self.news_length)
+        memcpy(text + self.news_length, digits, snprintf(digits, sizeof(digits), "%lld", <long long>self.first_held))
+        text[self.news_size() - 1] = 125                    # }
+
+    cdef void keep(self, double *arena) noexcept nogil:
+        cdef int index
+        cdef double *kept = self.kept
+        for index in range(self.output_count):
+            memcpy(kept, arena + self.output_slots[index], self.output_sizes[index] * sizeof(double))
+            kept += self.output_sizes[index]
+
+    cdef void put_back(self, double *arena) noexcept nogil:
+        """What a step that raised has written of its outputs is taken back."""
+        cdef int index
+        cdef double *kept = self.kept
+        for index in range(self.output_count):
+            memcpy(arena + self.output_slots[index], kept, self.output_sizes[index] * sizeof(double))
+            kept += self.output_sizes[index]
 
     cdef int call(self, double *arena) except -1:
         cdef int index, kind
@@ -179,6 +248,7 @@ cdef class PythonStep:
 
     def __dealloc__(self):
         cdef int index
+        free(self.kept)
         for index in range(self.input_count):
             if self.input_kinds[index] != ARRAY:
                 Py_XDECREF(self.arguments[index + 1])

@@ -50,6 +50,7 @@ cdef struct Socket:
     int fd
     bint flexible                   # CAN FD
     bint shared                     # other nodes are processes of this machine: what it sends may be an answer
+    bint mute                       # nobody to send to: it only hears
     int patience                    # ticks with a full queue until that is a failure
     int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times
     int64_t drained                 # ns, CLOCK_MONOTONIC: what is read next came later

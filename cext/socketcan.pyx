@@ -128,6 +128,8 @@ cdef int socket_send(void *context, const Frame *frames, int count) noexcept nog
     cdef int index, batch, taken
     if untold(socket):
         return fail(socket, socket.trouble)
+    if socket.mute:
+        return 0
     while sent < count:
         batch = min(count - sent, FRAMES_PER_TICK)
         for index in range(batch):
@@ -182,16 +184,18 @@ cdef class SocketCan:
     fd : whether frames of CAN FD come too
     shared : whether the other nodes are processes of this machine, as on a virtual bus
     patience : ticks in a row with a full queue, after which the bus fails
+    mute : whether nothing is ever sent, as there is nobody to send to
 
     end : the BusEnd
     """
 
-    def __cinit__(self, file, *, bint fd=False, bint shared=False, int patience=10):
+    def __cinit__(self, file, *, bint fd=False, bint shared=False, int patience=10, bint mute=False):
         cdef int index
         self.socket = <Socket *>calloc(1, sizeof(Socket))
         if self.socket == NULL:
             raise MemoryError
         self.file = file
+        self.socket.mute = mute
         self.socket.fd, self.socket.flexible, self.socket.shared, self.socket.patience = file.fileno(), fd, shared, patience
         for index in range(FRAMES_PER_TICK):
             self.socket.came[index].iov_base = &self.socket.heard[index]

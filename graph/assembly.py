@@ -66,7 +66,7 @@ class Assembly:
     def python_step(self, block, method, names, outputs):
         return Step(
             block.path, block.every, self.conditions(block), function=method, inputs=tuple(self.argument(block, name) for name in names),
-            outputs=tuple(self.result(block, name, port) for name, port in outputs.items()))
+            outputs=tuple(self.result(block, name, port) for name, port in outputs.items()), hold=block.hold_exceptions)
 
     def conditions(self, block):
         return tuple(self.places[condition].slot for condition in block.conditions)

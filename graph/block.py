@@ -34,8 +34,10 @@ class Block:
     variadic = False            # takes any number of signals
     width = 1                   # how many elements its `...` ports have, once it is known
     every = 1                   # runs at every n-th tick
+    hold_exceptions = 0         # steps in a row that may raise while its outputs keep their last values; 0: the first is a fault
     conditions = ()             # signals that must all be true for it to run
     resamples = False           # may stand where rates meet that do not divide, as Hold may
+    always = False              # must run in every tick: in no slower subsystem, and in none that may be disabled
     jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
     compiled = False            # it has been
     diagram = None
@@ -68,11 +70,11 @@ class Block:
                     f"nor one of {', '.join(CLOCK)}"
                 )
 
-    def __init__(self, *values, name=None, every=1, **named):
+    def __init__(self, *values, name=None, every=1, hold_exceptions=0, **named):
         self.dt = None              # s, the block's own sampling period, once it is known
         self.location = caller()
         self.live_bounds = {}
-        self.every = every
+        self.every, self.hold_exceptions = every, hold_exceptions
         self._set_parameters(values, named)
         scope = current_scope()
         if scope is not None:
@@ -118,6 +120,10 @@ class Block:
             problems.append(Diagnostic(
                 "TW014", f"every must be a whole number of ticks, 1 or more, got {self.every!r}", path=who, where=self.location,
                 hint="every=2 runs the block in every second tick"))
+        if not (is_count(self.hold_exceptions) or (type(self.hold_exceptions) is int and self.hold_exceptions == 0)):
+            wrong(f"hold_exceptions must be a whole number of steps in a row, got {self.hold_exceptions!r}", "0: the first exception is a fault")
+        elif self.hold_exceptions and not (self.is_python or self.has_python_update):
+            wrong("takes no hold_exceptions: it does not run in Python and raises none", "leave it out")
         if problems:
             raise DiagramError(problems)
 

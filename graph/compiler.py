@@ -138,7 +138,7 @@ class Compilation:
 
     def compile_marked(self):
         """Python blocks that are marked `jit` become native, where Numba is installed."""
-        marked = [block for block in self.blocks if block.jit and block.is_python]
+        marked = [block for block in self.blocks if block.jit and block.is_python and not block.hold_exceptions]
         if not marked:
             return
         from graph import jit
@@ -250,12 +250,26 @@ class Compilation:
 
     # Rates and conditions
 
+    def check_always(self, block):
+        """A block that must be looked at in every tick, and so must what is wired to it."""
+        if block.every != 1:
+            self.report("TW018", f"runs at every {block.every} ticks", block, hint="take it out of the slow subsystem")
+        if block.conditions:
+            self.report("TW018", f"rests while {names_of(block.conditions)} is false", block, hint="take it out of the subsystem")
+        for name in block.inputs:
+            source = self.sources[block, name]
+            if isinstance(source, Signal) and source.block.conditions:
+                self.report("TW018", f"{source.path} keeps its last value while {names_of(source.block.conditions)} is false", block, name,
+                            self.where(block, name), f"take {source.block.path} out of the subsystem")
+
     def check_rates(self):
         self.holds = []
         for block in self.blocks:
             if isinstance(block, (Device, Sink)) and block.every != 1:
                 self.report("TW014", f"runs at every {block.every} ticks, and a {'device' if isinstance(block, Device) else 'recorder'} runs at every tick",
                             block, hint="take it out of the slow subsystem, and leave the blocks behind it there")
+            if block.always:
+                self.check_always(block)
             for name in block.inputs:
                 source = self.sources[block, name]
                 if not isinstance(source, Signal) or isinstance(block, (Device, Sink)) or source.block.every == block.every:
@@ -271,7 +285,7 @@ class Compilation:
                 for name in block.inputs:
                     source = self.sources[block, name]
                     if isinstance(source, Signal) and source.block.conditions and not block.conditions:
-                        conditions = " and ".join(signal.path for signal in source.block.conditions)
+                        conditions = names_of(source.block.conditions)
                         self.report("TW021", f"{source.path} keeps its last value while {conditions} is false", block, name,
                                     self.where(block, name), "put a Switch behind the subsystem that chooses 0 while it is disabled", "warning")
 
@@ -328,3 +342,7 @@ class Compilation:
             block.width = size_of(next(filter(None, free), ()))
             block.dt = block.every / self.diagram.rate
             self.attempt(block, block.prepare, block.dt)
+
+
+def names_of(conditions):
+    return " and ".join(signal.path for signal in conditions)

@@ -22,6 +22,7 @@ CODES = {
     "TW015": "block without a step",
     "TW016": "bus that cannot carry its traffic",
     "TW017": "step that cannot be compiled",
+    "TW018": "block that must run in every tick",
     "TW020": "outputs that nobody uses",
     "TW021": "command that may be held",
     "TW022": "busy bus",

@@ -20,6 +20,7 @@ class Step:
     function: object = None
     inputs: tuple = ()
     outputs: tuple = ()
+    hold: int = 0               # exceptions in a row that are no fault
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,8 @@ def describe_block(block, known, source):
         data["files"] = files
     if block.every != 1:
         data["every"] = block.every
+    if block.hold_exceptions:
+        data["hold_exceptions"] = block.hold_exceptions
     if block.conditions:
         data["conditions"] = [signal.path for signal in block.conditions]
     return data
@@ -191,7 +193,7 @@ def from_json(text, *, trust=()):
         prefix, _, name = entry["path"].rpartition("/")
         token = _scope.set(Scope(diagram, f"{prefix}/" if prefix else ""))
         try:
-            block = types[entry["type"]](name=name, **parameters_of(entry))
+            block = types[entry["type"]](name=name, **held_by(entry), **parameters_of(entry))
         finally:
             _scope.reset(token)
         block.every = entry.get("every", 1)
@@ -215,6 +217,10 @@ def parameters_of(entry):
         elif value is not None:
             parameters[name] = decode(value)
     return parameters
+
+
+def held_by(entry):
+    return {"hold_exceptions": entry["hold_exceptions"]} if "hold_exceptions" in entry else {}
 
 
 def signal_at(diagram, path):

@@ -190,7 +190,7 @@ def find(name, kinds):
 def describe(kind, home, sheet):
     """All that one block declares."""
     card = class_card(kind)
-    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}; {source_line(kind)}")]
+    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}")]
     for paragraph in documentation(kind) or ("no docstring",):
         code = re.search(r"^\s", paragraph, re.M)
         lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
@@ -212,6 +212,11 @@ def describe(kind, home, sheet):
         words = [item["description"], default, item["bounds"], live]
         lines += sheet.hang(f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word))
     return [line.rstrip() for line in lines]
+
+
+def exceptions(card):
+    """What an exception in a Python block can be made to mean."""
+    return "; may be given hold_exceptions" if "Python" in card["runs"] else ""
 
 
 def source_line(kind):

@@ -20,7 +20,7 @@ from runtime.simulation import Simulation
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
   diagram, file, rate, ok       name; path; Hz; whether nothing is wrong
-  blocks                        path, type, module, made (file:line), runs, rate, conditions, inputs, outputs
+  blocks                        path, type, module, made (file:line), runs, rate, conditions, hold_exceptions, inputs, outputs
     inputs                        name, unit, shape, dtype, and source (a port), constant or default
     outputs                       name, unit, shape, dtype, low, high, targets (ports)
   schedule                      null where something is wrong
@@ -106,7 +106,7 @@ def describe_block(block, card, found):
     for port in sides["outputs"]:
         interval = found.ranges.get(Signal(block, port["name"]), EVERYTHING)
         port |= {"low": bound(interval.low), "high": bound(interval.high)}
-    return {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")} | sides
+    return {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")} | {"hold_exceptions": block.hold_exceptions} | sides
 
 
 def describe_schedule(schedule):

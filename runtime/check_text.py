@@ -43,7 +43,8 @@ def ports(found, paper):
     units = max((len(unit_text(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0)
     ranges = max((len(interval(port["low"], port["high"])) for block in found["blocks"] for port in block["outputs"]), default=0)
     for block in found["blocks"]:
-        lines += paper.hang(f"  {paper.bold(block['path'])}  ", f"{block['type']}, {block['made']}", paper.faint)
+        holds = f", holds {count(block['hold_exceptions'], 'exception')} in a row" if block["hold_exceptions"] else ""
+        lines += paper.hang(f"  {paper.bold(block['path'])}  ", f"{block['type']}, {block['made']}{holds}", paper.faint)
         wired = [port for port in block["inputs"] if "source" in port or "constant" in port]
         unwired = [port for port in block["inputs"] if port not in wired]
         for port in wired:

@@ -6,7 +6,7 @@ import traceback
 from graph import Device
 from graph.diagram import Signal
 from runtime import aftermath
-from runtime.diagram_file import own_frames
+from runtime.diagram_file import own_frames, words
 from runtime.timing import micro
 
 
@@ -45,7 +45,7 @@ def what(result, block, program):
     return {
         "not finite": "a command is NaN or infinite" if not result.failed_in_plant else "what it would answer is NaN or infinite",
         "out of limits": "a command has left the interval that was proved",
-        "exception": "its step raised an exception",
+        "exception": raised(outcome),
         "no answer": unanswered(result),
         "silent": f"no reply for longer than its timeout{timeout}",
         "device fault": "the device reports a fault",
@@ -54,7 +54,14 @@ def what(result, block, program):
         "fenced": fenced(result),
         "unguarded": unguarded(result),
         "foreign command": foreign_command(block),
+        "e-stop": "the emergency stop was pressed",
     }.get(outcome.status, f"it ended with {outcome.status}")
+
+
+def raised(outcome):
+    """What a Python block did: an exception is a bug, leaving the program is not one but ends the run just as safely."""
+    leaves = isinstance(outcome.error, (SystemExit, KeyboardInterrupt))
+    return f"it left the program ({words(outcome.error)})" if leaves else "its step raised an exception"
 
 
 def unanswered(result):

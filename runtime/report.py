@@ -4,6 +4,8 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
+from runtime.held import held
+from runtime.held import text as held_text
 from runtime.lines import count
 from runtime.timing import timing
 
@@ -54,6 +56,8 @@ def summary(result):
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
         row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
+    for entry in held(result.request.file, result.control, result.plant):
+        row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
     if schedule.devices:
@@ -86,9 +90,10 @@ def stride_text(stride):
 
 
 def stop_text(outcome, schedule):
+    told = [device.name for device in schedule.devices if device.zero or device.disable]
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
-    return f"zero torque, then disable: confirmed by {', '.join(device.name for device in schedule.devices)}"
+    return f"zero torque, then disable: confirmed by {', '.join(told) or 'nobody, as nothing moves'}"
 
 
 def note(file):

@@ -18,6 +18,7 @@ from graph.store import to_json
 from runtime.errors import BadInput
 from runtime.fault import explain
 from runtime.guardian import SILENCE
+from runtime.held import held
 from runtime.live.table import describe
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
@@ -297,6 +298,7 @@ def ending(result):
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
         "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
+        "held": held(result.request.file, result.control, result.plant),
         "report": explain(result) if outcome.faulted else [],
     }
     return json.dumps(event).encode()

@@ -188,8 +188,29 @@ class SocketCanWire(Wire):
         self.socket.close()
 
 
+class Unwatched(Wire):
+    """Where the loop drives a bus on which nothing moves: there is nothing to stop, and nothing to hear."""
+
+    def fileno(self):
+        return None
+
+    def listen(self, replies):
+        pass
+
+    def receive(self):
+        return []
+
+    def send(self, identifier, data):
+        return False
+
+    def close(self):
+        pass
+
+
 def open_wire(bus):
     """The wire of a bus of the plan. CannotOpen."""
+    if bus["interface"] == "udp":
+        return Unwatched()
     if bus["interface"] == "socketcan":
         return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
     return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"])

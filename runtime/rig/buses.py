@@ -11,16 +11,18 @@ from runtime.doctor.machine import Machine
 from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
-from runtime.rig.file import SOCKETCAN
+from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.fitness import WIRING, again, take_up
 from runtime.rig.interface import Interface
 from runtime.rig.troubles import Refused, RigError, Trouble
+from runtime.rig.udp import UdpInterface, failed
 
 PATIENCE = 10                   # ticks in a row with a full queue, then it is a fault
 SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this interface says what it needs"
 GONE = (errno.ENODEV, errno.ENXIO)
 
 
+NATIVE = (SOCKETCAN, UDP)       # kinds that the loop drives itself
 ONE_PROCESS = ("virtual",)      # kinds whose other nodes would have to be in the process that opens them
 
 
@@ -57,7 +59,7 @@ class RigBuses:
         self.locks, self.guardian, self.report = [], None, None
         self.lines, self.bell = None, -1
         kinds = [rig.buses[name].interface for name in names]
-        if any(kind != SOCKETCAN for kind in kinds):
+        if any(kind not in NATIVE for kind in kinds):
             self.lines, self.bell = Lines(len(names)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         devices = [block for block in robot if isinstance(block, Device)]
         for index, name in enumerate(names):
@@ -81,6 +83,9 @@ class RigBuses:
             raise Refused(Trouble(
                 "TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
                 "end that one first: a bus has one controller")) from None
+        if bus.interface == UDP:
+            interface = UdpInterface(bus, devices)
+            return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=PATIENCE, mute=not bus.peer))
         if bus.interface != SOCKETCAN:
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
@@ -178,6 +183,8 @@ class RigBuses:
         if isinstance(self.buses[name].can, Line):
             said = (self.report or {}).get("troubles", {}).get(name) or "it takes no frames"
             return f"{bus.interface} {bus.channel}: {said}", "is the adapter plugged in, and its supply on?"
+        if bus.interface == UDP:
+            return failed(self.buses[name].can.trouble, bus)
         return in_words(self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual)
 
 

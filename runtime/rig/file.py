@@ -18,6 +18,7 @@ from pathlib import Path
 
 from graph.block import suggestion
 from runtime.rig.troubles import RigError, Trouble
+from runtime.rig.udp import EXAMPLE, UDP, Endpoint
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -32,19 +33,21 @@ KEYS = {                                    # of a bus: type, example, whether i
     "channel": (str, '"can0"', True),
     "bitrate": (int, "1_000_000", False),
     "fd": (bool, "true", False),
+    "peer": (str, '"192.168.4.2:9871"', False),
 }
 WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false"}
 
 
 @dataclass(frozen=True)
 class RigBus:
-    """interface : of python-can's kinds; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD"""
+    """interface : of python-can's kinds; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD; peer : where UDP sends to"""
 
     name: str
     interface: str
     channel: str
     bitrate: int = FASTEST
     fd: bool = False
+    peer: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,10 +134,27 @@ def bus(name, table, troubles):
     if found.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % LONGEST_NAME, found.channel):
         wrong(f"channel = {found.channel!r}: no network interface has such a name",
               'write channel = "can0"; `ip link` lists those of this machine')
-    if found.interface != SOCKETCAN and found.interface not in kinds():
+    if found.interface == UDP:
+        check_udp(found, wrong)
+    elif found.peer:
+        wrong("peer is of UDP alone", "take it out")
+    if found.interface not in (SOCKETCAN, UDP) and found.interface not in kinds():
         wrong(f"interface = {found.interface!r}: python-can has none of that name",
-              suggestion(found.interface, kinds()) or 'write interface = "socketcan"')
+              suggestion(found.interface, [*kinds(), UDP]) or 'write interface = "socketcan"')
     return found if len(troubles) == before else None
+
+
+def check_udp(bus, wrong):
+    """wrong : called with what is wrong, and the cure"""
+    for key in ("channel", "peer"):
+        text = getattr(bus, key)
+        try:
+            if text:
+                Endpoint(text)
+        except ValueError as error:
+            wrong(f"{key} = {text!r}: {error}", f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'))
+    if bus.fd:
+        wrong("fd = true: a datagram of UDP is a classic frame", "take it out")
 
 
 def kinds():

@@ -21,6 +21,9 @@ CODES = {
     "TW118": "no permission",
     "TW119": "interface that cannot be opened",
     "TW120": "no guardian",
+    "TW121": "UDP port in use",
+    "TW122": "address of another machine",
+    "TW123": "privileged port",
 }
 
 

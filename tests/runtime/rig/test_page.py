@@ -1,6 +1,9 @@
 """docs/rigs.md: its rig fits the knee exoskeleton, and it has every code of this room, each of which some test provokes."""
 
 import re
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 from runtime.diagram_file import load
@@ -17,6 +20,18 @@ def test_the_rig_of_the_page_fits_the_knee_exoskeleton(tmp_path):
     knee = diagram["left/knee"]
     assert (knee.can_id, knee.invert, knee.offset) == (3, True, 0.12) and diagram["right/knee"].can_id == 2
     assert all(f"`{name}`" in PAGE for name in knee.hardware)
+
+
+def test_the_sender_of_the_page_is_heard_as_a_released_button():
+    script = next(text for text in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "sendto" in text)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        receiver.settimeout(10.0)
+        sender = subprocess.Popen([sys.executable, "-c", script.replace("9871", str(receiver.getsockname()[1]))])
+        heard = [receiver.recv(100) for _ in range(3)]
+        sender.kill()
+        sender.wait()
+    assert heard == [bytes([0, 1, 0, 0, 2, 0, 0, 0, count, 0x5A, 0, 0, 0, 0, 0, 0]) for count in range(3)]
 
 
 def test_every_code_has_its_row():

@@ -1,0 +1,252 @@
+"""Emergency stops: no command of the tick in which one is pressed, whatever says so, and however briefly."""
+
+import math
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.logic import Compare
+from blocks.models import Limb
+from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
+from blocks.sources import StepSource
+from graph import Block, Diagram, DiagramError, Output, compile, stack, subsystem
+from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
+
+RATE, PRESSED_AT = 200, 0.5                     # Hz, s
+
+
+class Truth(Block):
+    """What a list says, tick by tick, then its last."""
+
+    y = Output("1", dtype=bool)
+
+    def __init__(self, values, **options):
+        self.values = values
+        super().__init__(**options)
+
+    def step(self, tick):
+        return self.values[min(tick, len(self.values) - 1)]
+
+
+class Number(Truth):
+    """The same as numbers."""
+
+    y = Output("1")
+
+
+def robot_with(*stops):
+    """A knee that is told 1 N·m, and emergency stops. stops : functions that wire one each"""
+    with Diagram("robot", rate=RATE) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+        for stop in stops:
+            stop()
+    return Rig(robot, plant_of(robot))
+
+
+def test_the_run_ends_in_the_tick_in_which_it_is_pressed_and_nothing_of_that_tick_is_sent():
+    rig = robot_with(lambda: EmergencyStop(name="stop")(Truth([False] * 40 + [True, False]).y))
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "stop", 40)
+    assert len(rig.commands()) == 40 and ends_in_the_safe_stop(rig)
+
+
+def test_a_number_that_is_none_is_pressed():
+    class Doubtful(Block):
+        """NaN where a truth should be, from tick 7 on."""
+
+        y = Output("1")
+
+        def step(self, tick):
+            return math.nan if tick >= 7 else 0.0
+
+    rig = robot_with(lambda: EmergencyStop()(Compare(">")(Doubtful().y, 0.5)))
+    outcome = rig.run(50)
+    assert (outcome.status, outcome.tick) == ("e-stop", 7) and len(rig.commands()) == 7
+
+
+def test_there_may_be_any_number_and_each_is_enough():
+    rig = robot_with(
+        lambda: EmergencyStop(name="first")(Truth([False]).y), lambda: EmergencyStop(name="second")(Truth([False] * 9 + [True]).y))
+    outcome = rig.run(50)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "second", 9)
+
+
+def test_of_a_vector_one_element_is_enough():
+    rig = robot_with(lambda: EmergencyStop()(Compare(">")(stack(Number([0.0]).y, Number([0.0] * 5 + [1.0]).y), 0.5)))
+    outcome = rig.run(50)
+    assert (outcome.status, outcome.tick) == ("e-stop", 5)
+
+
+def test_one_that_might_not_be_looked_at_is_refused():
+    def complaint(make):
+        with pytest.raises(DiagramError) as raised, Diagram("robot", rate=RATE) as diagram:
+            make()
+            compile(diagram)
+        return [(d.code, d.message) for d in raised.value.diagnostics]
+
+    def in_a_part_that_is(**how):
+        with subsystem("part", **{key: value(Truth([True], name="on")) if callable(value) else value for key, value in how.items()}):
+            EmergencyStop(name="stop")(Truth([False]).y)
+
+    [(code, message)] = complaint(lambda: in_a_part_that_is(every=4))
+    assert code == "TW018" and message == "runs at every 4 ticks"
+    found = complaint(lambda: in_a_part_that_is(enabled=lambda on: on.y))
+    assert {code for code, _ in found} == {"TW018"} and "rests while on.y is false" in found[0][1]
+
+    def wired_into_one():
+        with subsystem("part", enabled=Truth([True], name="on").y):
+            pressed = Truth([False], name="pressed").y
+        EmergencyStop(name="stop")(pressed)
+
+    [(code, message)] = complaint(wired_into_one)
+    assert code == "TW018" and message == "part/pressed.y keeps its last value while on.y is false"
+
+
+# The heartbeat
+
+def heartbeat_rig(*, pressed=lambda: False, silent=lambda: False, period=0.02, timeout=0.1):
+    """A knee and a button, both emulated. pressed, silent : functions that make the plant's signals"""
+    with Diagram("robot", rate=RATE) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+        EStopHeartbeat(name="button", timeout=timeout)
+    with Diagram("plant", rate=5 * RATE) as plant:
+        drive, limb = robot["knee"].emulator(name="drive"), Limb(inertia=0.1, damping=0.5, stiffness=0.0, reflex=0.0)
+        limb(torque=drive.torque)
+        drive(position=limb.position, velocity=limb.velocity)
+        robot["button"].emulator(name="emulated", period=period)(pressed=pressed(), silent=silent())
+    return Rig(robot, plant)
+
+
+def from_then_on(time=PRESSED_AT):
+    return Compare(">")(StepSource(time=time)(), 0.5)
+
+
+def test_a_button_that_beats_lets_the_robot_run():
+    rig = heartbeat_rig()
+    assert rig.run(400).status == "ok"
+    assert rig["button.pressed"].max() == 0.0 and rig["button.age"].max() < 0.03
+    assert rig["button.count"][-1] == pytest.approx(2.0 / 0.02, abs=3)
+
+
+def test_a_press_ends_the_run_in_the_tick_that_hears_it_before_a_command_is_sent():
+    rig = heartbeat_rig(pressed=from_then_on)
+    outcome = rig.run(400)
+    assert (outcome.status, outcome.culprit) == ("e-stop", "button")
+    assert PRESSED_AT <= outcome.tick / RATE <= PRESSED_AT + 0.03
+    assert len(rig.commands()) == outcome.tick and ends_in_the_safe_stop(rig)
+
+
+def test_a_button_that_falls_silent_ends_the_run_after_its_timeout():
+    rig = heartbeat_rig(silent=from_then_on, timeout=0.15)
+    outcome = rig.run(400)
+    assert (outcome.status, outcome.culprit) == ("silent", "button")
+    assert PRESSED_AT + 0.12 <= outcome.tick / RATE <= PRESSED_AT + 0.17 and ends_in_the_safe_stop(rig)
+
+
+def test_nothing_arms_without_a_button():
+    rig = heartbeat_rig(silent=lambda: True)
+    outcome = rig.run(10)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("button",)) and set(rig.sent()) <= {ENABLE, NOTHING, DISABLE}
+
+
+def test_a_button_that_is_pressed_while_arming_keeps_every_command_back():
+    rig = heartbeat_rig(pressed=lambda: True)
+    outcome = rig.run(10)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", 0) and rig.commands() == []
+
+
+def test_nan_at_the_emulator_is_pressed():
+    class Torn(Block):
+        """NaN from 0.3 s on."""
+
+        y = Output("1")
+
+        def step(self, t):
+            return math.nan if t >= 0.3 else 0.0
+
+    rig = heartbeat_rig(pressed=lambda: Compare(">")(Torn().y, 0.5))
+    assert rig.run(400).status == "e-stop"
+
+
+# Its frames, byte for byte
+
+class Says(Block):
+    """Puts frames on a bus itself: at each tick of a plant what a list says of it, else a good frame."""
+
+    y = Output("1")
+
+    def __init__(self, frames, **options):
+        self.frames, self.end = frames, None
+        super().__init__(**options)
+
+    def reset(self):
+        self.counter = 0
+
+    def step(self, tick, t):
+        for identifier, data in self.frames.get(tick, [(0x123, None)]):
+            if data is None:
+                data, self.counter = bytes([self.counter % 256, 0x5A]), self.counter + 1
+            self.end.send(identifier, data, time=round(t * 1e9))
+        return 0.0
+
+
+def heard(frames, ticks=60):
+    """(outcome, rig) of a run whose button says `frames`: {tick of the plant: [(id, data or None for a good one)]}"""
+    with Diagram("robot", rate=RATE) as robot:
+        EStopHeartbeat(name="button", can_id=0x123, timeout=0.05)
+    with Diagram("plant", rate=RATE) as plant:
+        EmulatedEStop(name="other", can_id=0x124)(silent=True)
+        says = Says(frames, name="says")
+    rig = Rig(robot, plant)
+    says.end = rig.buses["estop"].device
+    return rig.run(ticks), rig
+
+
+@pytest.mark.parametrize("second", [0x00, 0x5B, 0x4A, 0xA5, 0xFF, 0xDA, 0x50])
+def test_only_one_byte_of_256_says_released(second):
+    outcome, _ = heard({20: [(0x123, bytes([77, second]))]})
+    assert (outcome.status, outcome.culprit) == ("e-stop", "button") and 19 <= outcome.tick <= 21
+
+
+@pytest.mark.parametrize("data", [b"", b"\x07", b"\x07\x5a\x00", bytes(8), bytes(7) + b"\x5a"])
+def test_frames_of_another_length_change_nothing_and_are_counted(data):
+    outcome, rig = heard({20: [(0x123, data), (0x123, None)]})
+    assert outcome.status == "ok" and rig.statistics()["frames"]["malformed"] == 1 and rig["button.pressed"].max() == 0.0
+
+
+def test_frames_of_other_ids_are_not_its_business():
+    outcome, rig = heard({20: [(0x122, b"\x00\x00"), (0x123, None)]})
+    assert outcome.status == "ok" and rig.statistics()["frames"]["foreign"] == 1
+
+
+def test_a_counter_that_stands_still_is_no_heartbeat():
+    outcome, rig = heard({tick: [(0x123, b"\x09\x5a")] for tick in range(20, 100)})
+    assert (outcome.status, outcome.culprit) == ("silent", "button") and 28 <= outcome.tick <= 33
+    assert rig.statistics()["frames"]["malformed"] >= 8
+
+
+def test_a_counter_that_stands_still_may_still_press():
+    outcome, _ = heard({tick: [(0x123, b"\x09\x5a")] for tick in range(20, 24)} | {24: [(0x123, b"\x09\x00")]})
+    assert outcome.status == "e-stop" and 23 <= outcome.tick <= 25
+
+
+def test_a_press_that_is_let_go_within_one_tick_is_latched():
+    outcome, rig = heard({20: [(0x123, b"\x50\x00"), (0x123, b"\x51\x5a")]})
+    assert (outcome.status, outcome.culprit) == ("e-stop", "button") and 19 <= outcome.tick <= 21
+
+
+def test_the_counter_wraps():
+    outcome, rig = heard({}, ticks=600)
+    assert outcome.status == "ok" and rig.statistics()["frames"]["malformed"] == 0
+
+
+def test_a_timeout_of_never_is_refused():
+    with Diagram("robot", rate=RATE), pytest.raises(DiagramError, match="timeout"):
+        EStopHeartbeat(timeout=0.0)
+
+
+def test_the_guardian_has_nothing_to_stop_there():
+    with Diagram("robot", rate=RATE):
+        button = EStopHeartbeat()
+    assert button.zero_frames() == button.disable_frames() == button.enable_frames() == [] and math.isfinite(button.timeout)
