@@ -48,7 +48,7 @@ def actuators(result):
         if not isinstance(block, Actuator):
             continue
         outputs = {name: values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
-        sent = {name: outputs.pop(name) for name in block.sent_outputs}
+        sent = {name: value for name in block.sent_outputs if (value := outputs.pop(name)) is not None and name.endswith("_sent")}
         wired = {wire.port for wire in result.diagram.wires if wire.block is block}
         asked = {name: value for name, value in inputs(block.path).items() if name in wired}
         table.append([

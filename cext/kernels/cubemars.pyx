@@ -9,21 +9,22 @@ AK Series Module Driver Manual V1.0.18, pages 64 to 68. A code is (x - low) (2^n
 clamped: the manual's 2^n wraps at the top, where +12.5 rad would become -12.5 rad.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport fabs, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport (
-    AUTHORITY, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, OUT_OF_LIMITS, TAKEN, Frame, export, export_decode,
+    AUTHORITY, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, OUT_OF_LIMITS, PERIOD, TAKEN, Frame, export, export_decode,
     export_encode,
 )
+from cext.kernels.drive_law cimport Law, share_inside
 
 cdef enum: # of CubeMars, in the order of its declaration
     POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
-    POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT
+    POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT, LIMITED
     CAN_ID, INVERT, OFFSET, TIMEOUT, STOP_DAMPING, STOP_TIME
     WIRE                        # position, velocity, stiffness, damping, torque: half the range of each
-    LIMITS                      # position, velocity, stiffness, damping, torque: what a command must stay inside
+    LIMITS                      # position, velocity, stiffness, damping, torque: what a command must stay inside; torque of the whole law
 
 cdef enum: # of EmulatedCubeMars
     E_POSITION, E_VELOCITY, E_TEMPERATURE, E_FAULT
@@ -83,6 +84,24 @@ cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *siz
     return TAKEN
 
 
+cdef double law_share(
+        double *arena, const int32_t *slots, double position, double velocity, double stiffness, double damping, double torque) noexcept nogil:
+    """The share of stiffness and damping that keeps the drive's law inside the torque limit until the next frame; 0 on stale feedback."""
+    cdef double *wire = arena + slots[WIRE]
+    cdef double age = arena[slots[AGE]]
+    cdef double position_error = position - arena[slots[POSITION]]
+    cdef double velocity_error = velocity - arena[slots[VELOCITY]]
+    cdef double moves = fabs(arena[slots[VELOCITY]]) * (arena[PERIOD] + age)
+    cdef Law law
+    if not age <= 2.0 * arena[PERIOD] + 1e-9:
+        return 0.0
+    law.spring, law.damper, law.torque = stiffness * position_error, damping * velocity_error, torque
+    law.spread = stiffness * (moves + 4.0 * wire[0] / 0xFFFF) + damping * 4.0 * wire[1] / 0xFFF     # a code of ours, and one of the reply
+    law.spring_loss = (fabs(position_error) + moves) * wire[2] / 0xFFF
+    law.damper_loss = fabs(velocity_error) * wire[3] / 0xFFF
+    return share_inside(&law, arena[slots[LIMITS] + 5])
+
+
 cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
     cdef double *wire = arena + slots[WIRE]
     cdef double *limits = arena + slots[LIMITS]
@@ -93,15 +112,21 @@ cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *siz
     cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
     cdef double damping = arena[slots[DAMPING_COMMAND]]
     cdef double torque = arena[slots[TORQUE_COMMAND]]
+    cdef double felt
     cdef uint32_t code
     if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
         return -NOT_FINITE
     if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
             or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
         return -OUT_OF_LIMITS
-    memset(&frames[0], 0, sizeof(Frame))
     if not 0.0 <= share <= 1.0:
         return -OUT_OF_LIMITS   # a share of NaN would be full torque
+    if stiffness > 0.0 or damping > 0.0:
+        felt = law_share(arena, slots, position, velocity, stiffness, damping, torque)
+        arena[slots[LIMITED]] += felt < 1.0
+        stiffness *= felt
+        damping *= felt
+    memset(&frames[0], 0, sizeof(Frame))
     frames[0].id = <uint32_t>arena[slots[CAN_ID]]
     frames[0].length = 8
     code = to_code(sign * share * torque, -wire[4], wire[4], 12)

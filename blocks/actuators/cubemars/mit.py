@@ -21,7 +21,8 @@ class CubeMars(Actuator):
     """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end. Without
-    stiffness and damping the drive gives `torque_command` alone.
+    stiffness and damping the drive gives `torque_command` alone; with them both are scaled so that the whole law, over every position that the
+    joint can reach before the next frame, stays inside `limit`, and are zero where the feedback is older than two ticks.
     """
 
     model = Param("", "1", "as the vendor writes it: AK80-9, AK10-9-V2.0", required=True, dtype=str)
@@ -50,13 +51,14 @@ class CubeMars(Actuator):
     fault = Output("1", "the drive's error code, 0 for none", dtype=int)
     age = Output("s", "since the newest reply was heard")
     torque_sent = Output("N·m", "torque command after limits, fade-in and quantisation")
+    limited = Output("1", "ticks in which stiffness and damping were scaled to keep the drive's law inside the limit", dtype=int)
     wire = Memory(0.0, "half ranges on the wire: position, velocity, stiffness, damping, torque")
-    limits = Memory(0.0, "of the commands, in the same order")
+    limits = Memory(0.0, "of the commands, in the same order, and of the drive's whole law")
 
     decode = kernels.decode
     encode = kernels.encode
     hardware = ("can_id", "invert", "offset")
-    sent_outputs = ("torque_sent",)
+    sent_outputs = ("torque_sent", "limited")
 
     def configure(self):
         found = self.found = models.find(self.model)
@@ -65,7 +67,8 @@ class CubeMars(Actuator):
         self.torque_limit = self.find_limit()
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         # The joint's range is the wire's, moved by the offset: what lies beyond cannot be sent.
-        self.limits = (models.POSITION - abs(self.offset), found.wire_velocity, models.STIFFNESS, models.DAMPING, self.torque_limit)
+        self.limits = (
+            models.POSITION - abs(self.offset), found.wire_velocity, models.STIFFNESS, models.DAMPING, self.torque_limit, self.torque_limit)
 
     def find_limit(self):
         """N·m: rated or peak torque, never beyond the wire."""
@@ -83,7 +86,7 @@ class CubeMars(Actuator):
         return min(limit, found.wire_torque)
 
     def command_limits(self):
-        position, velocity, stiffness, damping, torque = self.limits
+        position, velocity, stiffness, damping, torque, _ = self.limits
         return {
             "torque_command": Interval(-torque, torque),
             "position_command": Interval(-position, position),
@@ -107,6 +110,7 @@ class CubeMars(Actuator):
             "velocity": Interval(-velocity, velocity),
             "torque": Interval(-torque, torque),
             "torque_sent": Interval(-torque, torque),
+            "limited": Interval(0.0),
             "temperature": Interval(-40.0, 215.0),
             "fault": Interval(0.0, 255.0),
             "age": Interval(0.0),

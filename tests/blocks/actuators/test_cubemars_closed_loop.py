@@ -88,13 +88,13 @@ def test_a_constant_torque_on_a_free_inertia_accelerates_it_evenly():
 
 
 def test_the_torque_of_a_joint_never_passes_the_peak_of_its_motor():
-    """A stiff loop far from its target asks 250 N·m; the drive gives its peak, 18 N·m, and says so; the joint's speed stays within it."""
+    """A stiff loop far from its target asks 250 N·m; it gets its limit, 18 N·m less rounding; the joint's speed stays within that."""
     with Diagram("far", rate=RATE) as robot:
         drive = CubeMars("AK80-9", limit="peak", name="drive")
         drive(position_command=1.0, stiffness_command=250.0, damping_command=5.0)
     recording = run(robot, 100, plant=joint(robot), substeps=SUBSTEPS)
     torque, t = recording["drive.torque"][1:], recording.time[:-1]
-    assert 17.99 < torque.max() <= 18.0 and torque.min() >= -18.0
+    assert 17.9 < torque.max() <= 18.0 and torque.min() >= -18.0
     assert np.all(np.abs(recording["drive.velocity"][1:]) <= 18.0 * t / INERTIA + 100.0 / 4095)
 
 

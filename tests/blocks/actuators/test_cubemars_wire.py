@@ -17,7 +17,7 @@ FIELDS = tuple(name for name, _ in reference.FIELDS)
 def drive(model, **parameters):
     """A drive whose limits are as wide as its wire: the encoding is tested beyond what a motor may be asked."""
     wired = Wired(CubeMars, model, **{"can_id": 1, **parameters})
-    wired["limits"] = wired["wire"]
+    wired["limits"] = [*wired["wire"], math.inf]
     return wired
 
 
@@ -86,7 +86,7 @@ def test_nothing_commanded_has_the_codes_just_below_the_middle(model):
 @models
 def test_beyond_a_range_the_code_stays_at_its_end_and_never_wraps(model):
     wired = drive(model)
-    wired["limits"] = wired["wire"] * 1e6             # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = [*(wired["wire"] * 1e6), math.inf]      # no command reaches the wire like this: the last line of defence alone
     for name, bits in reference.FIELDS:
         low, high = RANGES[model][name]
         for x in (math.nextafter(high, math.inf), high * 1.0001, high + 1.0, high * 2.0, high * 1e5):
@@ -107,8 +107,9 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
 @models
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired = Wired(CubeMars, model, can_id=1)
-    assert wired["limits"].tolist() == [12.5, MODELS[model].wire_velocity, 500.0, 5.0, min(MODELS[model].rated, MODELS[model].wire_torque)]
-    for name, limit in zip(("position", "velocity", "stiffness", "damping", "torque"), wired["limits"]):
+    rated = min(MODELS[model].rated, MODELS[model].wire_torque)
+    assert wired["limits"].tolist() == [12.5, MODELS[model].wire_velocity, 500.0, 5.0, rated, rated]
+    for name, limit in zip(FIELDS, wired["limits"]):
         low = 0.0 if name in ("stiffness", "damping") else -limit
         for x in (low, limit):
             assert len(wired.say(**{f"{name}_command": x})) == 1
@@ -164,9 +165,10 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
     """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque, stiffness and damping."""
     wired = Wired(CubeMars, model, can_id=9, invert=invert, offset=offset, limit="peak")
     wired.arena[AUTHORITY] = authority
+    wired["limits"] = [*wired["limits"][:5], math.inf]
     fields = {
         name: data.draw(st.floats(0.0 if name in ("stiffness", "damping") else -limit, limit), label=name)
-        for name, limit in zip(("position", "velocity", "stiffness", "damping", "torque"), wired["limits"])
+        for name, limit in zip(FIELDS, wired["limits"])
     }
     sign = -1.0 if invert else 1.0
     at_motor = {
