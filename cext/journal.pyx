@@ -3,7 +3,7 @@
 
 from libc.string cimport memset
 
-from cext.abi cimport FENCED, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
+from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.histogram cimport Histogram
 from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
@@ -32,7 +32,7 @@ cdef class Journal:
         self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
-        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH * program.devices.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops

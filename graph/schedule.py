@@ -37,6 +37,7 @@ class DeviceSteps:
     enable: tuple
     zero: tuple
     disable: tuple
+    unanswered: int = 0         # of the frames of disable
 
 
 @dataclass(frozen=True)

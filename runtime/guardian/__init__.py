@@ -8,8 +8,8 @@
 The plan is a dict that JSON can carry:
 
     buses       of each: name, interface, channel, bitrate, fd, virtual, line (its number; None where the loop drives the bus itself)
-    devices     of each: name, bus (index), zero and disable as [id, data], replies as [id, mask, first bytes]; data in hex digits, ids with
-                the flag bits of struct can_frame
+    devices     of each: name, bus (index), zero and disable as [id, data], unanswered (how many frames of disable are), replies as [id,
+                mask, first bytes]; data in hex digits, ids with the flag bits of struct can_frame
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
@@ -149,6 +149,7 @@ def plan(buses, schedule, diagram, priority):
         "devices": [
             {
                 "name": device.name, "bus": device.bus, "zero": told(device.zero), "disable": told(device.disable),
+                "unanswered": device.unanswered,
                 "replies": [[flagged(wanted, extended), mask | FLAGS, begin.hex()]
                             for wanted, mask, extended, begin in diagram[device.name].replies()],
             }
