@@ -1,0 +1,6 @@
+"""RobStride actuators and the CyberGear: quasi-direct drives with a driver board on CAN."""
+
+from blocks.actuators.robstride.emulator import EmulatedRobStride
+from blocks.actuators.robstride.private import RobStride
+
+__all__ = ["EmulatedRobStride", "RobStride"]
