@@ -9,22 +9,12 @@ AK Series Module Driver Manual V1.0.18, pages 64 to 68. A code is (x - low) (2^n
 clamped: the manual's 2^n wraps at the top, where +12.5 rad would become -12.5 rad.
 """
 
-from libc.math cimport isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport (
-    AUTHORITY, FOREIGN, MALFORMED, NOT_FINITE, OK, OUT_OF_LIMITS, TAKEN, Frame, export, export_decode, export_encode,
-)
+from cext.abi cimport FOREIGN, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, export, export_decode, export_encode
 from cext.kernels cimport drives
-from cext.kernels.fields cimport all_ones, from_code, pack, to_code, unpack
-
-cdef enum: # of CubeMars, in the order of its declaration
-    POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
-    POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT
-    CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
-    WIRE                        # position, velocity, stiffness, damping, torque: half the range of each, at the joint
-    LIMITS                      # position, velocity, stiffness, damping, torque: what a command must stay inside
+from cext.kernels.mit cimport CAN_ID, FAULT, TEMPERATURE, all_ones, decode_motion, encode_command, pack_motion, unpack
 
 cdef enum:
     TOO_HOT = 1                 # error code
@@ -36,60 +26,27 @@ cdef bint is_special(const uint8_t *data) noexcept nogil:
 
 cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
-    cdef double *wire = arena + slots[WIRE]
-    cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
     cdef const uint8_t *data = frame.data
     if frame.id != id and (frame.id != 0 or frame.length == 0 or data[0] != id):
         return FOREIGN          # an extended, remote or error frame differs in its high bits
     if frame.length != 8 or data[0] != id:
         return MALFORMED
-    arena[slots[POSITION]] = sign * from_code(<uint32_t>data[1] << 8 | data[2], -wire[0], wire[0], 16) - arena[slots[OFFSET]]
-    arena[slots[VELOCITY]] = sign * from_code(<uint32_t>data[3] << 4 | data[4] >> 4, -wire[1], wire[1], 12)
-    arena[slots[TORQUE]] = sign * from_code((<uint32_t>data[4] & 15) << 8 | data[5], -wire[4], wire[4], 12)
+    decode_motion(arena, slots, data)
     arena[slots[TEMPERATURE]] = <double>data[6] - 40.0
     arena[slots[FAULT]] = data[7]
     return TAKEN
 
 
 cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef double *wire = arena + slots[WIRE]
-    cdef double *limits = arena + slots[LIMITS]
-    cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
-    cdef double share = arena[AUTHORITY]
-    cdef double position = arena[slots[POSITION_COMMAND]]
-    cdef double velocity = arena[slots[VELOCITY_COMMAND]]
-    cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
-    cdef double damping = arena[slots[DAMPING_COMMAND]]
-    cdef double torque = arena[slots[TORQUE_COMMAND]]
-    cdef uint32_t code
-    if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
-        return -NOT_FINITE
-    if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
-            or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
-        return -OUT_OF_LIMITS
-    memset(&frames[0], 0, sizeof(Frame))
-    if not 0.0 <= share <= 1.0:
-        return -OUT_OF_LIMITS   # a share of NaN would be full torque
-    frames[0].id = <uint32_t>arena[slots[CAN_ID]]
-    frames[0].length = 8
-    code = to_code(sign * share * torque, -wire[4], wire[4], 12)
-    pack(
-        frames[0].data,
-        to_code(sign * (position + arena[slots[OFFSET]]), -wire[0], wire[0], 16),
-        to_code(sign * velocity, -wire[1], wire[1], 12),
-        to_code(share * stiffness, 0.0, wire[2], 12),
-        to_code(share * damping, 0.0, wire[3], 12),
-        code,
-    )
-    if is_special(frames[0].data):
+    cdef int count = encode_command(arena, slots, &frames[0])
+    if count == 1 and is_special(frames[0].data):
         frames[0].data[1] -= 1  # every range at its top reads as enable, disable or zero: one code less of position does not
-    arena[slots[TORQUE_SENT]] = sign * from_code(code, -wire[4], wire[4], 12)
-    return 1
+    return count
 
 
 cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef double *state = arena + slots[drives.STATE]
-    cdef double *command = arena + slots[drives.COMMAND]
+    cdef double *state = drives.kept(arena, slots, drives.STATE)
+    cdef double *command = drives.kept(arena, slots, drives.COMMAND)
     cdef const uint8_t *data = frame.data
     if frame.id != <uint32_t>arena[slots[drives.CAN_ID]]:
         return FOREIGN
@@ -106,7 +63,7 @@ cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *siz
         else:
             state[drives.ZERO] += drives.seen_position(arena, slots)
     elif state[drives.RUNNING] != 0.0:
-        unpack(data, arena + slots[drives.WIRE], command)
+        unpack(data, drives.kept(arena, slots, drives.WIRE), command)
     drives.owe(arena, slots, 0, 0, NULL)
     return TAKEN
 
@@ -119,7 +76,7 @@ cdef inline uint8_t error_code(double *arena, const int32_t *slots) noexcept nog
 
 cdef inline double motor_torque(double *arena, const int32_t *slots) noexcept nogil:
     """The drive's law, as far as its current goes."""
-    if (arena + slots[drives.STATE])[drives.RUNNING] == 0.0 or error_code(arena, slots) != 0:
+    if drives.kept(arena, slots, drives.STATE)[drives.RUNNING] == 0.0 or error_code(arena, slots) != 0:
         return 0.0
     return drives.within(drives.law(arena, slots), arena[slots[drives.PEAK]])
 
@@ -129,16 +86,12 @@ cdef int emulated_kernel(double *arena, const int32_t *slots, const int32_t *siz
     if arena[slots[drives.POWER_LOST]] != 0.0:
         drives.forget(arena, slots)
     arena[slots[drives.TORQUE]] = drives.turned(arena, slots, motor_torque(arena, slots))
-    arena[slots[drives.ENABLED]] = (arena + slots[drives.STATE])[drives.RUNNING]
+    arena[slots[drives.ENABLED]] = drives.kept(arena, slots, drives.STATE)[drives.RUNNING]
     return OK
 
 
 cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
     """One reply for each frame that was heard, with the state of now."""
-    cdef double *wire = arena + slots[drives.WIRE]
-    cdef uint32_t p = to_code(drives.seen_position(arena, slots), -wire[0], wire[0], 16)
-    cdef uint32_t v = to_code(drives.seen_velocity(arena, slots), -wire[1], wire[1], 12)
-    cdef uint32_t t = to_code(motor_torque(arena, slots), -wire[4], wire[4], 12)
     cdef double raw = arena[slots[drives.TEMPERATURE]] + 40.0
     cdef uint32_t id = drives.own_id(arena, slots)
     cdef uint8_t data[8]
@@ -146,15 +99,11 @@ cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *siz
     cdef int index
     if not drives.answerable(arena, slots):
         return -NOT_FINITE      # a plant that has blown up has no answer
-    data[0] = <uint8_t>id
-    data[1] = <uint8_t>(p >> 8)
-    data[2] = <uint8_t>p
-    data[3] = <uint8_t>(v >> 4)
-    data[4] = <uint8_t>((v & 15) << 4 | t >> 8)
-    data[5] = <uint8_t>t
+    pack_motion(data, id, drives.kept(arena, slots, drives.WIRE), drives.seen_position(arena, slots), drives.seen_velocity(arena, slots),
+                motor_torque(arena, slots))
     data[6] = 0 if not raw > 0.0 else 255 if raw > 255.0 else <uint8_t>raw
     data[7] = error_code(arena, slots)
-    for index in range(<int>(arena + slots[drives.OUTBOX])[1]):
+    for index in range(<int>drives.kept(arena, slots, drives.OUTBOX)[1]):
         answer = drives.unwritten(arena, slots, index)
         if answer != NULL:
             answer[1], answer[2] = id, 8.0

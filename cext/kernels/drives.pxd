@@ -8,17 +8,20 @@ from libc.math cimport isfinite
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FRAMES_PER_DEVICE, TIME, Frame
+from cext.abi cimport FRAMES_PER_DEVICE, INPUTS, OUTPUTS, PARAMETERS, TIME, Frame
 
 cdef enum:
     POSITION, VELOCITY, TEMPERATURE, FAULT, SILENT, DROPPED, WRONG_ID, STUCK_ENCODER, DELAY, POWER_LOST
     TORQUE, ENABLED
     CAN_ID, INVERT, OFFSET, GEAR_RATIO, PEAK, TRIP_TEMPERATURE, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
+    FIRST_OWN                   # parameter of a family
+
+cdef enum: # items of memory
     WIRE                        # position, velocity, stiffness, damping, torque: half ranges at the joint
     COMMAND                     # position, velocity, stiffness, damping, torque last heard, at the joint, the way the motor turns
     STATE                       # as the enum below
     OUTBOX                      # first, count, then ANSWERS times: time due, identifier, length, eight bytes as they are
-    OWN                         # first item of memory of a family
+    OWN                         # first of a family
 
 cdef enum: # in STATE
     RUNNING                     # whether it is enabled
@@ -34,9 +37,14 @@ cdef enum:
     UNWRITTEN = 255             # length of an answer that is written when it is owed: with the state at the end of the step
 
 
+cdef inline double *kept(double *arena, const int32_t *slots, int item) noexcept nogil:
+    """An item of memory: it lies behind what parameters a family has."""
+    return arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + item]
+
+
 cdef inline bint drops(double *arena, const int32_t *slots) noexcept nogil:
     """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
-    cdef double *luck = arena + slots[STATE] + LUCK
+    cdef double *luck = kept(arena, slots, STATE) + LUCK
     if not arena[slots[DROPPED]] > 0.0:
         return False
     luck[0] = <double>((<uint64_t>luck[0] * 1103515245u + 12345u) & 0x7FFFFFFFu)
@@ -50,7 +58,7 @@ cdef inline bint unreachable(double *arena, const int32_t *slots) noexcept nogil
 
 cdef inline void owe(double *arena, const int32_t *slots, uint32_t id, int length, const uint8_t *data) noexcept nogil:
     """Promise an answer; without data it is written at the end of the step. One too many is forgotten."""
-    cdef double *outbox = arena + slots[OUTBOX]
+    cdef double *outbox = kept(arena, slots, OUTBOX)
     cdef double *answer
     if outbox[1] >= ANSWERS:
         return
@@ -65,14 +73,14 @@ cdef inline void owe(double *arena, const int32_t *slots, uint32_t id, int lengt
 
 cdef inline double *unwritten(double *arena, const int32_t *slots, int index) noexcept nogil:
     """The answer at that place of the queue if it waits to be written; NULL if there is none or it is."""
-    cdef double *outbox = arena + slots[OUTBOX]
+    cdef double *outbox = kept(arena, slots, OUTBOX)
     cdef double *answer = outbox + 2 + WORDS * (<int>(outbox[0] + index) % ANSWERS)
     return answer if index < outbox[1] and answer[2] == UNWRITTEN else NULL
 
 
 cdef inline int deliver(double *arena, const int32_t *slots, Frame *frames) noexcept nogil:
     """The answers that are due, oldest first: as many as fit; those that get lost do not count."""
-    cdef double *outbox = arena + slots[OUTBOX]
+    cdef double *outbox = kept(arena, slots, OUTBOX)
     cdef double *answer
     cdef int count = 0
     while outbox[1] > 0.0 and count < FRAMES_PER_DEVICE:
@@ -107,19 +115,19 @@ cdef inline double true_position(double *arena, const int32_t *slots) noexcept n
 
 cdef inline double seen_position(double *arena, const int32_t *slots) noexcept nogil:
     """What its encoder says, its zero taken away."""
-    cdef double *state = arena + slots[STATE]
+    cdef double *state = kept(arena, slots, STATE)
     return (state[HELD] if state[HOLDS] != 0.0 else true_position(arena, slots)) - state[ZERO]
 
 
 cdef inline double seen_velocity(double *arena, const int32_t *slots) noexcept nogil:
-    if (arena + slots[STATE])[HOLDS] != 0.0:
+    if kept(arena, slots, STATE)[HOLDS] != 0.0:
         return 0.0
     return turned(arena, slots, arena[slots[VELOCITY]])
 
 
 cdef inline void look(double *arena, const int32_t *slots) noexcept nogil:
     """Begin of a step: the encoder sticks where it is, or lets go."""
-    cdef double *state = arena + slots[STATE]
+    cdef double *state = kept(arena, slots, STATE)
     if arena[slots[STUCK_ENCODER]] == 0.0:
         state[HOLDS] = 0.0
     elif state[HOLDS] == 0.0:
@@ -129,15 +137,15 @@ cdef inline void look(double *arena, const int32_t *slots) noexcept nogil:
 
 cdef inline void forget(double *arena, const int32_t *slots) noexcept nogil:
     """Power is gone: what it was told, and what it would have said."""
-    cdef double *state = arena + slots[STATE]
+    cdef double *state = kept(arena, slots, STATE)
     state[RUNNING] = 0.0
-    memset(arena + slots[COMMAND], 0, 5 * sizeof(double))
-    (arena + slots[OUTBOX])[1] = 0.0
+    memset(kept(arena, slots, COMMAND), 0, 5 * sizeof(double))
+    kept(arena, slots, OUTBOX)[1] = 0.0
 
 
 cdef inline double law(double *arena, const int32_t *slots) noexcept nogil:
     """kp (p_des - p) + kd (v_des - v) + t of what it was told."""
-    cdef double *command = arena + slots[COMMAND]
+    cdef double *command = kept(arena, slots, COMMAND)
     return (command[2] * (command[0] - seen_position(arena, slots)) + command[3] * (command[1] - seen_velocity(arena, slots))
             + command[4])
 

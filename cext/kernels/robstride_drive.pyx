@@ -13,13 +13,13 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport EXTENDED, FOREIGN, ID_MASK, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode
 from cext.kernels.drives cimport (
     CAN_ID, COMMAND, ENABLED, FAULT, GEAR_RATIO, HEARD, OUTBOX, OWN, PEAK, POWER_LOST, RUNNING, STATE, TEMPERATURE, TORQUE,
-    TRIP_TEMPERATURE, WIRE, ZERO, answerable, deliver, forget, law, look, owe, own_id, seen_position, seen_velocity, turned, unreachable,
+    TRIP_TEMPERATURE, WIRE, ZERO, answerable, deliver, forget, kept, law, look, owe, own_id, seen_position, seen_velocity, turned, unreachable,
     unwritten, within,
 )
 from cext.kernels.fields cimport from_code, to_code
 
 cdef enum: # memory behind that of every drive
-    PARAMETERS = OWN            # values of the parameters 0x7000 to 0x703F
+    REGISTERS = OWN            # values of the parameters 0x7000 to 0x703F
     DEFAULTS                    # the same after power on
     MEMORY                      # as the enum below
 
@@ -64,48 +64,48 @@ cdef inline bint whole(uint32_t index) noexcept nogil:
 
 cdef double motor_torque(double *arena, const int32_t *slots) noexcept nogil:
     """N·m at the joint, the way the motor turns."""
-    cdef double *parameters = arena + slots[PARAMETERS]
-    cdef double *memory = arena + slots[MEMORY]
+    cdef double *registers = kept(arena, slots, REGISTERS)
+    cdef double *memory = kept(arena, slots, MEMORY)
     cdef double gear = arena[slots[GEAR_RATIO]]
     cdef double peak = arena[slots[PEAK]]
     cdef double velocity = gear * seen_velocity(arena, slots)
-    cdef double mode = parameters[RUN_MODE]
+    cdef double mode = registers[RUN_MODE]
     cdef double current, most
-    if (arena + slots[STATE])[RUNNING] == 0.0:
+    if kept(arena, slots, STATE)[RUNNING] == 0.0:
         return 0.0
-    most = parameters[LIMIT_TORQUE] * gear
+    most = registers[LIMIT_TORQUE] * gear
     if not most < peak:
         most = peak
     if mode == OPERATION:
         return within(law(arena, slots), most)
     if mode == CURRENT:
-        return within(gear * memory[TORQUE_CONSTANT] * parameters[IQ_REF], most)
-    current = parameters[SPD_REF]
+        return within(gear * memory[TORQUE_CONSTANT] * registers[IQ_REF], most)
+    current = registers[SPD_REF]
     if mode == PP or mode == CSP:
-        current = within(parameters[LOC_KP] * (parameters[LOC_REF] - gear * seen_position(arena, slots)),
-                         parameters[VEL_MAX] if mode == PP and parameters[VEL_MAX] > 0.0 else parameters[LIMIT_SPD])
-    current = within(parameters[SPD_KP] * (current - velocity), parameters[LIMIT_CUR])
+        current = within(registers[LOC_KP] * (registers[LOC_REF] - gear * seen_position(arena, slots)),
+                         registers[VEL_MAX] if mode == PP and registers[VEL_MAX] > 0.0 else registers[LIMIT_SPD])
+    current = within(registers[SPD_KP] * (current - velocity), registers[LIMIT_CUR])
     return within(gear * memory[TORQUE_CONSTANT] * current, most)
 
 
 cdef void stop(double *arena, const int32_t *slots) noexcept nogil:
-    (arena + slots[STATE])[RUNNING] = 0.0
-    memset(arena + slots[COMMAND], 0, 5 * sizeof(double))
+    kept(arena, slots, STATE)[RUNNING] = 0.0
+    memset(kept(arena, slots, COMMAND), 0, 5 * sizeof(double))
 
 
 cdef void start(double *arena, const int32_t *slots) noexcept nogil:
     """Where it is, and still."""
-    cdef double *parameters = arena + slots[PARAMETERS]
-    if (arena + slots[STATE])[RUNNING] != 0.0 or (arena + slots[MEMORY])[LATCHED] != 0.0:
+    cdef double *registers = kept(arena, slots, REGISTERS)
+    if kept(arena, slots, STATE)[RUNNING] != 0.0 or kept(arena, slots, MEMORY)[LATCHED] != 0.0:
         return
-    parameters[IQ_REF] = parameters[SPD_REF] = 0.0
-    parameters[LOC_REF] = arena[slots[GEAR_RATIO]] * seen_position(arena, slots)
-    (arena + slots[STATE])[RUNNING] = 1.0
+    registers[IQ_REF] = registers[SPD_REF] = 0.0
+    registers[LOC_REF] = arena[slots[GEAR_RATIO]] * seen_position(arena, slots)
+    kept(arena, slots, STATE)[RUNNING] = 1.0
 
 
 cdef void read(double *arena, const int32_t *slots, uint32_t host, uint32_t index) noexcept nogil:
     """The answer of type 17, at once."""
-    cdef double *parameters = arena + slots[PARAMETERS]
+    cdef double *registers = kept(arena, slots, REGISTERS)
     cdef double gear = arena[slots[GEAR_RATIO]]
     cdef uint32_t place = index & 63
     cdef bint known = index >> 6 == 0x7000 >> 6
@@ -113,15 +113,15 @@ cdef void read(double *arena, const int32_t *slots, uint32_t host, uint32_t inde
     cdef float single = 0.0
     cdef uint32_t bits = 0
     if known:
-        single = <float>parameters[place]
+        single = <float>registers[place]
         if place == MECH_POS:
             single = <float>(gear * seen_position(arena, slots))
         elif place == MECH_VEL:
             single = <float>(gear * seen_velocity(arena, slots))
         elif place == IQF:
-            single = <float>(motor_torque(arena, slots) / gear / (arena + slots[MEMORY])[TORQUE_CONSTANT])
+            single = <float>(motor_torque(arena, slots) / gear / kept(arena, slots, MEMORY)[TORQUE_CONSTANT])
     if whole(place):
-        bits = <uint32_t>parameters[place]
+        bits = <uint32_t>registers[place]
     else:
         memcpy(&bits, &single, 4)
     data[0] = <uint8_t>index
@@ -140,21 +140,21 @@ cdef void write(double *arena, const int32_t *slots, const uint8_t *data) noexce
     cdef float single
     if index >> 6 != 0x7000 >> 6 or MECH_POS <= place <= ROTATION:
         return
-    if place == RUN_MODE and ((arena + slots[STATE])[RUNNING] != 0.0 or data[4] > CSP or data[4] == 4):
+    if place == RUN_MODE and (kept(arena, slots, STATE)[RUNNING] != 0.0 or data[4] > CSP or data[4] == 4):
         return
     if whole(place):
         most = 100000 if place == CAN_TIMEOUT else 0xFFFF if place == EPSCAN_TIME else 0xFF
-        (arena + slots[PARAMETERS])[place] = bits if bits < most else most
+        kept(arena, slots, REGISTERS)[place] = bits if bits < most else most
         return
     memcpy(&single, &bits, 4)
     if isfinite(single):
-        (arena + slots[PARAMETERS])[place] = single
+        kept(arena, slots, REGISTERS)[place] = single
 
 
 cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef double *memory = arena + slots[MEMORY]
-    cdef double *wire = arena + slots[WIRE]
-    cdef double *command = arena + slots[COMMAND]
+    cdef double *memory = kept(arena, slots, MEMORY)
+    cdef double *wire = kept(arena, slots, WIRE)
+    cdef double *command = kept(arena, slots, COMMAND)
     cdef const uint8_t *data = frame.data
     cdef uint32_t type = frame.id >> 24 & 31
     cdef uint32_t field = frame.id >> 8 & 0xFFFF
@@ -167,7 +167,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
         return MALFORMED
     if unreachable(arena, slots):
         return TAKEN
-    (arena + slots[STATE])[HEARD] = arena[TIME]
+    kept(arena, slots, STATE)[HEARD] = arena[TIME]
     if type != 1:
         memory[HOST] = field & 255
     if type == 0:
@@ -181,7 +181,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
         memory[REPORTING] = data[6] == 1
         memory[NEXT_REPORT] = arena[TIME]
         return TAKEN            # its answer is the first report
-    if type == 1 and (arena + slots[STATE])[RUNNING] != 0.0:
+    if type == 1 and kept(arena, slots, STATE)[RUNNING] != 0.0:
         command[0] = from_code(u16(&data[0]), -wire[0], wire[0], 16)
         command[1] = from_code(u16(&data[2]), -wire[1], wire[1], 16)
         command[2] = from_code(u16(&data[4]), 0.0, wire[2], 16)
@@ -194,7 +194,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
         if data[0] == 1:
             memory[LATCHED] = 0.0
     elif type == 6 and data[0] == 1:
-        (arena + slots[STATE])[ZERO] += seen_position(arena, slots)
+        kept(arena, slots, STATE)[ZERO] += seen_position(arena, slots)
     elif type == 18:
         write(arena, slots, data)
     owe(arena, slots, 0, 0, NULL)
@@ -202,15 +202,15 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
 
 
 cdef int drive_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    cdef double *state = arena + slots[STATE]
-    cdef double *parameters = arena + slots[PARAMETERS]
-    cdef double *memory = arena + slots[MEMORY]
+    cdef double *state = kept(arena, slots, STATE)
+    cdef double *registers = kept(arena, slots, REGISTERS)
+    cdef double *memory = kept(arena, slots, MEMORY)
     cdef double fault = arena[slots[FAULT]]
-    cdef double patience = parameters[CAN_TIMEOUT] / 20000.0
+    cdef double patience = registers[CAN_TIMEOUT] / 20000.0
     look(arena, slots)
     if arena[slots[POWER_LOST]] != 0.0:
         forget(arena, slots)
-        memcpy(parameters, arena + slots[DEFAULTS], 64 * sizeof(double))
+        memcpy(registers, kept(arena, slots, DEFAULTS), 64 * sizeof(double))
         memory[LATCHED] = memory[REPORTED] = memory[REPORTING] = 0.0
     memory[LATCHED] = <int>memory[LATCHED] | (<int>fault & FAULTS if fault > 0.0 else 0) | (
         HOT if arena[slots[TEMPERATURE]] >= arena[slots[TRIP_TEMPERATURE]] else 0)
@@ -225,9 +225,9 @@ cdef int drive_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
 
 cdef void unasked(double *arena, const int32_t *slots) noexcept nogil:
     """Faults of type 21 that are new, and reports of type 24 that are due."""
-    cdef double *memory = arena + slots[MEMORY]
+    cdef double *memory = kept(arena, slots, MEMORY)
     cdef double word = <double><uint32_t>(arena[slots[FAULT]] / WORD) if arena[slots[FAULT]] >= WORD else 0.0
-    cdef double scan = (arena + slots[PARAMETERS])[EPSCAN_TIME]
+    cdef double scan = kept(arena, slots, REGISTERS)[EPSCAN_TIME]
     cdef uint8_t data[8]
     if arena[slots[POWER_LOST]] != 0.0:
         return
@@ -242,11 +242,11 @@ cdef void unasked(double *arena, const int32_t *slots) noexcept nogil:
 
 
 cdef int answer_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    cdef double *wire = arena + slots[WIRE]
-    cdef double *memory = arena + slots[MEMORY]
+    cdef double *wire = kept(arena, slots, WIRE)
+    cdef double *memory = kept(arena, slots, MEMORY)
     cdef double raw = arena[slots[TEMPERATURE]] * 10.0
     cdef uint32_t codes[4]
-    cdef uint32_t mode = 2 if (arena + slots[STATE])[RUNNING] != 0.0 else 0
+    cdef uint32_t mode = 2 if kept(arena, slots, STATE)[RUNNING] != 0.0 else 0
     cdef uint8_t data[8]
     cdef double *answer
     cdef int index, i
@@ -260,7 +260,7 @@ cdef int answer_encode(double *arena, const int32_t *slots, const int32_t *sizes
     for i in range(4):
         data[2 * i] = <uint8_t>(codes[i] >> 8)
         data[2 * i + 1] = <uint8_t>codes[i]
-    for index in range(<int>(arena + slots[OUTBOX])[1]):
+    for index in range(<int>kept(arena, slots, OUTBOX)[1]):
         answer = unwritten(arena, slots, index)
         if answer != NULL:
             answer[1] = (<uint32_t>EXTENDED | (24 if answer[1] == 24.0 else 2) << 24 | mode << 22 | <uint32_t>memory[LATCHED] << 16
