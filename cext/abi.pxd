@@ -57,12 +57,15 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
 
 cdef enum: # what decode_t returns
     FOREIGN = 0             # not for this device
-    TAKEN = 1
+    TAKEN = 1               # an answer of this device
+    NOTED = 2               # of this device, but no answer to a command: a report, or the reply of a drive that is not enabled yet
+    COMMANDED = 3           # for this device, from somebody else who commands it
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
 
 cdef enum:
     FRAME_BYTES = 64        # CAN FD
     FRAMES_PER_DEVICE = 4   # most that encode_t may fill
+    FRAMES_PER_BATCH = 12   # most that arming or the safe stop sends a device at once
     FRAMES_PER_TICK = 64    # most that a bus hands over in one tick
 
 cdef enum: # Linux's struct can_frame: flags in the high bits of the identifier

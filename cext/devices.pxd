@@ -1,12 +1,12 @@
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.buses cimport BusEnd
 from cext.page cimport PageLayout
 from cext.stopwatch cimport Laps
 
 cdef struct Batch:               # frames encoded at compile time
-    Frame frames[FRAMES_PER_DEVICE]
+    Frame frames[FRAMES_PER_BATCH]
     int count
 
 cdef struct Device:
@@ -23,6 +23,7 @@ cdef struct Device:
     Batch disable
     Batch damp                   # a safe stop begins with these,
     int64_t damping              # for so many ns
+    int unanswered               # of the frames of disable
     int64_t heard                # ns, when the newest sample arrived
     int64_t replies
     int64_t replies_wanted       # before it counts as answered

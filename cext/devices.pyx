@@ -13,7 +13,7 @@ from libc.stdint cimport uint8_t, uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport BUS_ERROR, DEVICE_FAULT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN
+from cext.abi cimport BUS_ERROR, COMMANDED, DEVICE_FAULT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN
 from cext.page cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
 
@@ -94,6 +94,7 @@ cdef class Devices:
             load_batch(&device.damp, entry.damp)
             device.damping = round(entry.damp_time * 1e9) if entry.damp else 0
             self.longest_damping = max(self.longest_damping, device.damping)
+            device.unanswered = entry.unanswered
         return 0
 
     cdef void begin(self, int64_t began) noexcept nogil:
@@ -137,13 +138,14 @@ cdef class Devices:
                     if answer != FOREIGN:
                         break
                 if self.alone and answer != TAKEN:
-                    number = self.commanded(frame)
+                    if answer != COMMANDED:                        # else the device itself has seen it
+                        number = self.commanded(frame)
                     if number >= 0 and not (page != NULL and load_i32(&page.fence)):       # behind it the guardian commands, too
                         self.failed.device = number
                         status = FOREIGN_COMMAND
                 if page != NULL:
                     page.frames_received += 1
-                    page.frames_foreign += answer == FOREIGN
+                    page.frames_foreign += answer == FOREIGN or answer == COMMANDED
                     page.frames_malformed += answer == MALFORMED
                     log_frame(page, frame)
         for number in range(self.count):
@@ -280,7 +282,7 @@ cdef class Devices:
             if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
                 device.replies_wanted = 1                          # a sensor that is never asked, and is missed when it is silent
             if disable:
-                device.replies_wanted += device.disable.count
+                device.replies_wanted += device.disable.count - device.unanswered
 
     cdef void discard(self) noexcept nogil:
         cdef int bus, rounds
@@ -319,8 +321,8 @@ cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
 cdef int load_batch(Batch *batch, frames) except -1:
     """frames: a list of (arbitration id, is extended, data)."""
     cdef Frame *frame
-    if len(frames) > FRAMES_PER_DEVICE:
-        raise ValueError("at most %d frames a device, not %d" % (FRAMES_PER_DEVICE, len(frames)))
+    if len(frames) > FRAMES_PER_BATCH:
+        raise ValueError("at most %d frames a device, not %d" % (FRAMES_PER_BATCH, len(frames)))
     batch.count = len(frames)
     for index, (identifier, extended, data) in enumerate(frames):
         frame = &batch.frames[index]

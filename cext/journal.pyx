@@ -4,7 +4,7 @@
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FENCED, FRAMES_PER_DEVICE, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
+from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.histogram cimport Histogram
 from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
@@ -36,7 +36,7 @@ cdef class Journal:
         self.guard = guard
         program.live.show(self.layout)
         self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
-        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_DEVICE * program.devices.count)
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH * program.devices.count)
         self.most += LETTERS * (8 + CHANGES * sizeof(Change))
         self.most += program.share(self.layout)
         if page is not None:

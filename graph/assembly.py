@@ -158,7 +158,7 @@ class Assembly:
             name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
             age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
-            damp=tuple(block.damp_frames()), damp_time=block.damp_time)
+            damp=tuple(block.damp_frames()), damp_time=block.damp_time, unanswered=block.unanswered_frames)
 
     def recorded(self):
         """Slots of everything that some sink takes, what each is, and each sink's columns among them."""

@@ -83,18 +83,21 @@ class Param(Declaration):
     slew : how fast it may change while running, in its unit per second
     required : there is no default
     file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
+    kernel : it is among the items of a native block's kernel, if it is a number
     """
 
     def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
-                 live=False, fixed=False, slew=None, required=False, dtype=None, file=False):
+                 live=False, fixed=False, slew=None, required=False, dtype=None, file=False, kernel=True):
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.live, self.slew, self.required = live, math.inf if slew is None else slew, required
-        self.file = file
+        self.file, self.kernel = file, kernel
         self.dtype = dtype or (float if default is None else type(default))
         self.fixed = fixed or not self.numeric
         if live and (min is None or max is None):
             raise TypeError("a live parameter needs both bounds, min and max")
+        if not kernel and not self.fixed:
+            raise TypeError("a parameter that no kernel is told of is fixed")
         if self.fixed and (live or slew is not None):
             raise TypeError("a fixed parameter does not change while running, so it is not live and has no slew")
         if not self.slew > 0.0:
@@ -108,6 +111,11 @@ class Param(Declaration):
     @property
     def numeric(self):
         return self.dtype in (float, int, bool)
+
+    @property
+    def placed(self):
+        """Whether it has a place in the arena."""
+        return self.numeric and self.kernel
 
     def check(self, value):
         """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""

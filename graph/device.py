@@ -19,6 +19,8 @@ class Device(Block):
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
     damp_time = 0.0
+    own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
+    unanswered_frames = 0       # how many of its disable_frames have no answer
     hardware = ()
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()

@@ -38,7 +38,7 @@ def compile_block(block):
     for name, port in ports:
         if port.shape != ():
             raise CannotCompile(f"{name} has shape {port.shape}: only scalar ports can be compiled")
-    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.numeric), *state]
+    items = [*block.inputs, *block.outputs, *(n for n, p in block.parameters.items() if p.placed), *state]
     slots = {name: index for index, name in enumerate(items)}
     block.memory = {name: Memory(float(value), "state").named(name) for name, value in state.items()}
     block.feedthrough = tuple(name for name in block.step_inputs() if name in block.inputs)

@@ -35,10 +35,10 @@ class Layout:
 
 
 def place_parameters(block, layout):
-    """{name: slot} of a block's numeric parameters; NaN stands for one that has no value."""
+    """{name: slot} of a block's parameters that a kernel may be told of; NaN stands for one that has no value."""
     slots = {}
     for name, param in block.parameters.items():
-        if param.numeric:
+        if param.placed:
             value = getattr(block, name)
             slots[name] = layout.place(float("nan") if value is None else value)
     return slots

@@ -40,6 +40,7 @@ class DeviceSteps:
     disable: tuple
     damp: tuple = ()           # instead of both for so many s, first
     damp_time: float = 0.0
+    unanswered: int = 0         # of the frames of disable
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@
 The plan is a dict that JSON can carry:
 
     buses       of each: name, interface, channel, bitrate, fd, virtual, line (its number; None where the loop drives the bus itself)
-    devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, replies as [id, mask, first bytes]; data in
-                hex digits, ids with the flag bits of struct can_frame
+    devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
+                replies as [id, mask, first bytes]; data in hex digits, ids with the flag bits of struct can_frame
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
@@ -150,6 +150,7 @@ def plan(buses, schedule, diagram, priority):
             {
                 "name": device.name, "bus": device.bus, "zero": told(device.zero), "disable": told(device.disable),
                 "damp": told(device.damp), "damp_time": device.damp_time if device.damp else 0.0,
+                "unanswered": device.unanswered,
                 "replies": [[flagged(wanted, extended), mask | FLAGS, begin.hex()]
                             for wanted, mask, extended, begin in diagram[device.name].replies()],
             }

@@ -53,7 +53,7 @@ class SafeStop:
             if device["bus"] != bus or name not in self.heard or not is_reply(device, identifier, data):
                 continue
             self.heard[name] += 1
-            if self.heard[name] >= len(device["zero"]) + len(device["disable"]):
+            if self.heard[name] >= len(device["zero"]) + len(device["disable"]) - device.get("unanswered", 0):
                 self.confirmed.append(name)
                 del self.waiting[name]
             break

@@ -14,7 +14,9 @@ from graph.conformance import check_block, check_declarations
 # Parameters for blocks that have no usable defaults and no `examples`, and some with which every parameter of a block has its effect.
 TAMED = {"kp": 2.0, "ki": 9.0, "lower": -1.0, "upper": 1.0, "anti_windup": "back-calculation"}
 EXAMPLES = {
-    "CubeMars": ({"model": "AK80-9"},), "EmulatedCubeMars": ({"model": "AK80-9"},),
+    "CubeMars": ({"model": "AK80-9"},), "EmulatedCubeMars": ({"model": "AK80-9"},), "EmulatedRobStride": ({"model": "RS03"},),
+    "RobStride": tuple({"model": "RS03", "mode": mode} for mode in ("operation", "position", "csp", "velocity", "current")),
+    "RobStrideMIT": ({"model": "RS03"},), "EmulatedRobStrideMIT": ({"model": "RS03"},),
     "TorqueLimiter": ({"limit": 12.0}, {"limit": 12.0, "slew": 200.0}, {"limit": 1.5}), "PI": ({}, TAMED, TAMED | {"tracking_time": 0.2}),
     "PID": ({}, TAMED | {"kd": 0.1, "filter_time": 0.01, "c": 0.5}), "PD": ({}, {"kd": 0.1, "filter_time": 0.01, "c": 0.5}),
     "TorqueProfile": ({}, {"points": ((0.1, 3.0), (0.6, -8.0))}), "FeedForward": ({}, {"friction": 2.0}), "Limb": ({}, {"lower": 0.0}),

@@ -21,7 +21,10 @@ DAMPING = 5.0           # N·m·s/rad, from 0
 
 @dataclass(frozen=True)
 class Model:
-    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction."""
+    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of the motor before it.
+
+    The rest of the wire is the same for all.
+    """
 
     name: str
     rated: float
@@ -29,22 +32,31 @@ class Model:
     wire_torque: float
     wire_velocity: float
     gear: int
+    motor_constant: float | None            # N·m/A
+    wire_position: float = POSITION
+    wire_stiffness: float = STIFFNESS
+    wire_damping: float = DAMPING
+
+    @property
+    def torque_constant(self):
+        """N·m/A at the output, None where it is not known."""
+        return None if self.motor_constant is None else self.motor_constant * self.gear
 
 
 MODELS = {
     model.name: model
     for model in (
-        #     name           rated   peak   wire torque  velocity  gear
-        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9),
-        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10),
-        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10),
-        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36),
-        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6),
-        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6),
-        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8),
-        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9),
-        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64),
+        #     name           rated   peak   wire torque  velocity  gear  motor constant
+        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198),
+        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11),
+        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078),
+        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None),
+        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199),
+        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105),
+        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136),
     )
 }
 

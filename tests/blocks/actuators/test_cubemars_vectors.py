@@ -15,7 +15,7 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, SET_ZERO
+from blocks.actuators.mit_frames import DISABLE, ENABLE, SET_ZERO
 from blocks.actuators.cubemars.models import AMBIGUOUS, MODELS
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
@@ -177,7 +177,7 @@ def test_our_emulated_drive_answers_as_mit_firmware_does():
     for entry in entries("mit_reply_encode_katz"):
         model, given = ours(entry["model"]), entry["inputs"]
         wired = Wired(EmulatedCubeMars, model.name, can_id=given["id"], peak=model.wire_torque)
-        wired["state"] = (1.0, 1.0, 0.0)                         # enabled, one reply due
+        wired.hear(given["id"], ENABLE)
         wired["command"] = (0.0, 0.0, 0.0, 0.0, given["torque_nm"])
         (identifier, data), = wired.say(position=given["position_rad"], velocity=given["velocity_rad_s"])
         assert data[:6].hex() == entry["frame"]["data_hex"], entry

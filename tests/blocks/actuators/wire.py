@@ -36,12 +36,24 @@ class Wired:
         self.arena[AUTHORITY] = 1.0
         self.table = steps.table
         self.slots, self.sizes = np.array(steps.table.counts + steps.table.slots, np.int32), np.array(steps.table.sizes, np.int32)
-        items = [*self.block.inputs, *self.block.outputs, *(n for n, p in self.block.parameters.items() if p.numeric), *self.block.memory]
+        items = [*self.block.inputs, *self.block.outputs, *(n for n, p in self.block.parameters.items() if p.placed), *self.block.memory]
         self.place = {name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)}
         self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.decode, "decode"))
         self.native_encode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.encode, "encode"))
-        self.tables = self.arena.ctypes.data, self.slots.ctypes.data + 16, self.sizes.ctypes.data
+        self.point()
         self.frames = (Frame * 4)()
+
+    def point(self):
+        self.tables = self.arena.ctypes.data, self.slots.ctypes.data + 16, self.sizes.ctypes.data
+
+    @classmethod
+    def again(cls, wired):
+        """Another one in its first state, without compiling."""
+        new = cls.__new__(cls)
+        vars(new).update(vars(wired), arena=wired.schedule.arena.copy(), frames=(Frame * 4)())
+        new.arena[AUTHORITY] = 1.0
+        new.point()
+        return new
 
     def __getitem__(self, name):
         values = self.arena[self.place[name]]

@@ -7,6 +7,7 @@ from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
 from runtime.rig import RigError, override, read
 
+HARDWARE = "CubeMars has can_id, invert, offset, gear_ratio, wire_position, wire_velocity, wire_stiffness, wire_damping, wire_torque"
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 500_000\n'
 
 
@@ -85,11 +86,11 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
      ("TW103", '[device."left/torque_limiter"] is a TorqueLimiter and no device',
       "a rig changes hardware alone; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any block")),
     (LEGS + '[device."left/knee"]\nlimit = "peak"',
-     ("TW103", '[device."left/knee"] limit is no hardware parameter', "set it in the diagram; CubeMars has can_id, invert, offset")),
+     ("TW103", '[device."left/knee"] limit is no hardware parameter', f"set it in the diagram; {HARDWARE}")),
     (LEGS + '[device."left/knee"]\ncanid = 3',
      ("TW103", '[device."left/knee"] canid: there is no such parameter', "did you mean 'can_id'?")),
     (LEGS + '[device."left/knee"]\nzzz = 3',
-     ("TW103", '[device."left/knee"] zzz: there is no such parameter', "CubeMars has can_id, invert, offset")),
+     ("TW103", '[device."left/knee"] zzz: there is no such parameter', HARDWARE)),
     (LEGS + '[device."left/knee"]\ncan_id = 300',
      ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "id set in the drive")),
     (LEGS + '[device."left/knee"]\ncan_id = 3.5',
@@ -98,10 +99,10 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
      ("TW103", '[device."left/knee"] invert = 1: expected True or False, got 1', "whether the joint turns against the motor")),
     (LEGS + '[device."left/knee"]\noffset = nan',
      ("TW103", '[device."left/knee"] offset = nan: NaN is not allowed',
-      "motor position where the joint is at zero, the way the joint turns")),
+      "motor position where the joint is at zero, at the joint and the way the joint turns")),
     (LEGS + '[device."left/knee"]\noffset = [0.1]',
      ("TW103", '[device."left/knee"] offset = [0.1]: expected one number, got [0.1]',
-      "motor position where the joint is at zero, the way the joint turns")),
+      "motor position where the joint is at zero, at the joint and the way the joint turns")),
 ])
 def test_what_does_not_fit_the_diagram_is_told(fitted, text, expected):
     assert troubles(fitted, text) == [expected]

@@ -1,0 +1,132 @@
+"""What the actuators with a driver board of their own share: one at a joint, commanded with torque, stiffness and damping."""
+
+from numbers import Real
+
+from graph import Input, Interval, Memory, Output, Param
+
+RANGES = ("position", "velocity", "stiffness", "damping", "torque")
+
+
+class Ranges:
+    """Parameters that say how an actuator's motor sits at its joint, and what its wire can say.
+
+    Not inherited but taken over one by one, as their order is that of the items of a kernel.
+    """
+
+    gear_ratio = Param(1.0, "1", "of a gear behind the actuator: motor angle over joint angle", above=0.0, max=1000.0, fixed=True)
+    wire_position = Param(0.0, "rad", "half the wire's range, where a unit's firmware differs from the table; 0 for the table's", min=0.0,
+                          fixed=True)
+    wire_velocity = Param(0.0, "rad/s", "half the wire's range, likewise", min=0.0, fixed=True)
+    wire_stiffness = Param(0.0, "N·m/rad", "the wire's range from 0, likewise", min=0.0, fixed=True)
+    wire_damping = Param(0.0, "N·m·s/rad", "the wire's range from 0, likewise", min=0.0, fixed=True)
+    wire_torque = Param(0.0, "N·m", "half the wire's range, likewise", min=0.0, fixed=True)
+
+    def at_joint(self, found):
+        """The five half ranges of a model's wire, as they are at the joint: kernels then need to know nothing of the gear."""
+        own = [getattr(self, f"wire_{name}") or getattr(found, f"wire_{name}") for name in RANGES]
+        ratio = self.gear_ratio
+        return tuple(x * scale for x, scale in zip(own, (1.0 / ratio, 1.0 / ratio, ratio**2, ratio**2, ratio)))
+
+
+class Joint:
+    """Ports, parameters and limits of an actuator: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+
+    The limit bounds the drive's whole law, over every position that the joint can reach before the next frame: stiffness and damping are
+    scaled for that, and are zero where the feedback is older than two ticks.
+
+    A family gives `find`, which looks a model up by its name, and the native encode and decode. It may change the defaults.
+    """
+
+    model = Param("", "1", "as the vendor writes it", required=True, dtype=str)
+    bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
+    can_id = Param(1, "1", "id set in the drive", min=1, max=255, fixed=True)
+    limit = Param("rated", "N·m", "largest torque command at the joint: rated, peak, or a number up to the peak torque", dtype=object)
+    invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
+    offset = Param(
+        0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
+    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
+    safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
+                      choices=("disable", "damp"))
+    stop_damping = Param(1.0, "N·m·s/rad", "of the joint while it is damped", above=0.0, fixed=True, kernel=False)
+    stop_time = Param(1.0, "s", "for which it is damped before it is disabled", above=0.0, max=5.0, fixed=True, kernel=False)
+    gear_ratio = Ranges.gear_ratio
+    wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
+    wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
+
+    position_command = Input("rad", "θ₀", default=0.0)
+    velocity_command = Input("rad/s", "ω₀", default=0.0)
+    torque_command = Input("N·m", "τ_ff", default=0.0)
+    stiffness_command = Input("N·m/rad", "K", default=0.0)
+    damping_command = Input("N·m·s/rad", "B", default=0.0)
+    position = Output("rad", "joint angle θ")
+    velocity = Output("rad/s", "joint velocity ω")
+    torque = Output("N·m", "of the drive, from its current")
+    temperature = Output("°C", "of the drive")
+    fault = Output("1", "the drive's error code, 0 for none", dtype=int)
+    age = Output("s", "since the newest reply was heard")
+    torque_sent = Output("N·m", "torque command after limits, fade-in and quantisation")
+    limited = Output("1", "ticks in which stiffness and damping were scaled to keep the drive's law inside the limit", dtype=int)
+    wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
+    limits = Memory(0.0, "of the commands, in the same order, and of the drive's whole law")
+
+    hardware = ("can_id", "invert", "offset", "gear_ratio", *(f"wire_{name}" for name in RANGES))
+    sent_outputs = ("torque_sent", "limited")
+
+    def configure(self):
+        found = self.found = self.find(self.model)
+        self.model = found.name
+        self.wire = self.at_joint(found)
+        self.torque_limit = self.find_limit()
+        # The joint's range is the wire's, moved by the offset: what lies beyond cannot be sent.
+        position = self.wire[0] - abs(self.offset)
+        if position < 0.0:
+            raise ValueError(f"offset {self.offset:g} rad is beyond what the wire can say of the joint, ± {self.wire[0]:g} rad")
+        self.limits = (position, *self.wire[1:4], self.torque_limit, self.torque_limit)
+        self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
+        if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
+            raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
+
+    def find_limit(self):
+        """N·m at the joint: rated or peak torque, never beyond the wire."""
+        found, ratio = self.found, self.gear_ratio
+        named = {"rated": found.rated * ratio, "peak": found.peak * ratio}
+        if isinstance(self.limit, str):
+            if self.limit not in named:
+                raise ValueError(f"limit must be 'rated', 'peak' or a torque in N·m, got {self.limit!r}")
+            return min(named[self.limit], self.wire[4])
+        if isinstance(self.limit, bool) or not isinstance(self.limit, Real):
+            raise ValueError(f"limit must be 'rated', 'peak' or a torque in N·m, got {self.limit!r}")
+        limit = float(self.limit)
+        if not 0.0 < limit <= named["peak"]:
+            behind = "" if ratio == 1.0 else f" behind a gear of {ratio:g}"
+            raise ValueError(
+                f"limit must be above 0 and at most the peak torque of {found.name}{behind}, {named['peak']:g} N·m, got {limit:g} N·m")
+        return min(limit, self.wire[4])
+
+    def command_limits(self):
+        position, velocity, stiffness, damping, torque, _ = self.limits
+        return {
+            "torque_command": Interval(-torque, torque),
+            "position_command": Interval(-position, position),
+            "velocity_command": Interval(-velocity, velocity),
+            "stiffness_command": Interval(0.0, stiffness),
+            "damping_command": Interval(0.0, damping),
+        }
+
+    def rating(self):
+        source = f"{self.limit} torque" if isinstance(self.limit, str) else "its limit"
+        return f"{source} and wire ranges of {self.found.name}"
+
+    def output_range(self, **commands):
+        position = self.wire[0] + abs(self.offset)
+        velocity, torque = self.wire[1], self.wire[4]
+        return {
+            "position": Interval(-position, position),
+            "velocity": Interval(-velocity, velocity),
+            "torque": Interval(-torque, torque),
+            "torque_sent": Interval(-torque, torque),
+            "limited": Interval(0.0),
+            "temperature": Interval(-40.0, 215.0),
+            "fault": Interval(0.0, 255.0),
+            "age": Interval(0.0),
+        }

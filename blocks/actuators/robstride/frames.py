@@ -1,0 +1,42 @@
+"""Frames of the RobStride private protocol, as (arbitration id, is extended, data), and what its bits mean.
+
+RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
+"""
+
+import struct
+
+OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24    # types
+
+RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B
+LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = 0x7016, 0x7017, 0x7018, 0x7022, 0x7024, 0x7025, 0x7028
+WHOLE = {RUN_MODE: "<Bxxx", CAN_TIMEOUT: "<I"}      # the others are floats
+TIMEOUT_COUNTS = 20000                              # of CAN_TIMEOUT, a second
+
+# The output `fault`: six bits of the feedback, one of ours, and from bit 8 on the 32 of a fault report.
+FAULTS = {
+    0: "under-voltage", 1: "over-current or driver", 2: "over-temperature", 3: "magnetic encoder", 4: "stalled or overloaded",
+    5: "not calibrated", 6: "has stopped by itself", 8: "motor too hot", 9: "driver chip", 10: "under-voltage", 11: "over-voltage",
+    12: "current of phase B", 13: "current of phase C", 15: "encoder not calibrated", 16: "hardware identification",
+    17: "position at the start", 22: "stalled", 24: "current of phase A",
+}
+FAULTS_OF_CYBERGEAR = FAULTS | {4: "Hall sensor", **dict.fromkeys(range(16, 24), "overloaded")}
+
+
+def frame(kind, field, can_id, data=bytes(8)):
+    """field : the sixteen bits in the middle of the identifier, mostly the host's id"""
+    return kind << 24 | field << 8 | can_id, True, bytes(data)
+
+
+def write(index, value, can_id, host_id):
+    """A parameter, in the drive's memory until its power goes."""
+    return frame(WRITE, host_id, can_id, struct.pack("<HH", index, 0) + struct.pack(WHOLE.get(index, "<f"), value))
+
+
+def reports(on, can_id, host_id):
+    """Reports of the state every 10 ms, without being asked."""
+    return frame(REPORT, host_id, can_id, bytes([1, 2, 3, 4, 5, 6, int(on), 8]))
+
+
+def names(fault, meanings=FAULTS):
+    """In words, what a value of `fault` says."""
+    return [meanings.get(bit, f"bit {bit}") for bit in range(40) if int(fault) >> bit & 1]

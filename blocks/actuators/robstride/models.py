@@ -1,0 +1,84 @@
+"""The RobStride models and the CyberGear, which speak one protocol with ranges of their own.
+
+Three different torques, easily confused:
+    rated   what the motor holds for ever
+    peak    what it gives for seconds
+    wire    what the largest code on the wire means: a scale, not a rating
+
+RobStride user manuals of 2026-04-28; CyberGear manual. Where sources disagree the manual's tables of codes hold: its text has positions of
+± 4π rad, its code of ± 12.57; and stiffness and damping of RS03, RS04 and RS06 reach 5000 and 100, not 500 and 5.
+"""
+
+import math
+import re
+from dataclasses import dataclass
+
+from graph.block import suggestion
+
+
+@dataclass(frozen=True)
+class Model:
+    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad; currents in A, peak of
+    a phase; the constant in N·m per A rms; speed without load in revolutions a minute; gear is the reduction; too hot in °C.
+    """
+
+    name: str
+    rated: float
+    peak: float
+    wire_torque: float
+    wire_velocity: float
+    wire_stiffness: float
+    wire_damping: float
+    gear: float
+    rms_constant: float
+    rated_current: float
+    peak_current: float
+    no_load: float
+    too_hot: float
+    wire_position: float = 12.57        # rad
+    own_timeout: bool = True            # whether the drive can stop by itself when it hears nothing
+
+    @property
+    def torque_constant(self):
+        """N·m/A at the output, of the phase's peak current, which is what the drive commands and limits."""
+        return self.rms_constant / math.sqrt(2.0)
+
+    @property
+    def is_cybergear(self):
+        return self.name == "CyberGear"
+
+
+MODELS = {
+    model.name: model
+    for model in (
+        #     name   rated  peak  wire torque  velocity  stiffness  damping  gear  constant  currents  rpm  too hot
+        Model("RS00", 5.0, 14.0, 14.0, 33.0, 500.0, 5.0, 10.0, 1.48, 4.7, 15.5, 315.0, 145.0),
+        Model("RS01", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 315.0, 145.0),
+        Model("RS02", 6.0, 17.0, 17.0, 44.0, 500.0, 5.0, 7.75, 1.22, 7.0, 23.0, 410.0, 135.0),
+        Model("RS03", 20.0, 60.0, 60.0, 20.0, 5000.0, 100.0, 9.0, 2.36, 13.0, 43.0, 200.0, 145.0),
+        Model("RS04", 40.0, 120.0, 120.0, 15.0, 5000.0, 100.0, 9.0, 2.1, 27.0, 90.0, 200.0, 145.0),
+        Model("RS05", 1.6, 5.5, 5.5, 50.0, 500.0, 5.0, 7.75, 0.94, 2.4, 11.0, 480.0, 135.0),
+        Model("RS06", 11.0, 36.0, 36.0, 50.0, 5000.0, 100.0, 9.0, 1.09, 14.3, 57.0, 480.0, 145.0),
+        Model("EL05", 1.8, 6.0, 6.0, 50.0, 500.0, 5.0, 9.0, 0.94, 2.6, 11.0, 430.0, 135.0),
+        Model("CyberGear", 4.0, 12.0, 12.0, 30.0, 500.0, 5.0, 7.75, 0.87, 6.5, 23.0, 296.0, 80.0, wire_position=12.5, own_timeout=False),
+    )
+}
+
+# Names of the vendor's shops and of papers for the same motors.
+ALSO = {"EduLite05": "EL05", **{f"RobStride{name[2:]}": name for name in MODELS if name.startswith("RS")}}
+
+
+def find(name):
+    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if there is none."""
+    wanted = re.sub(r"^(XIAOMI|ROBSTRIDE)(?=\D)", "", _plain(name))
+    for spelling, full in ({full: full for full in MODELS} | ALSO).items():
+        if _plain(spelling) == wanted:
+            return MODELS[full]
+    known = {_plain(spelling): spelling for spelling in (*MODELS, *ALSO)}
+    close = suggestion(wanted, known)
+    hint = f": did you mean {known[close.split(chr(39))[1]]!r}?" if close else f"; there are {', '.join(MODELS)}"
+    raise ValueError(f"{name!r} is not a RobStride model{hint}")
+
+
+def _plain(name):
+    return "".join(letter for letter in str(name).upper() if letter.isalnum())

@@ -1,0 +1,178 @@
+"""RobStride actuators and the CyberGear in the vendor's private protocol, on extended frames."""
+
+from blocks.actuators.joint import Joint
+from blocks.actuators.robstride import frames, models
+from cext.kernels import robstride as kernels
+from graph import Actuator, Input, Interval, Memory, Output, Param
+
+RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
+POSITION_MODES = ("position", "csp")
+
+# What a mode other than operation control is commanded with, and what of it was sent.
+COMMANDS = {
+    "position": Input("rad", "where the drive goes, with velocity_limit and acceleration"),
+    "velocity": Input("rad/s", "at which the drive turns"),
+    "current": Input("A", "in the motor, peak of a phase, the way the joint turns"),
+}
+SENT = {
+    "position": Output("rad", "position command after quantisation"), "velocity": Output("rad/s", "velocity command after quantisation"),
+    "current": Output("A", "current command after fade-in and quantisation"),
+}
+
+
+class RobStride(Joint, Actuator):
+    """A RobStride actuator or a CyberGear: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+
+    (RobStride user manuals of 2026-04-28, section 4.) Feedback is of the last tick; commands go out at its end. Without stiffness and
+    damping the drive gives `torque_command` alone. So in operation control; in the modes position, csp (cyclic position), velocity and
+    current the drive has one input, `position_command`, `velocity_command` or `current_command`, and its current is limited to that of
+    the torque `limit`. Modes and limits are written while it is stopped, and are forgotten with its power. The drive stops by itself
+    when it has heard nothing for `can_timeout`; the CyberGear cannot. Faults are never cleared from here.
+    """
+
+    can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
+    host_id = Param(0xFD, "1", "id that the drive answers to", min=0, max=255, fixed=True)
+    can_timeout = Param(0.1, "s", "silence after which the drive stops by itself; 0 for never", min=0.0, max=5.0, fixed=True)
+    active_reporting = Param(False, "1", "whether the drive shall also report every 10 ms without being asked", fixed=True)
+    velocity_limit = Param(2.0, "rad/s", "of the joint in the modes position, csp and velocity", above=0.0, fixed=True)
+    acceleration = Param(10.0, "rad/s²", "of the joint in the modes position and velocity; not of the CyberGear", above=0.0, fixed=True)
+    mode = Param("operation", "1", "how the drive is commanded", choices=tuple(RUN_MODES), fixed=True)
+
+    warning = Output("1", "the drive's warnings, bit by bit as it last reported them", dtype=int)
+    state = Memory((0.0,) * 3, "seen running, replies since it is not, faults that it has reported")
+    written = Memory((0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit")
+
+    find = staticmethod(models.find)
+    decode = kernels.decode
+    encode = kernels.encode_operation
+
+    def configure(self):
+        self.inputs, self.outputs, self.sent_outputs = type(self).inputs, type(self).outputs, type(self).sent_outputs
+        self.encode = type(self).encode
+        super().configure()
+        if self.can_id == self.host_id:
+            raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
+        if self.found.is_cybergear:
+            if self.mode == "csp":
+                raise ValueError("the CyberGear has no mode csp; its mode position is commanded in the same way")
+            if self.active_reporting:
+                raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
+        self.own_timeout = self.can_timeout if self.found.own_timeout and self.can_timeout > 0.0 else None
+        self.motor_torque = self.torque_limit / self.gear_ratio
+        self.current_limit = min(self.motor_torque / self.found.torque_constant, self.found.peak_current)
+        if self.mode != "operation":
+            if self.damp_time:
+                raise ValueError(f"safe_stop='damp' needs operation control: in mode {self.mode} the drive has no damping to command")
+            self.take_one_command()
+
+    def take_one_command(self):
+        """The one input of a mode in which parameters are written, its limit, and how it is sent."""
+        quantity = "position" if self.mode in POSITION_MODES else self.mode
+        if quantity != "current" and self.velocity_limit > self.wire[1]:
+            raise ValueError(
+                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can say of the joint, {self.wire[1]:g} rad/s")
+        self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
+        self.inputs = {self.command_name: COMMANDS[quantity].named(self.command_name)}
+        self.outputs = {
+            name if name != "torque_sent" else self.sent_name: port if name != "torque_sent" else SENT[quantity].named(self.sent_name)
+            for name, port in type(self).outputs.items()
+        }
+        self.sent_outputs = (self.sent_name,)
+        self.encode = kernels.encode_written
+        limit = {"position": self.limits[0], "velocity": self.velocity_limit, "current": self.current_limit}[quantity]
+        self.limits = (limit,)
+        limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)
+        index = {"position": frames.LOC_REF, "velocity": frames.SPD_REF, "current": frames.IQ_REF}[quantity]
+        self.written = (index, 1.0 if quantity == "current" else self.gear_ratio, float(quantity == "position"), *limited)
+
+    def prepare(self, dt):
+        if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.found.own_timeout:
+            raise ValueError(
+                f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop by itself between two "
+                f"commands")
+
+    def command_limits(self):
+        if self.mode == "operation":
+            return super().command_limits()
+        return {self.command_name: Interval(-self.limits[0], self.limits[0])}
+
+    def rating(self):
+        if self.mode in ("position", "csp"):
+            return f"wire range of {self.found.name}"
+        if self.mode == "velocity":
+            return "its velocity_limit"
+        return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.found.name}"
+
+    def output_range(self, **commands):
+        ranges = super().output_range() | {
+            "temperature": Interval(-3276.8, 3276.7), "fault": Interval(0.0, 2.0**40), "warning": Interval(0.0, 2.0**32)}
+        if self.mode != "operation":
+            sent = ranges.pop("torque_sent")
+            sent = self.limits[0] * (1.0 + 1e-6)                    # rounded to single precision, offset and all
+            ranges[self.sent_name] = Interval(-sent - abs(self.offset) * 1e-6, sent + abs(self.offset) * 1e-6)
+        return ranges
+
+    def addresses(self):
+        return [(self.can_id, True)]
+
+    def hears(self):
+        """What is said to the host by this drive, and what anybody says to it."""
+        return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
+
+    def replies(self):
+        return [(frames.FEEDBACK << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")]
+
+    def traffic(self):
+        count = 1 if self.mode in ("operation", "current") else 2
+        return [(8, True)] * (2 * count)
+
+    def write(self, index, value):
+        return frames.write(index, value, self.can_id, self.host_id)
+
+    def command(self, kind):
+        return frames.frame(kind, self.host_id, self.can_id)
+
+    def enable_frames(self):
+        """Stopped, told what it needs to know, and enabled: with a mode that nothing has been commanded in."""
+        found, ratio = self.found, self.gear_ratio
+        told = [self.command(frames.STOP)]
+        if found.own_timeout:
+            told.append(self.write(frames.CAN_TIMEOUT, round(self.can_timeout * frames.TIMEOUT_COUNTS)))
+        told += [self.write(frames.RUN_MODE, RUN_MODES[self.mode]), self.write(frames.LIMIT_TORQUE, self.motor_torque)]
+        if self.mode in POSITION_MODES:
+            faster = frames.VEL_MAX if self.mode == "position" and not found.is_cybergear else frames.LIMIT_SPD
+            told.append(self.write(faster, self.velocity_limit * ratio))
+        if self.mode in ("position", "velocity") and not found.is_cybergear:
+            told.append(self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio))
+        told += self.zero_frames() if self.mode != "operation" else []
+        if self.active_reporting:
+            told.append(frames.reports(True, self.can_id, self.host_id))
+        return [*told, self.command(frames.ENABLE)]
+
+    def zero_frames(self):
+        """No torque: by the command, or by a limit of no current where the command is none of torque."""
+        if self.mode == "operation":
+            return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff00000000"))]
+        return [self.write(frames.IQ_REF if self.mode == "current" else frames.LIMIT_CUR, 0.0)]
+
+    def disable_frames(self):
+        stopped = [self.command(frames.STOP)]
+        return [*stopped, frames.reports(False, self.can_id, self.host_id)] if self.active_reporting else stopped
+
+    def damp_frames(self):
+        if not self.damp_time:
+            return []
+        damping = int(self.stop_damping / self.wire[3] * 0xFFFF)
+        return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff0000") + damping.to_bytes(2, "big"))]
+
+    def fault_in_words(self, code):
+        return ", ".join(frames.names(code, frames.FAULTS_OF_CYBERGEAR if self.found.is_cybergear else frames.FAULTS))
+
+    @property
+    def unanswered_frames(self):
+        return int(self.active_reporting)
+
+    def emulator(self, **parameters):
+        from blocks.actuators.robstride.emulator import EmulatedRobStride
+
+        return EmulatedRobStride.of(self, **parameters)

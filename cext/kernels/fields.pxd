@@ -1,0 +1,19 @@
+"""Numbers in fields of bits, as MIT's firmware has them and every drive after it.
+
+A code is (x - low) (2^n - 1) / (high - low), truncated and clamped: it never wraps, and what is not a number is the lowest code.
+"""
+
+from libc.stdint cimport uint32_t
+
+
+cdef inline uint32_t to_code(double x, double low, double high, int bits) noexcept nogil:
+    cdef uint32_t top = (1 << bits) - 1
+    if not x > low:
+        return 0
+    if x >= high:
+        return top
+    return <uint32_t>((x - low) * top / (high - low))
+
+
+cdef inline double from_code(uint32_t code, double low, double high, int bits) noexcept nogil:
+    return low + code * (high - low) / ((1 << bits) - 1)

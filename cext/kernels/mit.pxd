@@ -1,0 +1,125 @@
+"""MIT mode, which the boards of several vendors speak: 64 bits of a command, p16 v12 kp12 kd12 t12, most significant bit first.
+
+`wire` has half the range of each, in this order. The items are those of blocks.actuators.joint.Joint.
+"""
+
+from libc.math cimport isfinite
+from libc.stdint cimport int32_t, uint8_t, uint32_t
+from libc.string cimport memset
+
+from cext.abi cimport AUTHORITY, INPUTS, NOT_FINITE, OUTPUTS, OUT_OF_LIMITS, PARAMETERS, PERIOD, Frame
+from cext.kernels.drive_law cimport Law, share_inside
+from cext.kernels.fields cimport from_code, to_code
+
+cdef enum:
+    POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
+    POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT, LIMITED
+    CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
+    OWN                         # first parameter of a family
+
+
+cdef inline int memory_of(const int32_t *slots) noexcept nogil:
+    """The item that is WIRE; the one behind it is LIMITS, what the commands must stay inside, and last the drive's whole law."""
+    return slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS]
+
+
+cdef inline void pack(uint8_t *data, uint32_t p, uint32_t v, uint32_t kp, uint32_t kd, uint32_t t) noexcept nogil:
+    data[0] = <uint8_t>(p >> 8)
+    data[1] = <uint8_t>p
+    data[2] = <uint8_t>(v >> 4)
+    data[3] = <uint8_t>((v & 15) << 4 | kp >> 8)
+    data[4] = <uint8_t>kp
+    data[5] = <uint8_t>(kd >> 4)
+    data[6] = <uint8_t>((kd & 15) << 4 | t >> 8)
+    data[7] = <uint8_t>t
+
+
+cdef inline void unpack(const uint8_t *data, const double *wire, double *command) noexcept nogil:
+    command[0] = from_code(<uint32_t>data[0] << 8 | data[1], -wire[0], wire[0], 16)
+    command[1] = from_code(<uint32_t>data[2] << 4 | data[3] >> 4, -wire[1], wire[1], 12)
+    command[2] = from_code((<uint32_t>data[3] & 15) << 8 | data[4], 0.0, wire[2], 12)
+    command[3] = from_code(<uint32_t>data[5] << 4 | data[6] >> 4, 0.0, wire[3], 12)
+    command[4] = from_code((<uint32_t>data[6] & 15) << 8 | data[7], -wire[4], wire[4], 12)
+
+
+cdef inline bint all_ones(const uint8_t *data, int count) noexcept nogil:
+    cdef int i
+    for i in range(count):
+        if data[i] != 0xFF:
+            return False
+    return True
+
+
+cdef inline double felt_share(double *arena, const int32_t *slots, const double *wire, double limit) noexcept nogil:
+    cdef Law law
+    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], arena[slots[TORQUE_COMMAND]]
+    law.position_error = arena[slots[POSITION_COMMAND]] - arena[slots[POSITION]]
+    law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[slots[VELOCITY]]
+    law.velocity, law.age, law.period = arena[slots[VELOCITY]], arena[slots[AGE]], arena[PERIOD]
+    law.position_step, law.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFF
+    law.stiffness_step, law.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF
+    return share_inside(&law, limit)
+
+
+cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame) noexcept nogil:
+    """The one frame of a tick, to the drive's id; or below zero, why there is none."""
+    cdef int memory = memory_of(slots)
+    cdef double *wire = arena + slots[memory]
+    cdef double *limits = arena + slots[memory + 1]
+    cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
+    cdef double share = arena[AUTHORITY]
+    cdef double position = arena[slots[POSITION_COMMAND]]
+    cdef double velocity = arena[slots[VELOCITY_COMMAND]]
+    cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
+    cdef double damping = arena[slots[DAMPING_COMMAND]]
+    cdef double torque = arena[slots[TORQUE_COMMAND]]
+    cdef double felt
+    cdef uint32_t code
+    if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
+        return -NOT_FINITE
+    if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
+            or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
+        return -OUT_OF_LIMITS
+    if not 0.0 <= share <= 1.0:
+        return -OUT_OF_LIMITS   # a share of NaN would be full torque
+    if stiffness > 0.0 or damping > 0.0:
+        felt = felt_share(arena, slots, wire, limits[5])
+        arena[slots[LIMITED]] += felt < 1.0
+        stiffness *= felt
+        damping *= felt
+    memset(frame, 0, sizeof(Frame))
+    frame.id = <uint32_t>arena[slots[CAN_ID]]
+    frame.length = 8
+    code = to_code(sign * share * torque, -wire[4], wire[4], 12)
+    pack(
+        frame.data,
+        to_code(sign * (position + arena[slots[OFFSET]]), -wire[0], wire[0], 16),
+        to_code(sign * velocity, -wire[1], wire[1], 12),
+        to_code(share * stiffness, 0.0, wire[2], 12),
+        to_code(share * damping, 0.0, wire[3], 12),
+        code,
+    )
+    arena[slots[TORQUE_SENT]] = sign * from_code(code, -wire[4], wire[4], 12)
+    return 1
+
+
+cdef inline void decode_motion(double *arena, const int32_t *slots, const uint8_t *data) noexcept nogil:
+    """p16 v12 t12 of a reply, behind the id of the drive."""
+    cdef double *wire = arena + slots[memory_of(slots)]
+    cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
+    arena[slots[POSITION]] = sign * from_code(<uint32_t>data[1] << 8 | data[2], -wire[0], wire[0], 16) - arena[slots[OFFSET]]
+    arena[slots[VELOCITY]] = sign * from_code(<uint32_t>data[3] << 4 | data[4] >> 4, -wire[1], wire[1], 12)
+    arena[slots[TORQUE]] = sign * from_code((<uint32_t>data[4] & 15) << 8 | data[5], -wire[4], wire[4], 12)
+
+
+cdef inline void pack_motion(uint8_t *data, uint32_t id, const double *wire, double position, double velocity, double torque) noexcept nogil:
+    """The first six bytes of a reply."""
+    cdef uint32_t p = to_code(position, -wire[0], wire[0], 16)
+    cdef uint32_t v = to_code(velocity, -wire[1], wire[1], 12)
+    cdef uint32_t t = to_code(torque, -wire[4], wire[4], 12)
+    data[0] = <uint8_t>id
+    data[1] = <uint8_t>(p >> 8)
+    data[2] = <uint8_t>p
+    data[3] = <uint8_t>(v >> 4)
+    data[4] = <uint8_t>((v & 15) << 4 | t >> 8)
+    data[5] = <uint8_t>t
