@@ -39,8 +39,10 @@ class EmulatedRobStride(Emulated, Device):
             self.trip_temperature = found.too_hot
         values = {
             frames.LIMIT_TORQUE: found.peak, frames.LIMIT_SPD: 2.0, frames.LIMIT_CUR: found.peak_current, VBUS: 48.0, LOC_KP: POSITION_GAIN,
-            SPD_KP: VELOCITY_GAIN / found.torque_constant / self.gear_ratio**2, frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0,
+            SPD_KP: VELOCITY_GAIN / found.torque_constant / self.gear_ratio**2,
         }
+        if not found.is_cybergear:                      # which knows one limit of speed, LIMIT_SPD
+            values |= {frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0}
         self.registers = self.defaults = tuple(values.get(0x7000 + place, 0.0) for place in range(64))
         self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, found.torque_constant)
 

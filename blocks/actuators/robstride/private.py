@@ -59,7 +59,8 @@ class RobStride(Joint, Actuator):
                 raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
         self.own_timeout = self.can_timeout if self.found.own_timeout and self.can_timeout > 0.0 else None
         self.motor_torque = self.torque_limit / self.gear_ratio
-        self.current_limit = min(self.motor_torque / self.found.torque_constant, self.found.peak_current)
+        most = self.found.rated_current if self.torque_limit <= self.found.rated * self.gear_ratio else self.found.peak_current
+        self.current_limit = min(self.motor_torque / self.found.torque_constant, most)
         if self.mode != "operation":
             if self.damp_time:
                 raise ValueError(f"safe_stop='damp' needs operation control: in mode {self.mode} the drive has no damping to command")

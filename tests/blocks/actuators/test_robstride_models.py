@@ -34,10 +34,10 @@ def test_what_is_not_like_any_model_lists_them_all():
 
 
 def test_rated_peak_and_wire_are_three_columns_and_current_times_constant_is_the_rated_torque():
-    """Within 2 %; the manual's own figures of RS03 are 8.5 % apart."""
+    """Within 5 %; the manual's own figures of RS03 are 8.5 % apart."""
     for model in MODELS.values():
         assert 0.0 < model.rated < model.peak <= model.wire_torque and model.rated_current < model.peak_current
-        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=0.085 if model.name == "RS03" else 0.02), model.name
+        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=0.085 if model.name == "RS03" else 0.05), model.name
 
 
 def test_firmware_of_one_unit_may_have_ranges_of_its_own():

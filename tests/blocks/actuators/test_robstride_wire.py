@@ -175,7 +175,7 @@ def test_other_modes_write_the_command_and_the_current_limit(data, model, mode, 
     wired.arena[AUTHORITY] = share
     (name,), limit = wired.block.inputs, wired["limits"]
     x = data.draw(st.floats(-limit, limit))
-    current = min(found.rated * math.sqrt(2.0) / found.rms_constant, found.peak_current)
+    current = min(found.rated * math.sqrt(2.0) / found.rms_constant, found.rated_current)
     wanted = oracle(mode, x, found, invert=invert, offset=offset, ratio=ratio, share=share, limit_current=current)
     got = wired.say(**{name: x})
     assert [(i, d[:4]) for i, d in got] == [(i, d[:4]) for i, d in wanted]
