@@ -53,6 +53,8 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     UNGUARDED = 10          # the guardian does not answer
     FOREIGN_COMMAND = 11    # somebody else commands one of our devices
     ESTOP = 13              # an emergency stop
+    RMS_TORQUE = 14         # a drive's RMS torque is above the rated one, and that shall end the run
+    TOO_HOT = 15            # a drive is too hot
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

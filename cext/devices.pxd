@@ -2,6 +2,7 @@ from libc.stdint cimport int32_t, int64_t
 
 from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.buses cimport BusEnd
+from cext.drive_watch cimport DriveWatch
 from cext.page cimport PageLayout
 from cext.stopwatch cimport Laps
 
@@ -46,6 +47,7 @@ cdef class Devices:
     cdef Frame *outgoing
     cdef int32_t *outgoing_count # a bus
     cdef Blame failed
+    cdef DriveWatch drives
     cdef Laps *laps              # NULL: no stamps
     cdef int item                # of the stopwatch: that of the first device
     cdef bint ran

@@ -13,7 +13,9 @@ from libc.stdint cimport uint8_t, uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport BUS_ERROR, COMMANDED, DEVICE_FAULT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN
+from cext.abi cimport (
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
+)
 from cext.page cimport FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
 
@@ -40,6 +42,7 @@ cdef class Devices:
         self.bus_ends = <void **>calloc(max(1, len(ends)), sizeof(void *))
         for index, end in enumerate(self.ends):
             self.bus_ends[index] = <void *>(<BusEnd?>end)
+        self.drives = DriveWatch(schedule)
         self.load()
 
     def __dealloc__(self):
@@ -54,6 +57,7 @@ cdef class Devices:
         for index in range(self.count):
             self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
         self.failed.device = self.failed.bus = -1
+        self.drives.reset()
 
     @property
     def culprit(self):
@@ -165,8 +169,8 @@ cdef class Devices:
         return -1
 
     cdef int watch(self, int64_t now) noexcept nogil:
-        """A device that is silent past its timeout, or reports a fault, ends the run."""
-        cdef int number
+        """A device that is silent past its timeout, reports a fault or is too hot ends the run."""
+        cdef int number, status
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
@@ -176,7 +180,10 @@ cdef class Devices:
             if device.fault >= 0 and self.arena[device.fault] != 0.0:
                 self.failed.device = number
                 return DEVICE_FAULT
-        return OK
+        status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
+        if status != OK:
+            self.failed.device = self.drives.failed
+        return status
 
     cdef int command(self) noexcept nogil:
         """Each device encodes into `outgoing`, bus by bus. If one refuses, nothing of the tick is sent."""

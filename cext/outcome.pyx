@@ -4,7 +4,8 @@
 from dataclasses import dataclass
 
 from cext.abi cimport (
-    BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
+    BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, NOT_FINITE, NO_ANSWER, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR,
+    RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
 )
 
 STATUS = {
@@ -20,6 +21,8 @@ STATUS = {
     OVERRUN: "overrun",
     UNGUARDED: "unguarded",
     FOREIGN_COMMAND: "foreign command",
+    RMS_TORQUE: "rms torque",
+    TOO_HOT: "too hot",
     ESTOP: "e-stop",
 }
 

@@ -59,7 +59,6 @@ cdef class Program:
     cdef void stamp(self, Stopwatch watch)
     cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
     cdef uint64_t share(self, PageLayout *page)
-    cdef void tell_held(self, PythonStep call) noexcept nogil
     cdef int32_t *hold(self, array) except? NULL
     cdef void blame_step(self, Phase *phase, int step) noexcept nogil
     cdef void keep_values(self) noexcept nogil

@@ -11,13 +11,12 @@ What goes over wires is its devices' part; the life cycle around these, the cloc
 
 import numpy as np
 
-from libc.stdint cimport uint32_t, uintptr_t
+from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.histogram cimport add
-from cext.page cimport EVENT, commit, reserve
 from cext.python_step cimport PythonStep
 from cext.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
@@ -145,6 +144,11 @@ cdef class Program:
         return list(found.values())
 
     @property
+    def watched(self):
+        """What was seen of each actuator, as cext.drive_watch.DriveWatch.found has it."""
+        return self.devices.drives.found
+
+    @property
     def culprit(self):
         """Path of the block, device or bus whose step failed last, or None."""
         if self.devices.culprit is not None:
@@ -264,7 +268,7 @@ cdef class Program:
                             if (<PythonStep>phase.steps[step].python).hold == 0:
                                 (<PythonStep>phase.steps[step].python).call(self.arena)
                             elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
-                                self.tell_held(<PythonStep>phase.steps[step].python)
+                                (<PythonStep>phase.steps[step].python).news.tell(self.page, tick)
                             if laps != NULL:
                                 lap(laps, phase.item + step)
                     if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
@@ -277,21 +281,9 @@ cdef class Program:
         return OK
 
     cdef uint64_t share(self, PageLayout *page):
-        """Where to tell of exceptions held; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
+        """Where to tell of exceptions held and of actuators; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
         self.page = page
-        return sum(8 + (<PythonStep>call).news_size() for call in self.holding)
-
-    cdef void tell_held(self, PythonStep call) noexcept nogil:
-        """The first exception that a step holds, as an event of the recording. Its words come at the end."""
-        cdef char *room
-        if self.page == NULL:
-            return
-        room = <char *>reserve(self.page, EVENT, <uint32_t>call.news_size())
-        if room == NULL:
-            self.page.dropped += 1
-            return
-        call.write_news(room)
-        commit(self.page)
+        return self.devices.drives.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""

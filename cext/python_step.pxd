@@ -1,6 +1,8 @@
 from cpython.object cimport PyObject
 from libc.stdint cimport int32_t, int64_t
 
+from cext.news cimport News
+
 cdef class PythonStep:
     cdef object callable
     cdef readonly str name
@@ -20,17 +22,13 @@ cdef class PythonStep:
     cdef readonly int64_t held           # exceptions that were no fault
     cdef readonly int64_t first_held     # tick of the first
     cdef readonly object last_held       # the last of them
-    cdef bytes news                      # JSON that tells of the first, up to its tick
-    cdef const char *news_text
-    cdef size_t news_length
+    cdef News news                       # that tells of the first
     cdef list input_views, output_views, input_names, output_names
     cdef int call(self, double *arena) except -1
     cdef int attempt(self, double *arena, int64_t tick) except -1
     cdef void keep(self, double *arena) noexcept nogil
     cdef void put_back(self, double *arena) noexcept nogil
     cdef void reset(self)
-    cdef size_t news_size(self) noexcept nogil
-    cdef void write_news(self, char *text) noexcept nogil
     cdef int refuse(self, int index, value) except -1
     cdef int store_array(self, int index, object value, double *arena) except -1
     cdef int store(self, int index, object value, double *arena) except -1

@@ -1,8 +1,6 @@
 # cython: freethreading_compatible=True
 """Python steps in the tick: floats out of the arena by vectorcall, results back into it."""
 
-import json
-
 import numpy as np
 
 from cpython.bool cimport PyBool_FromLong
@@ -12,7 +10,6 @@ from cpython.long cimport PyLong_FromDouble
 from cpython.ref cimport Py_DECREF, Py_XDECREF
 from libc.math cimport isfinite
 from libc.stdint cimport int64_t
-from libc.stdio cimport snprintf
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memmove, memset
 
@@ -48,9 +45,6 @@ cdef enum:
     INTEGER
     TRUTH
     ARRAY
-
-cdef enum:
-    MOST_DIGITS = 20                # of a tick, with its sign
 
 FLOAT = np.dtype(np.float64)
 KINDS = {"float": REAL, "int": INTEGER, "bool": TRUTH}
@@ -91,8 +85,7 @@ cdef class PythonStep:
             self.output_kinds[index] = ARRAY if shape else KINDS[dtype]
             self.output_views.append(arena[slot : slot + int(np.prod(shape))].reshape(shape) if shape else None)
             self.output_sizes[index] = int(np.prod(shape))
-        self.news = json.dumps({"event": "exception held", "block": name}).encode()[:-1] + b', "tick": '
-        self.news_text, self.news_length = self.news, len(self.news)
+        self.news = News({"event": "exception held", "block": name})
         self.kept = <double *>calloc(1 + sum(self.output_sizes[i] for i in range(self.output_count)), sizeof(double))
         self.reset()
 
@@ -123,18 +116,6 @@ cdef class PythonStep:
         self.in_a_row = 0
         self.given = True
         return 0
-
-    cdef size_t news_size(self) noexcept nogil:
-        """Bytes of the record that tells of the first exception held: a multiple of 8."""
-        return (self.news_length + MOST_DIGITS + 1 + 7) // 8 * 8
-
-    cdef void write_news(self, char *text) noexcept nogil:
-        """That record, as JSON with spaces where the number of its tick is shorter than it may be."""
-        cdef char[MOST_DIGITS + 1] digits
-        memset(text, 32, self.news_size())
-        memcpy(text, self.news_text, self.news_length)
-        memcpy(text + self.news_length, digits, snprintf(digits, sizeof(digits), "%lld", <long long>self.first_held))
-        text[self.news_size() - 1] = 125                    # }
 
     cdef void keep(self, double *arena) noexcept nogil:
         cdef int index

@@ -8,7 +8,7 @@ from graph.diagram import Signal
 from graph.interval import EVERYTHING
 from graph.layout import Layout, kernel_table, place_memory, place_parameters
 from graph.order import computes, upstream
-from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step
+from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
 
 
 def assemble(facts):
@@ -36,12 +36,12 @@ class Assembly:
         }
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.memory_start = len(self.layout)
-        memory = {block: place_memory(block, self.layout) for block in self.native}
+        self.memory = memory = {block: place_memory(block, self.layout) for block in self.native}
         self.parameters = {f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()}
         self.tables = {
             block: kernel_table(
                 [(self.input_slot(block, name), self.size(block, name)) for name in block.inputs],
-                [(self.places[Signal(block, name)].slot, self.size(block, name)) for name in block.outputs],
+                [(self.places[Signal(block, name)].slot, self.size(block, name)) for name, port in block.outputs.items() if port.kernel],
                 list(parameters[block].values()), list(memory[block].values()))
             for block in self.native
         }
@@ -158,7 +158,16 @@ class Assembly:
             name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
             age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
-            damp=tuple(block.damp_frames()), damp_time=block.damp_time, unanswered=block.unanswered_frames)
+            damp=tuple(block.damp_frames()), damp_time=block.damp_time, unanswered=block.unanswered_frames,
+            watch=self.watch_steps(block, slot))
+
+    def watch_steps(self, block, slot):
+        watch = block.watched()
+        if watch is None:
+            return None
+        name, index = watch.felt or ("", 0)
+        felt, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
+        return WatchSteps(watch, slot("torque"), slot("temperature"), slot("rms_torque"), felt, full)
 
     def recorded(self):
         """Slots of everything that some sink takes, what each is, and each sink's columns among them."""

@@ -61,10 +61,15 @@ class Input(Port):
 
 
 class Output(Port):
-    """An output port. range : (low, high) that the output never leaves, if the block can promise one."""
+    """An output port.
 
-    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None):
+    range : (low, high) that the output never leaves, if the block can promise one
+    kernel : it is among the items of a native block's kernel; what is not, somebody else writes
+    """
+
+    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None, kernel=True):
         super().__init__(unit, description, shape=shape, dtype=dtype)
+        self.kernel = kernel
         self.range = Interval(*range) if range is not None else None
 
     def __get__(self, block, owner=None):

@@ -1,7 +1,41 @@
 """Devices: blocks that stand for something at the end of a bus. One block, two steps: feedback in, command out."""
 
+from dataclasses import dataclass
+
 from graph.block import Block
 from graph.interval import Interval
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What the run watches over an actuator: cext/drive_watch.pyx has the rules.
+
+    rated, limit : N·m, of what its output `torque` tells; `rms_torque` is written
+    mode : what happens where the RMS torque passes the rated one: silent, warn, saturate, throttle or disable
+    window : s, of the RMS torque
+    warm, derate, hot : °C: told from, derated from, too hot from
+    felt : (name of a memory, index) where its kernel finds what is left of its limit, or None
+    """
+
+    rated: float
+    limit: float
+    mode: str = "saturate"
+    window: float = 20.0
+    warm: float = 70.0
+    derate: float = 80.0
+    hot: float = 100.0
+    felt: tuple | None = None
+
+    def words(self):
+        """What is told, in the order of cext/drive_watch.pxd."""
+        rms = f"RMS torque over {self.window:g} s"
+        return (
+            {"saturate": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down to that",
+             "throttle": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down, to nothing at 110 %",
+             }.get(self.mode, f"{rms} is above the rated {self.rated:.3g} N·m"),
+            f"warmer than {self.warm:g} °C",
+            f"hotter than {self.derate:g} °C: its limit goes down, and at {self.hot:g} °C the run ends",
+        )
 
 
 class Device(Block):
@@ -65,6 +99,10 @@ class Device(Block):
     def disable_frames(self):
         """Frames that make the device passive. Enabling again takes arming."""
         return []
+
+    def watched(self):
+        """What the run watches over it: a Watch, or None."""
+        return None
 
     def damp_frames(self):
         """Frames that make it resist motion and nothing else: a safe stop begins with these for `damp_time` s, where that is above 0."""

@@ -24,6 +24,21 @@ class Step:
 
 
 @dataclass(frozen=True)
+class WatchSteps:
+    """What is watched over an actuator, and where it finds its things: slots, -1 for what there is none of.
+
+    felt : where the kernel reads what is left of its limit; full : what stands there when nothing is taken
+    """
+
+    watch: object               # graph.device.Watch
+    torque: int
+    temperature: int
+    rms: int
+    felt: int
+    full: float
+
+
+@dataclass(frozen=True)
 class DeviceSteps:
     """A device: its two kernels, where its things lie, and the frames of arming and of the safe stop."""
 
@@ -41,6 +56,7 @@ class DeviceSteps:
     damp: tuple = ()           # instead of both for so many s, first
     damp_time: float = 0.0
     unanswered: int = 0         # of the frames of disable
+    watch: WatchSteps | None = None
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class Scratch:
         self.memory_start = len(layout)
         memory = place_memory(block, layout)
         self.table = kernel_table(
-            [(self.slots_of[n], sizes[n]) for n in block.inputs], [(self.slots_of[n], sizes[n]) for n in block.outputs],
+            [(self.slots_of[n], sizes[n]) for n in block.inputs], [(self.slots_of[n], sizes[n]) for n, port in block.outputs.items() if port.kernel],
             list(self.parameters.values()), list(memory.values()))
         self.arena = layout.arena()
         self.memory = self.arena[self.memory_start :].copy()

@@ -54,6 +54,8 @@ def what(result, block, program):
         "fenced": fenced(result),
         "unguarded": unguarded(result),
         "foreign command": foreign_command(block),
+        "rms torque": "its RMS torque is above the rated one" + seen(program, block, "rms", "N·m"),
+        "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
         "e-stop": "the emergency stop was pressed",
     }.get(outcome.status, f"it ended with {outcome.status}")
 
@@ -62,6 +64,11 @@ def raised(outcome):
     """What a Python block did: an exception is a bug, leaving the program is not one but ends the run just as safely."""
     leaves = isinstance(outcome.error, (SystemExit, KeyboardInterrupt))
     return f"it left the program ({words(outcome.error)})" if leaves else "its step raised an exception"
+
+
+def seen(program, block, what, unit):
+    """': 9.1 N·m' of what the watch has seen at its most."""
+    return next((f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path), "")
 
 
 def unanswered(result):

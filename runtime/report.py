@@ -56,6 +56,9 @@ def summary(result):
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
         row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
+    for entry in result.control.watched:
+        if words := watch_text(entry, schedule.rate):
+            row("watch", words)
     for entry in held(result.request.file, result.control, result.plant):
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
@@ -77,6 +80,15 @@ def ticks_text(statistics, asked):
 def buses_text(buses, frames):
     spoilt = ", ".join(f"{frames[kind]} {words}" for kind, words in SPOILT.items() if frames.get(kind))
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (f" ({spoilt})" if spoilt else "")
+
+
+def watch_text(entry, rate):
+    """What the watch has told of one actuator, with how long it was so; "" where that is nothing."""
+    told = [
+        f"{words} for {entry[key] / rate:.3g} s" for key, words in (
+            ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"), ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
+            ("derated_ticks", "its limit lowered by temperature")) if entry[key]]
+    return f"{entry['device']}: {'; '.join(told)}" if told else ""
 
 
 def stride_text(stride):

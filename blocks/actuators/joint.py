@@ -2,7 +2,7 @@
 
 from numbers import Real
 
-from graph import Input, Interval, Memory, Output, Param
+from graph import Input, Interval, Memory, Output, Param, Watch
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 
@@ -47,6 +47,12 @@ class Joint:
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
     safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
                       choices=("disable", "damp"))
+    rms_mode = Param("saturate", "1", "what happens where its RMS torque passes the rated one",
+                     choices=("silent", "warn", "saturate", "throttle", "disable"))
+    rms_window = Param(20.0, "s", "of the RMS torque", above=0.0, max=3600.0, fixed=True, kernel=False)
+    warning_temperature = Param(70.0, "°C", "from which on it is told that the drive is warm", fixed=True, kernel=False)
+    derating_temperature = Param(80.0, "°C", "from which on its limit goes down", fixed=True, kernel=False)
+    fault_temperature = Param(100.0, "°C", "at which nothing is left of its limit, and the run ends", fixed=True, kernel=False)
     stop_damping = Param(1.0, "N·m·s/rad", "of the joint while it is damped", above=0.0, fixed=True, kernel=False)
     stop_time = Param(1.0, "s", "for which it is damped before it is disabled", above=0.0, max=5.0, fixed=True, kernel=False)
     gear_ratio = Ranges.gear_ratio
@@ -64,6 +70,7 @@ class Joint:
     temperature = Output("°C", "of the drive")
     fault = Output("1", "the drive's error code, 0 for none", dtype=int)
     age = Output("s", "since the newest reply was heard")
+    rms_torque = Output("N·m", "root mean square of its torque over rms_window", kernel=False)
     torque_sent = Output("N·m", "torque command after limits, fade-in and quantisation")
     limited = Output("1", "ticks in which stiffness and damping were scaled to keep the drive's law inside the limit", dtype=int)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
@@ -71,6 +78,7 @@ class Joint:
 
     hardware = ("can_id", "invert", "offset", "gear_ratio", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
+    felt = ("limits", 5)
 
     def configure(self):
         found = self.found = self.find(self.model)
@@ -85,6 +93,16 @@ class Joint:
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
+
+        if not self.warning_temperature <= self.derating_temperature < self.fault_temperature:
+            raise ValueError(
+                f"warning_temperature, derating_temperature and fault_temperature come in this order, got {self.warning_temperature:g}, "
+                f"{self.derating_temperature:g} and {self.fault_temperature:g} °C")
+
+    def watched(self):
+        return Watch(
+            rated=self.found.rated * self.gear_ratio, limit=self.torque_limit, mode=self.rms_mode, window=self.rms_window,
+            warm=self.warning_temperature, derate=self.derating_temperature, hot=self.fault_temperature, felt=self.felt)
 
     def find_limit(self):
         """N·m at the joint: rated or peak torque, never beyond the wire."""
@@ -129,4 +147,5 @@ class Joint:
             "temperature": Interval(-40.0, 215.0),
             "fault": Interval(0.0, 255.0),
             "age": Interval(0.0),
+            "rms_torque": Interval(0.0),
         }

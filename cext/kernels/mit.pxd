@@ -3,7 +3,7 @@
 `wire` has half the range of each, in this order. The items are those of blocks.actuators.joint.Joint.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
@@ -50,9 +50,10 @@ cdef inline bint all_ones(const uint8_t *data, int count) noexcept nogil:
     return True
 
 
-cdef inline double felt_share(double *arena, const int32_t *slots, const double *wire, double limit) noexcept nogil:
+cdef inline double felt_share(double *arena, const int32_t *slots, const double *wire, double limit, double torque) noexcept nogil:
+    """The share of stiffness and damping that keeps the drive's law inside a limit."""
     cdef Law law
-    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], arena[slots[TORQUE_COMMAND]]
+    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], torque
     law.position_error = arena[slots[POSITION_COMMAND]] - arena[slots[POSITION]]
     law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[slots[VELOCITY]]
     law.velocity, law.age, law.period = arena[slots[VELOCITY]], arena[slots[AGE]], arena[PERIOD]
@@ -74,6 +75,7 @@ cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame
     cdef double damping = arena[slots[DAMPING_COMMAND]]
     cdef double torque = arena[slots[TORQUE_COMMAND]]
     cdef double felt
+    cdef bint limited
     cdef uint32_t code
     if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
         return -NOT_FINITE
@@ -82,11 +84,15 @@ cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame
         return -OUT_OF_LIMITS
     if not 0.0 <= share <= 1.0:
         return -OUT_OF_LIMITS   # a share of NaN would be full torque
+    limited = fabs(torque) > limits[5]
+    if limited:
+        torque = copysign(limits[5], torque)
     if stiffness > 0.0 or damping > 0.0:
-        felt = felt_share(arena, slots, wire, limits[5])
-        arena[slots[LIMITED]] += felt < 1.0
+        felt = felt_share(arena, slots, wire, limits[5], torque)
+        limited |= felt < 1.0
         stiffness *= felt
         damping *= felt
+    arena[slots[LIMITED]] += limited
     memset(frame, 0, sizeof(Frame))
     frame.id = <uint32_t>arena[slots[CAN_ID]]
     frame.length = 8

@@ -11,7 +11,7 @@
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
@@ -30,7 +30,7 @@ cdef enum: # what comes behind the inputs
     CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
     HOST_ID, CAN_TIMEOUT, ACTIVE_REPORTING, VELOCITY_LIMIT, ACCELERATION
     WIRE                        # position, velocity, stiffness, damping, torque: half the range of each, at the joint
-    LIMITS                      # of the commands: five in operation control, and of the drive's whole law; else one
+    LIMITS                      # of the commands: five in operation control, and of the drive's whole law; else one, and the share that is left
     STATE                       # has been seen running, replies in a row that say it is not, faults of type 21
     WRITTEN                     # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
 
@@ -109,11 +109,11 @@ cdef inline void put(uint8_t *data, uint32_t code) noexcept nogil:
     data[1] = <uint8_t>code
 
 
-cdef double felt_share(double *arena, const int32_t *slots, const int32_t *own) noexcept nogil:
+cdef double felt_share(double *arena, const int32_t *slots, const int32_t *own, double torque) noexcept nogil:
     """The share of stiffness and damping that keeps the drive's law inside its limit."""
     cdef double *wire = arena + own[WIRE]
     cdef Law law
-    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], arena[slots[TORQUE_COMMAND]]
+    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], torque
     law.position_error = arena[slots[POSITION_COMMAND]] - arena[own[POSITION]]
     law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[own[VELOCITY]]
     law.velocity, law.age, law.period = arena[own[VELOCITY]], arena[own[AGE]], arena[PERIOD]
@@ -134,17 +134,22 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
     cdef double damping = arena[slots[DAMPING_COMMAND]]
     cdef double felt
+    cdef bint limited
     cdef uint32_t code
     if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
         return -NOT_FINITE
     if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
             or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4] or not 0.0 <= share <= 1.0):
         return -OUT_OF_LIMITS   # a share of NaN would be full torque
+    limited = fabs(torque) > limits[5]
+    if limited:
+        torque = copysign(limits[5], torque)
     if stiffness > 0.0 or damping > 0.0:
-        felt = felt_share(arena, slots, own)
-        arena[own[LIMITED]] += felt < 1.0
+        felt = felt_share(arena, slots, own, torque)
+        limited |= felt < 1.0
         stiffness *= felt
         damping *= felt
+    arena[own[LIMITED]] += limited
     code = to_code(sign * share * torque, -wire[4], wire[4], 16)
     address(arena, own, &frames[0], 1, code)
     put(&frames[0].data[0], to_code(sign * (position + arena[own[OFFSET]]), -wire[0], wire[0], 16))
@@ -180,6 +185,7 @@ cdef int written_encode(double *arena, const int32_t *slots, const int32_t *size
         return -NOT_FINITE
     if not -limit <= command <= limit or not 0.0 <= share <= 1.0:
         return -OUT_OF_LIMITS
+    share *= arena[own[LIMITS] + 1]
     if written[3] == 0.0:       # the command itself makes the torque
         command *= share
     sent = write(arena, own, &frames[0], written[0], sign * (command + shift) * written[1])

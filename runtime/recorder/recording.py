@@ -136,6 +136,8 @@ class Recording:
             self.end = event
         elif len(self.events) < KEPT_EVENTS:
             self.events.append(event)
+            if event.get("event") == "warning":
+                self.say(f"tickwork: {event['device']} at tick {event['tick']}: {event['what']}")
         else:
             self.events_left_out += 1
         if self.flight_log is not None:

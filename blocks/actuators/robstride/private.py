@@ -81,7 +81,7 @@ class RobStride(Joint, Actuator):
         self.sent_outputs = (self.sent_name,)
         self.encode = kernels.encode_written
         limit = {"position": self.limits[0], "velocity": self.velocity_limit, "current": self.current_limit}[quantity]
-        self.limits = (limit,)
+        self.limits, self.felt = (limit, 1.0), ("limits", 1)
         limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)
         index = {"position": frames.LOC_REF, "velocity": frames.SPD_REF, "current": frames.IQ_REF}[quantity]
         self.written = (index, 1.0 if quantity == "current" else self.gear_ratio, float(quantity == "position"), *limited)

@@ -36,7 +36,8 @@ class Wired:
         self.arena[AUTHORITY] = 1.0
         self.table = steps.table
         self.slots, self.sizes = np.array(steps.table.counts + steps.table.slots, np.int32), np.array(steps.table.sizes, np.int32)
-        items = [*self.block.inputs, *self.block.outputs, *(n for n, p in self.block.parameters.items() if p.placed), *self.block.memory]
+        told = [n for n, p in self.block.outputs.items() if p.kernel] + [n for n, p in self.block.parameters.items() if p.placed]
+        items = [*self.block.inputs, *told, *self.block.memory]
         self.place = {name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)}
         self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.decode, "decode"))
         self.native_encode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.encode, "encode"))
