@@ -43,7 +43,8 @@ WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dic
 @dataclass(frozen=True)
 class RigBus:
     """
-    interface : of python-can's kinds, or udp; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD; peer : where UDP sends to
+    interface : of python-can's kinds, or udp; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD
+    peer : where UDP sends to, "" for nowhere
     options : more that the interface of python-can is given, as it is
     """
 

@@ -50,9 +50,10 @@ def in_words(name, path, error, folder):
 
 
 def taken(name, owner):
-    return Trouble(
-        "TW126", f"{name} is in use" + (f" by {owner}" if owner else " by another process, which this user may not see"),
-        "end that one first: two that read one port take each other's bytes" + ("" if owner else f"; who it is: sudo fuser -v {name.split()[-1]}"))
+    cure = "end that one first: two that read one port take each other's bytes"
+    if owner:
+        return Trouble("TW126", f"{name} is in use by {owner}", cure)
+    return Trouble("TW126", f"{name} is in use by a process that this user may not see", f"{cure}; who it is: sudo fuser -v {name.split()[-1]}")
 
 
 def holder(path):

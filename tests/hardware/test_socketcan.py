@@ -188,7 +188,7 @@ def test_a_wall_clock_that_is_set_does_not_move_frames():
 
 @pytest.fixture
 def jammed():
-    """An adapter of the kernel's slcan driver behind a pty that nobody reads, so that what goes out stays. Yields (interface, reads the pty)."""
+    """An adapter of the kernel's slcan driver behind a pty that nobody reads, so that what goes out stays. Yields (interface, its reader)."""
     master, port = pty.openpty()
     tty.setraw(port)
     before = set(os.listdir("/sys/class/net"))

@@ -65,7 +65,7 @@ def test_own_commands_that_look_like_replies_are_counted_and_ignored(tmp_path):
         out, err = process.communicate(timeout=20)
         sent = counted(out, "frames sent")
         assert process.returncode == 0, err
-        assert sent > 200 and sent - 4 <= counted(out, "of this machine") <= sent           # the last ones come back when nobody listens any more
+        assert sent > 200 and sent - 4 <= counted(out, "of this machine") <= sent       # the last come back when nobody listens any more
         assert "confirmed by left/knee, right/knee" in out and counted(out, "malformed") == 0
 
 

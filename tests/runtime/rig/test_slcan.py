@@ -92,7 +92,8 @@ def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
 
 
 def run(folder, adapter, *words):
-    return started(knee(folder, "return 2.0"), "--rig", rig_of(folder, adapter.channel), "--realtime", "off", "--no-record", *words, cwd=folder)
+    robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel)
+    return started(robot, "--rig", rig, "--realtime", "off", "--no-record", *words, cwd=folder)
 
 
 def awaited(condition, seconds=10.0):
@@ -170,7 +171,8 @@ def port():
 
 def test_a_port_that_another_process_holds_is_told_with_its_name(port):
     trouble = refusal(os.ttyname(port))
-    assert trouble.code == "TW126" and f"{os.ttyname(port)} is in use by " in trouble.message and f"(process {os.getpid()})" in trouble.message
+    assert trouble.code == "TW126" and f"{os.ttyname(port)} is in use by " in trouble.message
+    assert f"(process {os.getpid()})" in trouble.message
 
 
 AS_NOBODY = '''
@@ -219,7 +221,8 @@ def test_options_are_handed_over_as_they_are(tmp_path):
 
 @pytest.mark.parametrize("line, message, hint", [
     ('channel = "can1"', "[bus.legs] options.channel: that belongs to the bus itself", "write channel in [bus.legs]"),
-    ("when = 1979-05-27", "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those", "take it out"),
+    ("when = 1979-05-27", "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",
+     "take it out"),
     ("deep = { a = 1 }", "[bus.legs] options.deep = {'a': 1}: expected text, a number, true or false, or a list of those", "take it out"),
 ])
 def test_options_that_cannot_be_are_told(tmp_path, line, message, hint):
