@@ -221,12 +221,18 @@ def open_wire(bus):
 
 
 def keep_apart(descriptor):
-    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined."""
+    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined.
+
+    What it has heard until now, which may be the drives of another robot, is thrown away.
+    """
     with socket.socket(fileno=os.dup(descriptor)) as twin:
         if twin.family == socket.AF_INET6:
             twin.setsockopt(socket.IPPROTO_IPV6, IPV6_MULTICAST_ALL, 0)
         else:
             twin.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+        with suppress(BlockingIOError):
+            for _ in range(10_000):
+                twin.recv(1, socket.MSG_DONTWAIT)
 
 
 def identifier_of(message):
