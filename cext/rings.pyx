@@ -41,7 +41,7 @@ cdef int line_receive(void *context, Frame *frames, int capacity) noexcept nogil
     if failed(end):
         return -1
     while count < capacity and get(&end.line.inward, &frames[count]):
-        frames[count].time -= end.began
+        frames[count].time = max(frames[count].time - end.began, 0)         # what comes just before the zero is of the run, too
         count += 1
     return count
 

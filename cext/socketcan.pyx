@@ -169,7 +169,7 @@ cdef void socket_begin(void *context, int64_t began) noexcept nogil:
             if is_whole(socket, &socket.incoming[index], &socket.heard[index]) and socket.heard[index].can_id & ERROR_FRAME:
                 note(socket, &socket.heard[index])
     socket.began = began
-    socket.drained = monotonic()
+    socket.drained = max(monotonic(), began)            # which is to come: no frame is older than the run
     socket.trouble = BUS_OFF if socket.state == OFF else 0
     socket.full = 0
     socket.told = socket.refusing = False

@@ -13,8 +13,8 @@ BAD_INPUT = 2
 HERE = Path(__file__).parent.parent
 OLDEST_PYTHON = (3, 10)
 NEEDS = {
-    "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec", "networkx": "networkx",
-    "numpy": "numpy",
+    "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec",
+    "networkx": "networkx", "numpy": "numpy", "serial": "pyserial",
 }
 if sys.version_info < (3, 11):                  # later ones read TOML themselves
     NEEDS["tomli"] = "tomli"

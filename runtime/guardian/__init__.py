@@ -7,7 +7,8 @@
 
 The plan is a dict that JSON can carry:
 
-    buses       of each: name, interface, channel, bitrate, fd, virtual, line (its number; None where the loop drives the bus itself)
+    buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None where the loop drives
+                the bus itself)
     devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
                 replies as [id, mask, first bytes]; data in hex digits, ids with the flag bits of struct can_frame
     limit       s without a tick after which the loop counts as stalled

@@ -119,7 +119,7 @@ class Guardian:
                     os.eventfd_read(self.bell)
             elif descriptor in self.places:
                 self.receive(self.places[descriptor])
-                if not event & select.POLLIN:           # it is gone
+                if event & select.POLLHUP or not event & select.POLLIN:           # it is gone
                     self.poll.unregister(descriptor)
                     self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
             elif descriptor == self.control:

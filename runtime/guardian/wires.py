@@ -12,6 +12,7 @@ import os
 import socket
 import struct
 import time
+from contextlib import suppress
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29       # of Linux, which Python's socket has no names for
@@ -19,6 +20,7 @@ MOST = 64                       # frames taken at once
 ECHO = 0.1                      # s within which an interface hands back what was sent
 TIMEOUT = 0.002                 # s that an interface may take to accept a frame
 PATIENCE = 100                  # failures in a row, then the interface has failed
+QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
 REMEMBERED = 1024               # different frames of which an echo is awaited
 
 
@@ -51,7 +53,7 @@ class PythonCanWire(Wire):
     What is received is compared with what was sent: some interfaces hand a sender its own frames, as if they had been received.
     """
 
-    def __init__(self, interface, channel, bitrate, fd):
+    def __init__(self, interface, channel, bitrate, fd, options=None):
         super().__init__()
         import can
 
@@ -59,7 +61,8 @@ class PythonCanWire(Wire):
         self.message = can.Message
         self.errors = (can.CanError, OSError, ValueError)
         try:
-            self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **({"fd": True} if fd else {}))
+            given = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
+            self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
         except Exception as error:          # what an interface raises is its own
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
@@ -127,7 +130,8 @@ class PythonCanWire(Wire):
         return time.monotonic() - last < ECHO
 
     def close(self):
-        self.bus.shutdown()
+        with suppress(*self.errors):            # of an interface that is gone already
+            self.bus.shutdown()
 
 
 class SocketCanWire(Wire):
@@ -213,16 +217,22 @@ def open_wire(bus):
         return Unwatched()
     if bus["interface"] == "socketcan":
         return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
-    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"])
+    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], bus.get("options"))
 
 
 def keep_apart(descriptor):
-    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined."""
+    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined.
+
+    What it has heard until now, which may be the drives of another robot, is thrown away.
+    """
     with socket.socket(fileno=os.dup(descriptor)) as twin:
         if twin.family == socket.AF_INET6:
             twin.setsockopt(socket.IPPROTO_IPV6, IPV6_MULTICAST_ALL, 0)
         else:
             twin.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+        with suppress(BlockingIOError):
+            for _ in range(10_000):
+                twin.recv(1, socket.MSG_DONTWAIT)
 
 
 def identifier_of(message):

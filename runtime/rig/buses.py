@@ -14,6 +14,7 @@ from runtime.guardian.lock import BusLock, BusTaken
 from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.fitness import WIRING, again, take_up
 from runtime.rig.interface import Interface
+from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused, RigError, Trouble
 from runtime.rig.udp import UdpInterface, failed
 
@@ -87,6 +88,7 @@ class RigBuses:
             interface = UdpInterface(bus, devices)
             return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=PATIENCE, mute=not bus.peer))
         if bus.interface != SOCKETCAN:
+            look_at_port(bus)
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
         listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})
@@ -112,7 +114,7 @@ class RigBuses:
             {
                 "name": name, "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel,
                 "bitrate": bus.interface.bus.bitrate, "fd": bus.interface.bus.fd, "virtual": bus.interface.virtual,
-                "line": index if isinstance(bus.can, Line) else None,
+                "options": bus.interface.bus.options, "line": index if isinstance(bus.can, Line) else None,
             }
             for index, (name, bus) in enumerate(self.buses.items())
         ]

@@ -13,7 +13,7 @@ Here the file is read by itself; runtime.rig.overrides has what it says of a dia
 
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from graph.block import suggestion
@@ -34,13 +34,19 @@ KEYS = {                                    # of a bus: type, example, whether i
     "bitrate": (int, "1_000_000", False),
     "fd": (bool, "true", False),
     "peer": (str, '"192.168.4.2:9871"', False),
+    "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
-WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false"}
+OWN = ("interface", "channel", "bitrate", "fd")         # that `options` cannot say again
+WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dict: "a table"}
 
 
 @dataclass(frozen=True)
 class RigBus:
-    """interface : of python-can's kinds; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD; peer : where UDP sends to"""
+    """
+    interface : of python-can's kinds, or udp; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD
+    peer : where UDP sends to, "" for nowhere
+    options : more that the interface of python-can is given, as it is
+    """
 
     name: str
     interface: str
@@ -48,6 +54,7 @@ class RigBus:
     bitrate: int = FASTEST
     fd: bool = False
     peer: str = ""
+    options: dict = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -134,6 +141,7 @@ def bus(name, table, troubles):
     if found.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % LONGEST_NAME, found.channel):
         wrong(f"channel = {found.channel!r}: no network interface has such a name",
               'write channel = "can0"; `ip link` lists those of this machine')
+    check_options(found, wrong)
     if found.interface == UDP:
         check_udp(found, wrong)
     elif found.peer:
@@ -142,6 +150,21 @@ def bus(name, table, troubles):
         wrong(f"interface = {found.interface!r}: python-can has none of that name",
               suggestion(found.interface, [*kinds(), UDP]) or 'write interface = "socketcan"')
     return found if len(troubles) == before else None
+
+
+def check_options(bus, wrong):
+    """wrong : called with what is wrong, and the cure"""
+    if bus.options and bus.interface in (SOCKETCAN, UDP):
+        wrong(f"options: {bus.interface} is driven without python-can, and has none", "take them out")
+    for key, value in bus.options.items():
+        if key in OWN:
+            wrong(f"options.{key}: that belongs to the bus itself", f"write {key} in [bus.{bus.name}]")
+        elif not is_plain(value):
+            wrong(f"options.{key} = {value}: expected text, a number, true or false, or a list of those", "take it out")
+
+
+def is_plain(value):
+    return all(map(is_plain, value)) if isinstance(value, list) else isinstance(value, (str, int, float, bool))
 
 
 def check_udp(bus, wrong):

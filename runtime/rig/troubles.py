@@ -24,6 +24,9 @@ CODES = {
     "TW121": "UDP port in use",
     "TW122": "address of another machine",
     "TW123": "privileged port",
+    "TW124": "serial port without permission",
+    "TW125": "no such serial port",
+    "TW126": "serial port in use",
 }
 
 

@@ -76,6 +76,13 @@ def test_a_run_begins_with_nothing_that_was_heard_before_it(lines):
     assert line.end.receive() == [(STANDARD, False, b"new", 2)]
 
 
+def test_what_comes_just_before_the_zero_of_the_run_has_its_time(lines):
+    line = Line(lines, 0)
+    line.begin(1_000)
+    lines.give(0, STANDARD, b"early", 400)
+    assert line.end.receive() == [(STANDARD, False, b"early", 0)]
+
+
 def test_each_send_rings_the_bell(lines):
     bell = os.eventfd(0, os.EFD_NONBLOCK)
     line = Line(lines, 0, bell)

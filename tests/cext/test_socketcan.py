@@ -157,6 +157,15 @@ def test_no_frame_is_older_than_the_reading_before_and_none_is_from_the_future()
         assert before <= at <= time.monotonic_ns() - began
 
 
+def test_what_comes_just_before_the_zero_of_the_run_has_its_time():
+    wire = Wire()
+    wire.can.begin(time.monotonic_ns() + 20_000_000)                # as a run begins: a period ahead
+    wire.far.send(classic(1))
+    time.sleep(0.03)
+    [(*_, at)] = wire.end.receive(1)
+    assert at == 0
+
+
 def test_without_a_stamp_a_frame_is_of_the_moment_at_which_it_is_read():
     wire = Wire()
     wire.can.begin(began := time.monotonic_ns())

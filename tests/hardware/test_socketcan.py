@@ -1,16 +1,23 @@
 """A robot's bus over real SocketCAN: filters, echoes, stamps, error frames, interfaces that go away, and a whole run."""
 
 import errno
+import fcntl
+import os
+import pty
 import resource
+import select
+import struct
 import subprocess
+import threading
 import time
+import tty
 from pathlib import Path
 
 import pytest
 
 from cext.socketcan import SocketCan
 from runtime.doctor.machine import Machine
-from runtime.rig.buses import in_words
+from runtime.rig.buses import PATIENCE, in_words
 from runtime.rig.file import RigBus
 from runtime.rig.interface import Interface
 from runtime.rig.troubles import Refused
@@ -18,6 +25,7 @@ from tests.hardware.vcan import ERROR, EXTENDED, REMOTE, Node, ip, needs_own_ker
 
 pytestmark = needs_vcan
 MIT = [(127, 0x7FF, False), (0, 0x7FF, False)]              # what a drive with id 127 is heard by
+TIOCSETD, N_SLCAN = 0x5423, 17                             # of Linux: the line discipline that makes a port a CAN interface
 NOTHING = bytes.fromhex("7fff7ff0000007ff")                 # its zero-torque command: the first byte is its id
 
 
@@ -26,7 +34,7 @@ class Opened:
 
     def __init__(self, channel="vcan0", listens=MIT, speaks=((127, False),), shared=None, fd=False):
         self.interface = Interface(RigBus("legs", "socketcan", channel, fd=fd), listens, speaks, Machine())
-        self.can = SocketCan(self.interface.socket, fd=fd, shared=self.interface.virtual if shared is None else shared)
+        self.can = SocketCan(self.interface.socket, fd=fd, shared=self.interface.virtual if shared is None else shared, patience=PATIENCE)
         self.can.begin(0)
 
     def __enter__(self):
@@ -176,6 +184,69 @@ def test_a_wall_clock_that_is_set_does_not_move_frames():
         time.sleep(0.02)
         [(*_, at)] = bus.heard()
         assert before - 2e6 <= at <= after + 2e6            # ns; 20 ms before it was read
+
+
+@pytest.fixture
+def jammed():
+    """An adapter of the kernel's slcan driver behind a pty that nobody reads, so that what goes out stays. Yields (interface, its reader)."""
+    master, port = pty.openpty()
+    tty.setraw(port)
+    before = set(os.listdir("/sys/class/net"))
+    fcntl.ioctl(port, TIOCSETD, struct.pack("i", N_SLCAN))
+    [name] = set(os.listdir("/sys/class/net")) - before
+    ip("set", name, "type", "can", "bitrate", "1000000")
+    os.set_blocking(master, False)
+
+    def drain(seconds=0.0):
+        deadline = time.monotonic() + seconds
+        while select.select([master], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            os.read(master, 65536)
+
+    reader = threading.Thread(target=drain, args=(0.4,))            # the driver waits until what sets the bitrate has gone out
+    reader.start()
+    ip("set", name, "txqueuelen", "10", "up")
+    reader.join()
+    yield name, drain
+    reader = threading.Thread(target=drain, args=(0.4,))
+    reader.start()
+    ip("set", name, "down")
+    reader.join()
+    os.close(port)
+    os.close(master)
+
+
+@needs_own_kernel
+def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_words(jammed):
+    name, drain = jammed
+    with Opened(name) as bus, Node(name) as other:
+        sent = 0
+        while bus.can.end.send(127, NOTHING) and sent < 100_000:
+            sent += 1
+        assert 10 <= sent < 100_000 and bus.can.counts["refused"] == 1 and bus.can.trouble is None
+        with pytest.raises(OSError) as raised:
+            other.send(127, NOTHING)
+        assert raised.value.errno == errno.ENOBUFS                              # that is what it was
+        for _ in range(PATIENCE - 1):
+            bus.can.end.receive(1)
+            assert not bus.can.end.send(127, NOTHING) and bus.can.trouble is None
+        bus.can.end.receive(1)
+        assert bus.can.trouble == "full" and bus.can.counts["refused"] == PATIENCE
+        why, cure = in_words(bus.can.trouble, bus.interface.bus, False)
+        assert why.startswith(f"the queue of {name} was full for {PATIENCE} ticks: nobody acknowledges its frames") and "txqueuelen" in cure
+
+
+@needs_own_kernel
+def test_a_queue_of_the_kernel_that_is_emptied_goes_on(jammed):
+    name, drain = jammed
+    with Opened(name) as bus:
+        while bus.can.end.send(127, NOTHING):
+            pass
+        deadline = time.monotonic() + 5.0
+        while not bus.can.end.send(127, NOTHING) and time.monotonic() < deadline:
+            drain()
+            time.sleep(0.01)
+            bus.can.end.receive(1)
+        assert bus.can.trouble is None and bus.can.end.send(127, NOTHING) and bus.can.counts["refused"] >= 1
 
 
 def test_error_frames_come_through_the_filter():

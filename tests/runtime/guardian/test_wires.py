@@ -9,7 +9,7 @@ import socket
 import can
 import pytest
 
-from runtime.guardian.wires import CannotOpen, PythonCanWire, SocketCanWire
+from runtime.guardian.wires import CannotOpen, PythonCanWire, SocketCanWire, keep_apart
 from tests.runtime.guardian.drives import open_bus
 
 PORT = 43113                    # of udp_multicast
@@ -88,6 +88,18 @@ def test_two_buses_of_one_machine_do_not_hear_each_other(wire, node):
     node.send(message(1, b"ours"))
     assert heard(wire, 1) == [(1, b"ours")]
     other.shutdown()
+
+
+def test_what_another_robot_has_said_before_the_two_were_kept_apart_is_not_heard(channel):
+    other = next(CHANNELS)
+    with open_bus(other) as node:                                   # somebody of this machine is in that group
+        bus = can.Bus(channel, interface="udp_multicast")
+        with open_bus(other) as talker:
+            talker.send(message(127, NOTHING))
+        assert select.select([bus], [], [], 5.0)[0] and node.recv(5.0) is not None
+        keep_apart(bus.fileno())
+        assert bus.recv(0.05) is None
+        bus.shutdown()
 
 
 def test_an_interface_that_python_can_cannot_open_says_why():

@@ -131,10 +131,10 @@ def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
             super().configure(plan)
 
     monkeypatch.setattr("runtime.rig.buses.GuardianProcess", Short)
-    rig = write(command_line.folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{OWN}"\n', "lab.toml")
+    rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
     assert complaint.startswith("lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed")
-    BusLock("slcan", OWN).close()
+    BusLock("udp_multicast", "192.0.2.1").close()
 
 
 @pytest.mark.parametrize("number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")])

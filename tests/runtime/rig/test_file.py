@@ -63,7 +63,7 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
     ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrat = 1', "[bus.legs] bitrat: there is no such key",
      "did you mean 'bitrate'?"),
     ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nzzz = 1', "[bus.legs] zzz: there is no such key",
-     "it has interface, channel, bitrate, fd, peer"),
+     "it has interface, channel, bitrate, fd, peer, options"),
     ('[bus.legs]\ninterfase = "socketcan"\nchannel = "can0"', "[bus.legs] interfase: there is no such key", "did you mean 'interface'?"),
     ('[bus.legs]\nchannel = "can0"', "[bus.legs] interface is missing", 'write interface = "socketcan"'),
     ('[bus.legs]\ninterface = "socketcan"', "[bus.legs] channel is missing", 'write channel = "can0"'),

@@ -1,0 +1,86 @@
+"""Serial ports behind adapters such as slcan: there, permitted, and nobody else's, before the guardian opens them."""
+
+import errno
+import getpass
+import grp
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from graph.block import suggestion
+from runtime.doctor.ports import SERIAL
+from runtime.rig.troubles import Refused, Trouble
+from runtime.rig.udp import holder_of
+
+RULES = "/etc/udev/rules.d/70-tickwork.rules"
+
+
+def look_at_port(bus, folder="/dev"):
+    """Refused, with the cause in words, if the channel of a bus names a device that cannot be opened. Other channels are left alone.
+
+    bus : RigBus
+    folder : where the ports of this machine are
+    """
+    path = bus.channel.partition("@")[0]                    # slcan's "PORT@BAUDRATE"
+    if not path.startswith("/"):
+        return
+    name = f"[bus.{bus.name}] {path}"
+    try:
+        if not stat.S_ISCHR(os.stat(path).st_mode):
+            raise Refused(Trouble("TW125", f"{name} is no serial port", known(path, folder)))
+        descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as error:
+        raise Refused(in_words(name, path, error, folder)) from None
+    os.close(descriptor)
+    owner = holder(path)
+    if owner:
+        raise Refused(taken(name, owner))
+
+
+def in_words(name, path, error, folder):
+    """Why a port cannot be opened, as a Trouble."""
+    if error.errno in (errno.EACCES, errno.EPERM):
+        return Trouble("TW124", f"{name}: {error.strerror}", permission(path))
+    if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
+        return Trouble("TW125", f"{name}: there is no such port", known(path, folder))
+    if error.errno == errno.EBUSY:
+        return taken(name, holder(path))
+    return Trouble("TW119", f"{name}: {error.strerror}", "is the adapter plugged in, and its supply on?")
+
+
+def taken(name, owner):
+    cure = "end that one first: two that read one port take each other's bytes"
+    if owner:
+        return Trouble("TW126", f"{name} is in use by {owner}", cure)
+    return Trouble("TW126", f"{name} is in use by a process that this user may not see", f"{cure}; who it is: sudo fuser -v {name.split()[-1]}")
+
+
+def holder(path):
+    """Who else has a port open, as runtime.rig.udp.holder_of says it."""
+    real = os.path.realpath(path)
+    return holder_of(lambda target: target == real)
+
+
+def permission(path):
+    """The lines that give this user a port."""
+    group = "dialout"
+    with suppress(OSError, KeyError):
+        group = grp.getgrgid(os.stat(path).st_gid).gr_name
+    user = "$USER"
+    with suppress(OSError, KeyError):
+        user = getpass.getuser()
+    kind = Path(os.path.realpath(path)).name.rstrip("0123456789")
+    rule = f"""echo 'KERNEL=="{kind}[0-9]*", MODE="0666"' | sudo tee {RULES} && sudo udevadm control --reload && sudo udevadm trigger"""
+    if group in ("root", "tty"):
+        return f"give everybody such ports: {rule}"
+    return f"sudo usermod -aG {group} {user}, then log in again; or give everybody such ports: {rule}"
+
+
+def known(path, folder):
+    """Which ports there are, the one meant first."""
+    there = sorted(str(port) for pattern in SERIAL for port in Path(folder).glob(pattern))
+    if not there:
+        return "this machine has no serial port: is the adapter plugged in?"
+    near = suggestion(path, there)
+    return (f"{near} " if near else "") + f"there are {', '.join(there)}"

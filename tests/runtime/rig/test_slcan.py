@@ -1,0 +1,241 @@
+"""slcan over a real pty, with an adapter and its drives played behind it; and serial ports that cannot be opened."""
+
+import fcntl
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import termios
+import threading
+import time
+import tty
+
+import pytest
+
+from blocks.actuators import CubeMars
+from graph import Diagram
+from runtime.errors import FAULT, OK
+from runtime.rig import RigBuses, RigError, read
+from runtime.rig.file import RigBus
+from runtime.rig.serial_port import look_at_port
+from runtime.rig.troubles import Refused
+from tests.blocks.actuators import reference
+from tests.runtime.guardian.drives import AK10_9
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, knee, started, write
+
+
+class Adapter:
+    """An slcan adapter on a pty, and drives that answer every frame to their ids.
+
+    channel : the port
+    said : what it was told that is no frame; frames : (id, data in hex digits) that it was given
+    """
+
+    def __init__(self, drives=(1,)):
+        self.master, port = pty.openpty()
+        tty.setraw(port)
+        self.channel = os.ttyname(port)
+        os.close(port)                      # it is for the guardian to open
+        self.drives, self.said, self.frames = drives, [], []
+        self.unplugged = threading.Event()
+        self.thread = threading.Thread(target=self.play, daemon=True)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *exception):
+        self.unplug()
+
+    def unplug(self):
+        self.unplugged.set()
+        self.thread.join()
+        if self.master >= 0:
+            os.close(self.master)
+        self.master = -1
+
+    def play(self):
+        heard = b""
+        while not self.unplugged.is_set():
+            if not select.select([self.master], [], [], 0.02)[0]:
+                continue
+            try:
+                heard += os.read(self.master, 4096)
+            except OSError:                 # nobody has the port open
+                time.sleep(0.02)
+                continue
+            *commands, heard = heard.split(b"\r")
+            for command in commands:
+                os.write(self.master, self.answer(command.decode()))
+
+    def answer(self, command):
+        if not command.startswith("t"):
+            self.said.append(command)
+            return b"\r"
+        identifier, data = int(command[1:4], 16), command[5:]
+        self.frames.append((identifier, data))
+        reply = b""
+        if identifier in self.drives:
+            data = bytes(reference.reply(AK10_9, identifier, 0.1, 0.0, 0.0, 30.0, 0))
+            reply = f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode()
+        return b"z\r" + reply
+
+    def torque(self):
+        """Whether torque has been commanded."""
+        return any(data not in (ENABLE, DISABLE, NOTHING) for _, data in list(self.frames))
+
+
+def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
+    return write(folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{channel}"\n[bus.legs.options]\n{more}', "lab.toml")
+
+
+def run(folder, adapter, *words):
+    robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel)
+    return started(robot, "--rig", rig, "--realtime", "off", "--no-record", *words, cwd=folder)
+
+
+def awaited(condition, seconds=10.0):
+    deadline = time.monotonic() + seconds
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return condition()
+
+
+def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
+    with Adapter() as adapter:
+        process = run(tmp_path, adapter, "--duration", "0.7")
+        out, errors = process.communicate(timeout=20)
+        assert process.returncode == OK, errors
+        assert "S8" in adapter.said and "O" in adapter.said and adapter.said[-1] == "C"         # 1 Mbit/s; open; and closed at the end
+        told = [data for _, data in adapter.frames]
+        assert told[0] == ENABLE and adapter.torque() and told[-2:] == [NOTHING, DISABLE] and len(told) > 130
+        assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
+
+
+def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
+    with Adapter() as adapter:
+        process = run(tmp_path, adapter)
+        assert awaited(adapter.torque), "no torque was commanded"
+        adapter.unplug()
+        at = time.monotonic()
+        _, errors = process.communicate(timeout=10)
+        assert process.returncode == FAULT and time.monotonic() - at < 3.0
+        assert "Traceback" not in errors
+        assert "FAULT at legs, tick " in errors and "the bus can neither send nor receive" in errors
+        assert f"slcan {adapter.channel}: the interface has hung up" in errors and "is the adapter plugged in" in errors
+
+
+def test_an_adapter_without_drives_does_not_arm(tmp_path):
+    with Adapter(drives=()) as adapter:
+        process = run(tmp_path, adapter)
+        _, errors = process.communicate(timeout=20)
+        assert process.returncode == FAULT and "no answer from knee (id 1 on bus legs)" in errors and not adapter.torque()
+
+
+# Ports
+
+def refusal(channel, **options):
+    with pytest.raises(Refused) as refused:
+        look_at_port(RigBus("legs", "slcan", channel), **options)
+    return refused.value.trouble
+
+
+def test_a_port_that_is_not_there_names_those_that_are(tmp_path):
+    for name in ("ttyACM0", "ttyUSB3", "tty7"):
+        (tmp_path / name).touch()
+    trouble = refusal(str(tmp_path / "ttyACM1"), folder=tmp_path)
+    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM1: there is no such port")
+    assert trouble.hint.startswith(f"did you mean '{tmp_path}/ttyACM0'? there are ") and trouble.hint.endswith(f"{tmp_path}/ttyUSB3")
+    trouble = refusal(str(tmp_path / "ttyACM0"), folder=tmp_path)
+    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM0 is no serial port")
+    assert refusal("/dev/ttyNone", folder=tmp_path / "empty").hint == "this machine has no serial port: is the adapter plugged in?"
+
+
+def test_a_rig_with_such_a_port_is_refused_before_anything_is_opened(tmp_path):
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK80-9", bus="legs", name="knee")(torque_command=0.0)
+    with pytest.raises(RigError, match="TW125 no such serial port"):
+        RigBuses(read(rig_of(tmp_path, "/dev/ttyNone@115200")), robot, ["legs"])
+
+
+@pytest.fixture
+def port():
+    """A port that this test holds open."""
+    master, slave = pty.openpty()
+    yield slave
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_port_that_another_process_holds_is_told_with_its_name(port):
+    trouble = refusal(os.ttyname(port))
+    assert trouble.code == "TW126" and f"{os.ttyname(port)} is in use by " in trouble.message
+    assert f"(process {os.getpid()})" in trouble.message
+
+
+AS_NOBODY = '''
+import os, sys
+sys.path.insert(0, {root!r})
+from runtime.rig.file import RigBus
+from runtime.rig.serial_port import look_at_port
+from runtime.rig.troubles import Refused
+os.setgroups([]); os.setgid(65534); os.setuid(65534)
+try:
+    look_at_port(RigBus("legs", "slcan", {channel!r}))
+except Refused as refused:
+    print(refused.trouble)
+'''
+
+
+def as_nobody(port):
+    if os.getuid() != 0:
+        pytest.skip("needs root, to become somebody else")
+    script = AS_NOBODY.format(root=str(ROOT), channel=os.ttyname(port))
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT).stdout
+
+
+def test_a_port_without_permission_is_told_with_the_lines_that_give_it(port):
+    os.fchmod(port, 0o600)
+    os.fchown(port, 0, 20)
+    said = as_nobody(port)
+    assert said.startswith(f"error TW124 serial port without permission: [bus.legs] {os.ttyname(port)}: Permission denied")
+    assert "sudo usermod -aG dialout nobody, then log in again" in said and "/etc/udev/rules.d/70-tickwork.rules" in said
+    assert "sudo udevadm control --reload" in said
+
+
+def test_a_port_that_is_held_exclusively_is_told_though_nobody_is_to_be_seen(port):
+    fcntl.ioctl(port, termios.TIOCEXCL)
+    os.fchmod(port, 0o666)
+    said = as_nobody(port)
+    assert said.startswith(f"error TW126 serial port in use: [bus.legs] {os.ttyname(port)} is in use") and "sudo fuser -v /dev/pts/" in said
+
+
+# What else an interface takes
+
+def test_options_are_handed_over_as_they_are(tmp_path):
+    rig = read(rig_of(tmp_path, "/dev/ttyACM0", 'ttyBaudrate = 3_000_000\napp_name = "gait"\nports = [1, 2.5, true]\n'))
+    assert rig.buses["legs"].options == {"ttyBaudrate": 3_000_000, "app_name": "gait", "ports": [1, 2.5, True]}
+
+
+@pytest.mark.parametrize("line, message, hint", [
+    ('channel = "can1"', "[bus.legs] options.channel: that belongs to the bus itself", "write channel in [bus.legs]"),
+    ("when = 1979-05-27", "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",
+     "take it out"),
+    ("deep = { a = 1 }", "[bus.legs] options.deep = {'a': 1}: expected text, a number, true or false, or a list of those", "take it out"),
+])
+def test_options_that_cannot_be_are_told(tmp_path, line, message, hint):
+    with pytest.raises(RigError) as raised:
+        read(rig_of(tmp_path, "/dev/ttyACM0", line))
+    assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.troubles] == [("TW102", message, hint)]
+
+
+def test_socketcan_has_no_options(tmp_path):
+    rig = write(tmp_path, '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\noptions = { a = 1 }\n', "lab.toml")
+    with pytest.raises(RigError, match="options: socketcan is driven without python-can, and has none"):
+        read(rig)
+
+
+def test_can_fd_is_off_unless_it_is_asked_for(tmp_path):
+    assert read(rig_of(tmp_path, "/dev/ttyACM0")).buses["legs"].fd is False
