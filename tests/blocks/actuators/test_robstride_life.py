@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from blocks.actuators import RobStride, RobStrideMIT
+from blocks.actuators import CubeMars, EmulatedCubeMars, EmulatedRobStride, EmulatedRobStrideMIT, RobStride, RobStrideMIT
 from blocks.models import Limb
 from cext.page import Page
 from graph import Block, Diagram, Input, Output, Param
@@ -147,3 +147,50 @@ def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
         assert abs(rig[f"{drive.path}.position"][-1] - index) < 1e-3
         assert abs(rig[f"{drive.path}.torque"][-1] - 0.1 * (index + 1)) < 0.02
 
+
+def test_a_drive_that_does_not_answer_is_told_again_no_oftener_than_the_bus_can_carry():
+    """Five frames of arming go out in every fifth round, a zero in each: twice what a tick takes, not six times."""
+    with Diagram("robot", rate=200) as robot:
+        drive = RobStride("RS03", name="drive")
+        drive(torque_command=0.1)
+    rig = Rig(robot)
+    outcome = rig.run(10, arming_timeout=0.2)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("drive",))
+    kinds = [frame.id >> 24 & 31 for frame in rig.frames if frame.sent]
+    rounds = kinds.count(1)
+    assert 40 <= rounds - 2 <= 90 and len(drive.enable_frames()) == 5
+    assert (rounds - 45) // 5 <= kinds.count(3) <= rounds // 5 + 1
+    stop = kinds[kinds.index(4, len(kinds) - 3) :]
+    assert kinds[:6] == [4, 18, 18, 18, 3, 1] and stop[-1] == 4
+
+
+class Outage(Block):
+    """True from 0.2 s to 0.25 s."""
+
+    y = Output("1", dtype=bool)
+
+    def step(self, t):
+        return 0.2 <= t < 0.25
+
+
+@pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStrideMIT, "RS02"), (RobStride, "RS02")])
+def test_a_drive_whose_power_comes_back_gives_no_torque_until_it_is_armed_again(kind, model):
+    """Protocols without a mode bit cannot tell the controller; the drive is disabled all the same."""
+    with Diagram("robot", rate=200) as robot:
+        drive = kind(model, name="drive")
+        drive(torque_command=0.1)
+    with Diagram("plant", rate=1000) as plant:
+        emulated, watcher = drive.emulator(), Watcher()
+        emulated(position=0.0, velocity=0.0, power_lost=Outage()())
+        watcher(emulated.enabled)
+    rig = Rig(robot, plant)
+    outcome = rig.run(100)
+    assert outcome.status == ("device fault" if kind is RobStride else "ok")
+    assert any(watcher.seen[:150]) and not any(watcher.seen[201:]) and rig["drive.torque"][-1] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("kind, model", [(EmulatedCubeMars, "AK80-9"), (EmulatedRobStride, "RS03"), (EmulatedRobStrideMIT, "RS03")])
+def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):
+    drive = kind(model, gear_ratio=2.0)
+    for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):
+        assert drive.step(position=position, velocity=1.0, fault=fault) == (0.0, False)
