@@ -27,6 +27,7 @@ cdef struct Device:
     int unanswered               # of the frames of disable
     int64_t heard                # ns, when the newest sample arrived
     int64_t replies
+    int64_t rounds               # of arming so far
     int64_t replies_wanted       # before it counts as answered
 
 cdef struct Blame:               # what failed last, -1 where it was something else

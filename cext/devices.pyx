@@ -248,8 +248,10 @@ cdef class Devices:
             device = &self.devices[number]
             if not disable and page != NULL and load_i32(&page.fence):
                 return FENCED
-            if enable and device.replies < device.replies_wanted:
-                status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
+            if enable and device.replies < device.replies_wanted and device.enable.count > 0:
+                if device.rounds % device.enable.count == 0:       # many frames, seldom: the bus has to carry them
+                    status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
+                device.rounds += 1
             if zero:
                 status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
             if disable:
@@ -282,7 +284,7 @@ cdef class Devices:
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
-            device.replies = 0
+            device.replies = device.rounds = 0
             device.replies_wanted = 0
             if zero:
                 device.replies_wanted += device.zero.count

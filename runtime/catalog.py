@@ -230,19 +230,28 @@ def source_line(kind):
 # Actuators
 
 def actuators(sheet):
-    """The models of CubeMars actuators: what each holds, what it gives for seconds, and what its wire can say."""
-    from blocks.actuators.cubemars import models
+    """The models of actuators, by family: what each holds, what it gives for seconds, and what its wire can say."""
+    from blocks.actuators.cubemars import models as cubemars
+    from blocks.actuators.robstride import models as robstride
 
-    lines = [
-        sheet.bold("CubeMars") + "  from blocks.actuators import CubeMars; boards V1 and V2, MIT mode", "",
-        f"  {'model':<14}{'gear':>6}{'rated':>9}{'peak':>9}{'wire torque':>14}{'wire velocity':>16}",
-        sheet.faint(f"  {'':<14}{'':>6}{'N·m':>9}{'N·m':>9}{'± N·m':>14}{'± rad/s':>16}"),
-    ]
-    for model in models.MODELS.values():
-        torques = f"{model.rated:>9g}{model.peak:>9g}{model.wire_torque:>14g}"
-        lines.append(f"  {model.name:<14}{model.gear:>4}:1{torques}{model.wire_velocity:>16g}")
-    wire = (f"On the wire of every model: position ± {models.POSITION:g} rad, stiffness 0 to {models.STIFFNESS:g} N·m/rad, "
-            f"damping 0 to {models.DAMPING:g} N·m·s/rad.")
+    lines = [*family(sheet, "CubeMars", "CubeMars; boards V1 and V2, MIT mode", cubemars.MODELS), "",
+             *family(sheet, "RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", robstride.MODELS)]
     words = ("Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
-             "Wire: a scale, not a rating.")
-    return [*lines, "", *sheet.hang("  ", wire), *sheet.hang("  ", words)]
+             "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit that differs. "
+             "Kt: at the output, of the phase's peak current on a RobStride; - where it is not known.")
+    return [*lines, "", *sheet.hang("  ", words)]
+
+
+def family(sheet, name, blocks, models):
+    """The table of one family."""
+    columns = "".join(f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt"))
+    units = "".join(f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A"))
+    lines = [
+        sheet.bold(name) + f"  from blocks.actuators import {blocks}", "",
+        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"), f"  {'model':<12}{'gear':>8}{columns}", sheet.faint(f"  {'':<12}{'':>8}{units}"),
+    ]
+    for model in models.values():
+        values = (model.rated, model.peak, *(getattr(model, f"wire_{x}") for x in ("torque", "velocity", "position", "stiffness", "damping")))
+        constant = "-" if model.torque_constant is None else f"{model.torque_constant:.3g}"
+        lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10g}" for value in values) + f"{constant:>10}")
+    return lines

@@ -76,7 +76,7 @@ class Joint:
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
     limits = Memory(0.0, "of the commands, in the same order, and of the drive's whole law")
 
-    hardware = ("can_id", "invert", "offset", "gear_ratio", *(f"wire_{name}" for name in RANGES))
+    hardware = ("can_id", "invert", "offset", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
     felt = ("limits", 5)
 

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from blocks.actuators.cubemars.models import MODELS
+from blocks.actuators.robstride import models as robstride
 from graph.drawing.cards import summary
 from runtime.catalog import describe, libraries, listing
 from runtime.errors import OK
@@ -104,10 +105,14 @@ def test_a_recorder_takes_any_number_of_signals(command_line):
 def test_the_models_of_actuators_are_those_of_the_table(command_line):
     code, out, err = command_line("blocks", "--actuators")
     assert (code, err) == (OK, "")
-    rows = {line.split()[0]: line.split()[1:] for line in out.splitlines() if line.startswith("  AK")}
+    rows = {words[0]: words[1:] for line in out.splitlines() if len(words := line.split()) == 10 and words[1].endswith(":1")}
+    wire = ("wire_torque", "wire_velocity", "wire_position", "wire_stiffness", "wire_damping")
     assert rows == {
-        name: [f"{model.gear}:1", *(f"{value:g}" for value in (model.rated, model.peak, model.wire_torque, model.wire_velocity))]
-        for name, model in MODELS.items()}
+        name: [f"{model.gear:g}:1", *(f"{getattr(model, value):g}" for value in ("rated", "peak", *wire)),
+               "-" if model.torque_constant is None else f"{model.torque_constant:.3g}"]
+        for name, model in (MODELS | robstride.MODELS).items()}
+    assert rows["RS03"] == ["9:1", "20", "60", "60", "20", "12.57", "5000", "100", "1.67"]
+    assert rows["AK80-9"] == ["9:1", "9", "18", "18", "50", "12.5", "500", "5", "0.945"]
 
 
 def test_an_unknown_library_is_told(command_line):

@@ -29,6 +29,7 @@ class RobStrideMIT(Joint, Actuator):
     can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
     host_id = Param(0xFD, "1", "id that the drive answers from", min=0, max=255, fixed=True)
 
+    hardware = (*Joint.hardware, "host_id")
     find = staticmethod(find)
     decode = kernels.decode
     encode = kernels.encode

@@ -42,6 +42,7 @@ class RobStride(Joint, Actuator):
     state = Memory((0.0,) * 3, "seen running, replies since it is not, faults that it has reported")
     written = Memory((0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit")
 
+    hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode_operation

@@ -1,0 +1,196 @@
+"""A RobStride drive's life on the bus: what it hears from arming to the safe stop, and who else may command it."""
+
+import time
+
+import pytest
+
+from blocks.actuators import CubeMars, EmulatedCubeMars, EmulatedRobStride, EmulatedRobStrideMIT, RobStride, RobStrideMIT
+from blocks.models import Limb
+from cext.page import Page
+from graph import Block, Diagram, Input, Output, Param
+from tests.blocks.actuators import robstride_reference as reference
+from tests.cext.rigs import Rig
+
+MODES = {"operation": "torque_command", "position": "position_command", "csp": "position_command", "velocity": "velocity_command",
+         "current": "current_command"}
+
+
+class Then(Block):
+    """0.1; calls something at one tick."""
+
+    u = Input("any")
+    y = Output("any", range=(0.0, 0.2))
+
+    def __init__(self, tick, action, unit, **options):
+        self.when, self.action = tick, action
+        super().__init__(**options)
+        self.outputs = {"y": Output(unit, range=(0.0, 0.2)).named("y")}
+
+    def step(self, u, tick):
+        if tick == self.when:
+            self.action()
+        return 0.1
+
+
+class Watcher(Block):
+    """Notes whether a drive is enabled."""
+
+    enabled = Input("1", dtype=bool)
+
+    def reset(self):
+        self.seen = []
+
+    def step(self, enabled):
+        self.seen.append(bool(enabled))
+
+
+def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=0.5, **parameters):
+    """(rig, drive, watcher): one drive under a guardian that has just looked. action : called in a tick"""
+    page = Page(1 << 20)
+    page.look_after(time.monotonic_ns())
+    with Diagram("robot", rate=200) as robot:
+        drive = kind("RS03", name="drive", **parameters)
+        name = next(iter(drive.inputs)) if len(drive.inputs) == 1 else "torque_command"
+        drive(**{name: Then(tick, action, drive.inputs[name].unit, name="then")(drive.position)})
+    with Diagram("plant", rate=200 * substeps) as plant:
+        emulated, watcher = drive.emulator(), Watcher()
+        limb = Limb(inertia=0.1, damping=0.5, stiffness=0.0, reflex=0.0)
+        limb(torque=emulated.torque)
+        emulated(position=limb.position, velocity=limb.velocity)
+        watcher(emulated.enabled)
+    return Rig(robot, plant, page=page, guard=guard), drive, watcher
+
+
+def flagged(frames):
+    return [(identifier | (reference.EXTENDED if extended else 0), data) for identifier, extended, data in frames]
+
+
+@pytest.mark.parametrize("substeps", [1, 2, 5])
+@pytest.mark.parametrize("mode", MODES)
+def test_arming_tells_and_enables_and_the_safe_stop_takes_torque_away_and_disables(mode, substeps):
+    """Also where answers come so slowly, four a step, that arming repeats itself: what it repeated is no fault afterwards."""
+    rig, drive, watcher = lived(mode=mode, substeps=substeps)
+    outcome = rig.run(60)
+    assert (outcome.status, outcome.unanswered) == ("ok", ()) and rig["drive.fault"].max() == 0
+    sent = [(frame.id, frame.data) for frame in rig.frames if frame.sent]
+    batch = flagged(drive.enable_frames()) + flagged(drive.zero_frames())
+    assert sent[: len(batch)] == batch
+    stop = flagged(drive.zero_frames()) + flagged(drive.disable_frames())
+    assert sent[-len(stop) :] == stop
+    assert any(watcher.seen) and not watcher.seen[-1]
+    if substeps > 1:
+        assert outcome.unconfirmed == ()
+
+
+@pytest.mark.parametrize("kind", [1, 3, 4, 6, 7, 18])
+def test_a_command_of_somebody_else_is_a_fault_whatever_torque_it_has(kind):
+    """Operation control has its torque in the identifier: it need not be a frame that we ever send."""
+    rig, _, watcher = lived(lambda: rig.buses["can"].device.send(
+        reference.identifier(kind, 0x4321, 127) & 0x1FFFFFFF, bytes(8), True))
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "drive", 21) and not watcher.seen[-1]
+
+
+@pytest.mark.parametrize("identifier, extended", [
+    (reference.identifier(1, 0x4321, 126), True), (reference.identifier(17, 0xFD, 127), True), (reference.identifier(0, 0xFD, 127), True), (127, False)])
+def test_what_commands_nobody_here_is_none(identifier, extended):
+    rig, _, _ = lived(lambda: rig.buses["can"].device.send(identifier & 0x1FFFFFFF, bytes(8), extended))
+    assert rig.run(50).status == "ok"
+
+
+def test_without_a_guardian_a_strange_command_is_only_counted():
+    rig, _, _ = lived(lambda: rig.buses["can"].device.send(reference.identifier(1, 1, 127) & 0x1FFFFFFF, bytes(8), True), guard=0.0)
+    assert rig.run(50).status == "ok" and rig.statistics()["frames"]["foreign"] == 1
+
+
+def test_in_mit_mode_as_well_somebody_elses_command_is_a_fault():
+    rig, _, _ = lived(lambda: rig.buses["can"].device.send(127, bytes(8)), kind=RobStrideMIT)
+    assert rig.run(200).status == "foreign command"
+
+
+class Fault(Block):
+    """`code` from 0.1 s on."""
+
+    code = Param(0, "1", "of the fault")
+    y = Output("1", dtype=int)
+
+    def step(self, t):
+        return self.code if t >= 0.1 else 0
+
+
+@pytest.mark.parametrize("code", [1, 1 << 5, 256 << 14, 256 << 31])
+def test_a_drive_that_reports_a_fault_ends_the_run(code):
+    """In its feedback, or in a report of its own."""
+    with Diagram("robot", rate=200) as robot:
+        drive = RobStride("RS03", name="drive")
+        drive(torque_command=0.1)
+    with Diagram("plant", rate=1000) as plant:
+        emulated = drive.emulator()
+        emulated(position=0.0, velocity=0.0, fault=Fault(code)())
+    rig = Rig(robot, plant)
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit) == ("device fault", "drive") and 19 <= outcome.tick <= 22
+
+
+def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
+    with Diagram("robot", rate=200) as robot:
+        drives = [RobStride("RS03", can_id=3, name="hip"), RobStride("CyberGear", can_id=4, name="knee"), RobStrideMIT("RS02", can_id=3, name="ankle")]
+        for index, drive in enumerate(drives):
+            drive(torque_command=0.1 * (index + 1))
+    with Diagram("plant", rate=1000) as plant:
+        for index, drive in enumerate(drives):
+            emulated = drive.emulator(name=f"{drive.path}_drive")
+            emulated(position=float(index), velocity=0.0)
+    rig = Rig(robot, plant)
+    assert rig.run(50, fade=0.0).status == "ok" and rig.statistics()["frames"]["foreign"] == 0
+    for index, drive in enumerate(drives):
+        assert abs(rig[f"{drive.path}.position"][-1] - index) < 1e-3
+        assert abs(rig[f"{drive.path}.torque"][-1] - 0.1 * (index + 1)) < 0.02
+
+
+def test_a_drive_that_does_not_answer_is_told_again_no_oftener_than_the_bus_can_carry():
+    """Five frames of arming go out in every fifth round, a zero in each: twice what a tick takes, not six times."""
+    with Diagram("robot", rate=200) as robot:
+        drive = RobStride("RS03", name="drive")
+        drive(torque_command=0.1)
+    rig = Rig(robot)
+    outcome = rig.run(10, arming_timeout=0.2)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("drive",))
+    kinds = [frame.id >> 24 & 31 for frame in rig.frames if frame.sent]
+    rounds = kinds.count(1)
+    assert 40 <= rounds - 2 <= 90 and len(drive.enable_frames()) == 5
+    assert (rounds - 45) // 5 <= kinds.count(3) <= rounds // 5 + 1
+    stop = kinds[kinds.index(4, len(kinds) - 3) :]
+    assert kinds[:6] == [4, 18, 18, 18, 3, 1] and stop[-1] == 4
+
+
+class Outage(Block):
+    """True from 0.2 s to 0.25 s."""
+
+    y = Output("1", dtype=bool)
+
+    def step(self, t):
+        return 0.2 <= t < 0.25
+
+
+@pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (RobStrideMIT, "RS02"), (RobStride, "RS02")])
+def test_a_drive_whose_power_comes_back_gives_no_torque_until_it_is_armed_again(kind, model):
+    """Protocols without a mode bit cannot tell the controller; the drive is disabled all the same."""
+    with Diagram("robot", rate=200) as robot:
+        drive = kind(model, name="drive")
+        drive(torque_command=0.1)
+    with Diagram("plant", rate=1000) as plant:
+        emulated, watcher = drive.emulator(), Watcher()
+        emulated(position=0.0, velocity=0.0, power_lost=Outage()())
+        watcher(emulated.enabled)
+    rig = Rig(robot, plant)
+    outcome = rig.run(100)
+    assert outcome.status == ("device fault" if kind is RobStride else "ok")
+    assert any(watcher.seen[:150]) and not any(watcher.seen[201:]) and rig["drive.torque"][-1] == pytest.approx(0.0, abs=0.02)
+
+
+@pytest.mark.parametrize("kind, model", [(EmulatedCubeMars, "AK80-9"), (EmulatedRobStride, "RS03"), (EmulatedRobStrideMIT, "RS03")])
+def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):
+    drive = kind(model, gear_ratio=2.0)
+    for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):
+        assert drive.step(position=position, velocity=1.0, fault=fault) == (0.0, False)

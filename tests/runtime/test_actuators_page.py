@@ -1,0 +1,59 @@
+"""docs/actuators.md: its joint swaps its actuator, its plant stops the run, and its driver board compiles, is proved and runs."""
+
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+
+import pytest
+
+from runtime.errors import CHECK_FAILED, FAULT, OK
+from tests.runtime.runs import ROOT, environment, finished, write
+from tests.runtime.test_documents import python_of
+
+PAGE = (ROOT / "docs" / "actuators.md").read_text()
+KNEE, PLANT, BOARD = python_of(PAGE)
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\((?!https?:)([^)#]+)", PAGE):
+        assert (ROOT / "docs" / target).exists(), target
+
+
+def test_the_pages_joint_runs_with_either_actuator(tmp_path):
+    line, other = re.search(r"    knee = (.*?)          # or (.*)", KNEE).groups()
+    for name, text in (("one.py", KNEE), ("other.py", KNEE.replace(line, other))):
+        write(tmp_path, text, name)
+        process = finished(name, "--fast", "--duration", "0.2", "--no-record", cwd=tmp_path)
+        assert process.returncode == OK, process.stderr
+
+
+def test_the_pages_plant_ends_the_run(tmp_path):
+    write(tmp_path, KNEE + "\n\n" + PLANT, "deaf.py")
+    process = finished("deaf.py", "--fast", "--duration", "2", "--no-record", cwd=tmp_path)
+    assert process.returncode == FAULT and "knee" in process.stderr, process.stderr
+
+
+@pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
+def test_the_pages_driver_board_compiles_runs_and_is_proved(tmp_path):
+    [kernels] = re.findall(r"^```cython\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    path = write(tmp_path, kernels, "board_kernels.pyx")
+    compiled = subprocess.run(
+        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT,
+        env=environment() | {"CFLAGS": "-O0"}, capture_output=True, text=True, timeout=120)
+    assert compiled.returncode == 0, compiled.stderr
+    write(tmp_path, BOARD, "board.py")
+    process = finished("board.py", "--fast", "--duration", "2", cwd=tmp_path)
+    assert process.returncode == OK, process.stderr
+    rows = next((tmp_path / "recordings").glob("*.csv")).read_text().splitlines()
+    place = [name.split(" ")[0] for name in rows[0].split(",")].index("knee.position")
+    assert abs(float(rows[-1].split(",")[place]) - 0.3) < 0.02, "the spring has pulled it there"
+    write(tmp_path, BOARD.replace("TorqueLimiter(limit=5.0)(torque)", "TorqueLimiter(limit=6.0)(torque)"), "strong.py")
+    process = finished("strong.py", "--fast", "--duration", "0.1", "--no-record", cwd=tmp_path)
+    assert process.returncode == CHECK_FAILED and "knee.torque_command" in process.stderr, process.stderr
+    checked = subprocess.run(
+        [sys.executable, "-c", "import board; from graph.conformance import check_declarations\n"
+         "for kind in (board.Board, board.EmulatedBoard): check_declarations(kind, {})"],
+        cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+    assert checked.returncode == 0, checked.stderr
