@@ -52,6 +52,7 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     OVERRUN = 9             # more grid points were missed than the run allows
     UNGUARDED = 10          # the guardian does not answer
     FOREIGN_COMMAND = 11    # somebody else commands one of our devices
+    HUNG = 12               # a step did not come back, and the watchdog has stopped the devices
     ESTOP = 13              # an emergency stop
     RMS_TORQUE = 14         # a drive's RMS torque is above the rated one, and that shall end the run
     TOO_HOT = 15            # a drive is too hot

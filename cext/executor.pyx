@@ -16,7 +16,7 @@ import sys
 from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
-from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, SILENT, UNGUARDED
+from cext.abi cimport AUTHORITY, HUNG, NO_ANSWER, OK, OVERRUN, SILENT, UNGUARDED
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.journal cimport Journal
@@ -30,8 +30,10 @@ from cext.signals cimport Signals
 from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.tape cimport Tape
 from cext.tick cimport Tick
+from cext.watchdog cimport Watchdog
 
 from cext.outcome import STATUS, Outcome, name_of
+from cext.stopwatch import names
 
 
 SWITCH = 1e-4                   # s after which another Python thread has to hand over the GIL: 5 ms without this, five ticks at 1000 Hz
@@ -52,7 +54,8 @@ cdef class Executor:
     spin : s before a deadline in which it spins instead of sleeping
     profile : whether every step is timed, as `profile` tells afterwards
     tape : Tape of a recorded run, whose ticks are run again in virtual time, as late as they were
-    guard : s of the guardian's silence that end the run; then nobody else may command the devices either. 0 where there is no guardian
+    guard : s of the guardian's silence that end the run; then nobody else may command the devices either, and in real time a watchdog
+        looks for blocks that hang. 0 where there is no guardian
     carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
     """
 
@@ -64,6 +67,7 @@ cdef class Executor:
     cdef Overrun overrun
     cdef Tick body
     cdef Tape tape
+    cdef Watchdog watchdog
     cdef int to_blame            # item of the stopwatch that the last overrun came from
     cdef bint virtual, simulated, carried
     cdef int64_t began, first_tick, tick, previous
@@ -78,6 +82,8 @@ cdef class Executor:
         self.overrun = Overrun(overrun)
         self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9))
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
+        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual)
+        self.body.handover = self.watchdog.handover
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
         self.tape = tape
@@ -96,6 +102,7 @@ cdef class Executor:
         cdef int status
         cdef tuple unanswered = ()
         cdef bint stopped = False
+        cdef int64_t hung = 0
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
                 fade, arming_timeout, stopping_timeout))
@@ -113,6 +120,7 @@ cdef class Executor:
         gc.disable()
         self.signals.take()
         try:
+            self.watchdog.start()
             PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
             with nogil:
                 prctl(PR_SET_TIMERSLACK, 1)
@@ -123,6 +131,9 @@ cdef class Executor:
             with nogil:
                 if status == OK and not self.signals.caught[0]:
                     status = self.loop(ticks, fade)
+                if self.watchdog.has_bitten():
+                    status, hung = HUNG, monotonic() - self.watchdog.began
+                    self.watchdog.dismiss()
                 if status == STOP_WANTED:
                     stopped, status = True, OK
                 if status == SILENT and self.carried and self.journal.guardian_is_late():
@@ -130,6 +141,7 @@ cdef class Executor:
                     self.control.devices.failed.device = -1
                 self.stop(0.0 if status == UNGUARDED and self.carried else stopping_timeout)
         finally:
+            self.watchdog.end()
             self.signals.give_back()
             sys.setswitchinterval(switching)
             gc.unfreeze()
@@ -144,9 +156,11 @@ cdef class Executor:
             error, culprit = self.plant.error, self.plant.culprit
         if status == OVERRUN:
             culprit = self.body.watch.name(self.to_blame)
+        if status == HUNG:
+            culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else None
         return Outcome(
             name_of(status), culprit, self.tick, self.signals.caught[0], error, tuple(self.control.devices.silent()), unanswered,
-            stopped,
+            stopped, hung * 1e-9,
         )
 
     @property
@@ -181,7 +195,7 @@ cdef class Executor:
 
     cdef void begin(self) noexcept nogil:
         """Set the zero of the run's time, one period from now."""
-        self.began = monotonic() + self.pace.period
+        self.began = self.watchdog.zero = monotonic() + self.pace.period
         self.first_tick = 0
         self.control.devices.begin(self.began)
         if self.layout == NULL:
@@ -237,6 +251,7 @@ cdef class Executor:
             if self.signals.caught[0] or not self.journal.make_room(False):
                 break
             began = monotonic()
+            self.watchdog.begin_work(began)
             if self.tape is not None:
                 if not self.tape.advance(&tick, &late):
                     break
@@ -268,6 +283,8 @@ cdef class Executor:
             self.previous = tick
             self.late = late
             tick += 1
+            self.watchdog.end_work()
+        self.watchdog.end_work()
         return status
 
     cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:

@@ -66,7 +66,7 @@ cdef class Journal:
         page.tick = -1
         page.ticks = page.missed = page.dropped = page.waited = page.caught_up = page.gil_taken = page.sleeps = page.spins = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
-        page.status = page.closed = 0
+        page.status = page.closed = page.hung = 0
         if page.began != 0:
             page.fence = 0              # of the run before; one that was raised ahead of the first run holds
         memset(&page.lateness, 0, sizeof(Histogram))
@@ -99,6 +99,12 @@ cdef class Journal:
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
             store_i32(&self.layout.fence, 1)
+
+    cdef void raise_fence_for(self, int item) noexcept nogil:
+        """The same where a tick hangs with an item of the stopwatch, -1 where that is not known: the page says why first."""
+        if self.layout != NULL:
+            store_i32(&self.layout.hung, 1 + item if item >= 0 else -1)
+        self.raise_fence()
 
     cdef bint push_row(self, int64_t tick) noexcept nogil:
         """The recorded signals of this tick into the ring. False: a signal came while waiting for room."""

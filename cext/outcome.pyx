@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 from cext.abi cimport (
-    BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, NOT_FINITE, NO_ANSWER, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR,
+    BUS_ERROR, DEVICE_FAULT, ESTOP, FENCED, FOREIGN_COMMAND, HUNG, NOT_FINITE, NO_ANSWER, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR,
     RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
 )
 
@@ -21,6 +21,7 @@ STATUS = {
     OVERRUN: "overrun",
     UNGUARDED: "unguarded",
     FOREIGN_COMMAND: "foreign command",
+    HUNG: "hung",
     RMS_TORQUE: "rms torque",
     TOO_HOT: "too hot",
     ESTOP: "e-stop",
@@ -35,10 +36,11 @@ class Outcome:
     culprit : path of the block, device or bus the fault came from, or None
     tick : the grid point it happened at; -1 while arming
     signal : number of the signal that ended the run, 0 if none
-    error : the exception of a Python block, or None
+    error : the exception of a Python block, or None; of one that hung, the KeyboardInterrupt that broke it
     unconfirmed : paths of the devices that did not confirm the safe stop
     unanswered : paths of the devices that did not answer while arming
     stopped : somebody asked for the end through the mailbox
+    hung : s that the tick had worked when it came back to the loop, where a block hung; else 0
     """
 
     status: str
@@ -49,6 +51,7 @@ class Outcome:
     unconfirmed: tuple
     unanswered: tuple
     stopped: bool = False
+    hung: float = 0.0
 
     @property
     def faulted(self):

@@ -37,6 +37,8 @@ cdef struct PageLayout:
     int32_t fence               # once 1, no process sends a command frame
     int32_t closed              # 1: nothing will be pushed any more
     int32_t status              # why it stopped
+    int32_t hung                # 1 + item of the stopwatch with which a tick hung, -1 where that is not known, 0: none did
+    int32_t unused
     int64_t control             # number of the control process
     int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t guard               # the same of the guardian's newest look; 0 without one

@@ -139,6 +139,12 @@ cdef class Page:
         return load_i32(&self.layout.fence) != 0
 
     @property
+    def hung(self):
+        """Item of cext.stopwatch with which a tick hung, -1 where that is not known; None while none did."""
+        cdef int32_t hung = load_i32(&self.layout.hung)
+        return None if hung == 0 else max(hung - 1, -1)
+
+    @property
     def state(self):
         return STATES[load_i32(&self.layout.state)]
 

@@ -1,4 +1,4 @@
-"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays, datagrams by the dozen."""
+"""What cext needs of Linux: clocks, sleeping, signals, polling, memory that stays, datagrams by the dozen, a thread."""
 
 cdef extern from "<time.h>" nogil:
     cdef struct timespec:
@@ -61,13 +61,42 @@ cdef extern from "<signal.h>" nogil:
     const int SIGINT
     const int SIGTERM
     const int SIGHUP
+    const int SIGURG
     const int SIGXCPU
     const int SA_RESTART
+    int sigemptyset(sigset_t *set)
+    int sigfillset(sigset_t *set)
+    int sigaddset(sigset_t *set, int signum)
+    int pthread_sigmask(int how, const sigset_t *set, sigset_t *before)
+    const int SIG_SETMASK
+    const int SIG_UNBLOCK
+
+cdef extern from "<pthread.h>" nogil:
+    ctypedef unsigned long pthread_t
+    ctypedef struct pthread_attr_t:
+        pass
+    int pthread_attr_init(pthread_attr_t *attributes)
+    int pthread_attr_setstacksize(pthread_attr_t *attributes, size_t size)
+    int pthread_attr_destroy(pthread_attr_t *attributes)
+    int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*start)(void *) noexcept nogil, void *argument)
+    int pthread_join(pthread_t thread, void **result)
+    int pthread_kill(pthread_t thread, int signum)
+    pthread_t pthread_self()
+
+cdef extern from "<sched.h>" nogil:
+    cdef struct sched_param:
+        int sched_priority
+    int sched_getscheduler(int pid)
+    int sched_getparam(int pid, sched_param *parameters)
+    int sched_setscheduler(int pid, int policy, const sched_param *parameters)
+    const int SCHED_FIFO
+    const int SCHED_RESET_ON_FORK
 
 cdef extern from "<sys/prctl.h>" nogil:
     int prctl(int option, unsigned long argument)
     const int PR_SET_TIMERSLACK
     const int PR_GET_TIMERSLACK
+    const int PR_SET_NAME
 
 cdef extern from "<sys/mman.h>" nogil:
     int mlockall(int flags)

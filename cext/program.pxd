@@ -50,6 +50,7 @@ cdef class Program:
     cdef FailedStep failed
     cdef Stopwatch watch
     cdef Laps *laps              # its own; NULL: no stamps
+    cdef int at                  # item of the stopwatch that it is working on, -1: something else
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions

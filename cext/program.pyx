@@ -220,7 +220,10 @@ cdef class Program:
         cdef const Step *last = phase.steps + segment.last
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
         cdef bint each = laps != NULL and laps.each != NULL
+        cdef int item = phase.item + segment.first
         while step < last:
+            self.at = item
+            item += 1
             status = step.kernel(arena, step.slots, step.sizes)
             if status != OK:
                 self.blame_step(phase, <int>(step - phase.steps))
@@ -253,6 +256,7 @@ cdef class Program:
         cdef Laps *laps = self.laps if phase.item >= 0 else NULL
         cdef int64_t waited
         self.gil_taken += 1
+        self.at = GIL_WAIT
         with gil:
             if laps != NULL:
                 waited = lap(laps, GIL_WAIT)
@@ -265,6 +269,7 @@ cdef class Program:
                     if periods > 0:
                         self.set_clock(segment, periods, dt, period)
                         for step in range(segment.first, segment.last):
+                            self.at = phase.item + step
                             if (<PythonStep>phase.steps[step].python).hold == 0:
                                 (<PythonStep>phase.steps[step].python).call(self.arena)
                             elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):

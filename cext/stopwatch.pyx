@@ -16,6 +16,11 @@ PHASES = {
 }
 
 
+def names(schedule):
+    """What each item is called on its own: words for a phase, the path of a step's block, the path of a device."""
+    return [*(PHASES[item] for item in range(FIRST_STEP)), *(step.name for step in (*schedule.output, *schedule.update, *schedule.devices))]
+
+
 def time_of_lap(int64_t laps=20000):
     """s that one stamp with its histogram takes."""
     cdef Histogram histogram

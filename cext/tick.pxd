@@ -4,11 +4,13 @@ from cext.journal cimport Journal
 from cext.pace cimport Pace
 from cext.program cimport Program
 from cext.stopwatch cimport Stopwatch
+from cext.watchdog cimport Handover
 
 cdef class Tick:
     cdef Program control, plant
     cdef Journal journal
     cdef Pace pace
+    cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
     cdef int64_t plant_tick
     cdef readonly Stopwatch watch        # of the robot

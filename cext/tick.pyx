@@ -3,12 +3,13 @@
 
 from libc.stdlib cimport calloc, free
 
-from cext.abi cimport DT, LATENESS, OK, PERIOD, TICK, TIME, WAKE
+from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, TICK, TIME, WAKE
 from cext.histogram cimport add
 from cext.live cimport apply_changes
 from cext.pace cimport clock, monotonic
 from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
-from cext.stopwatch cimport PLANT, RECEIVE, TRANSMIT, Laps, lap
+from cext.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Laps, lap
+from cext.watchdog cimport let_go, take_back
 
 
 cdef class Tick:
@@ -47,25 +48,37 @@ cdef class Tick:
         """From the mailbox and the first frame received to the last state updated. now : ns from the run's begin"""
         cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
         cdef int64_t on_wires = 0
-        cdef int status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
+        cdef int status
+        self.control.at = -1
+        status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
+        self.control.at = RECEIVE
         if status == OK:
             status = self.control.devices.receive(now, self.journal.layout)
         if laps != NULL:
             on_wires = lap(laps, RECEIVE)
         if status == OK:
             status = self.control.devices.watch(now)
+        let_go(self.handover)
         if status == OK:
             status = self.control.run(&self.control.output, tick, previous)
+        self.control.at = COMMAND
         if status == OK:
             status = self.control.devices.command()
+        if not take_back(self.handover):
+            return HUNG
+        self.control.at = TRANSMIT
         if status == OK:
             status = self.control.devices.transmit(now, self.journal.layout)
         if laps != NULL:
             on_wires += lap(laps, TRANSMIT)
             if self.journal.layout != NULL:
                 add(&self.journal.layout.bus, on_wires, tick)
+        let_go(self.handover)
         if status == OK:
             status = self.control.run(&self.control.update, tick, previous)
+        if not take_back(self.handover):
+            return HUNG
+        self.control.at = RECORD if self.plant is None else PLANT
         if status == OK and self.plant is not None:
             status = self.advance_plant(now)
             if self.control.laps != NULL:

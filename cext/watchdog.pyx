@@ -1,0 +1,204 @@
+# cython: freethreading_compatible=True
+"""The watchdog of a run on a rig: a native thread that stops the motors where a step of a tick does not come back.
+
+    watch     for how long the present tick has been at work. The sleep between ticks is no work, so a late wake-up is no hang
+    fence     raised when a tick has worked for max(3 periods, 15 ms)
+    stop      zero torque and disable to every device, every 5 ms, for 200 ms or until the loop is back
+    break     a signal ends the system call that a Python step may wait in, and becomes a KeyboardInterrupt there
+    exit      what cannot be broken stays, with its motors stopped, until a person asks for the end: then the process exits
+
+It never takes the GIL, and sleeps until the first moment at which a tick can have worked for too long: a wake-up or two in that time.
+
+The buses have one user at a time. The loop lets go of them while it is in steps, and takes them back with a compare-and-swap; the
+watchdog takes them from a step that hangs, with another, and keeps them until the loop, which then sends no command any more, has come
+to its end and dismissed it. Where the tick hangs elsewhere, as in a bus's own call, the fence is up and the guardian stops the motors.
+"""
+
+import signal
+import threading
+
+from cpython.exc cimport PyErr_CheckSignals
+from libc.stdint cimport int32_t, int64_t
+from posix.unistd cimport _exit
+
+from cext.atomics cimport load_i64, store_i32
+from cext.pace cimport monotonic
+from cext.posix cimport (
+    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, prctl, pthread_attr_destroy,
+    pthread_attr_init, pthread_attr_setstacksize, pthread_attr_t, pthread_create, pthread_join, pthread_kill, pthread_self,
+    pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setscheduler, sigaddset, sigemptyset, sigfillset, sigset_t,
+)
+from cext.signals cimport Signals
+
+cdef extern from *:
+    """
+    #include <linux/futex.h>
+    #include <stdint.h>
+    #include <sys/syscall.h>
+    #include <time.h>
+    #include <unistd.h>
+
+    /* Sleep until an instant of CLOCK_MONOTONIC in ns, or until somebody wakes the word, while it is 0. */
+    static void tw_doze(int32_t *word, int64_t until) {
+        struct timespec at = {until / 1000000000, until % 1000000000};
+        syscall(SYS_futex, word, FUTEX_WAIT_BITSET_PRIVATE, 0, &at, NULL, FUTEX_BITSET_MATCH_ANY);
+    }
+    static void tw_wake(int32_t *word) {
+        syscall(SYS_futex, word, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
+    }
+    """
+    void doze "tw_doze"(int32_t *word, int64_t until) noexcept nogil
+    void wake "tw_wake"(int32_t *word) noexcept nogil
+
+cdef int64_t PERIODS = 3
+cdef int64_t LEAST = 15000000           # ns that a tick may always work
+cdef int64_t ROUND = 5000000            # ns between rounds of the stop
+cdef int64_t LONGEST = 200000000        # ns of it
+cdef int64_t NUDGE = 20000000           # ns between signals to a Python step
+cdef int64_t PATIENT_NUDGE = 100000000  # ns, once the stop is over
+cdef int64_t GLANCE = 1000000           # ns between attempts to take the buses
+cdef size_t STACK = 256 << 10           # bytes
+cdef int FAULT = 3                      # the exit code
+
+
+cdef void *enter(void *context) noexcept nogil:
+    (<Watchdog>context).watch()
+    return NULL
+
+
+cdef class Watchdog:
+    """The watchdog of one Executor.
+
+    program : Program whose ticks are watched, and whose devices are stopped
+    period : ns
+    wanted : whether to watch at all
+    """
+
+    def __init__(self, Program program, Journal journal, Signals signals, int64_t period, bint wanted):
+        self.program, self.journal, self.caught = program, journal, signals.caught
+        self.limit = max(PERIODS * period, LEAST)
+        self.handover = &self.shared if wanted else NULL
+
+    cdef int start(self) except -1:
+        """Watch from now on; the calling thread is the loop's."""
+        cdef pthread_attr_t attributes
+        cdef sigset_t everything, mine
+        cdef sched_param parameters
+        cdef int failed
+        if self.handover == NULL:
+            return 0
+        self.shared.user, self.shared.since = LOOP, 0
+        self.leave = self.hung = 0
+        self.at = -1
+        self.loop = pthread_self()
+        self.priority = 0
+        if sched_getscheduler(0) & ~SCHED_RESET_ON_FORK == SCHED_FIFO and sched_getparam(0, &parameters) == 0:
+            self.priority = parameters.sched_priority + 1
+        self.before = None
+        if threading.current_thread() is threading.main_thread():       # no other can be interrupted
+            self.before = signal.signal(SIGURG, signal.default_int_handler)
+        pthread_attr_init(&attributes)
+        pthread_attr_setstacksize(&attributes, STACK)                   # all of it is locked in memory where memory is
+        sigfillset(&everything)
+        pthread_sigmask(SIG_SETMASK, &everything, &mine)                # signals are the loop's: the new thread inherits the mask
+        failed = pthread_create(&self.thread, &attributes, enter, <void *>self)
+        pthread_sigmask(SIG_SETMASK, &mine, NULL)
+        pthread_attr_destroy(&attributes)
+        if failed:
+            raise OSError(failed, "there is no thread for the watchdog")
+        self.running = True
+        return 0
+
+    cdef int end(self) except -1:
+        """Everything is as before `start`."""
+        self.dismiss()
+        if self.before is None:
+            return 0
+        try:
+            PyErr_CheckSignals()                                        # a signal that found the step gone already
+        except KeyboardInterrupt:
+            if not self.has_bitten():
+                raise
+        finally:
+            signal.signal(SIGURG, self.before)
+            self.before = None
+        return 0
+
+    cdef void dismiss(self) noexcept nogil:
+        """Wait until it has gone. From then on everything is the loop's again."""
+        if not self.running:
+            return
+        self.running = False
+        store_i32(&self.leave, 1)
+        wake(&self.leave)
+        pthread_join(self.thread, NULL)
+        self.shared.user, self.shared.since = LOOP, 0
+
+    cdef void sleep(self, int64_t until) noexcept nogil:
+        doze(&self.leave, until)
+
+    cdef void watch(self) noexcept nogil:
+        cdef int64_t now, since
+        cdef int64_t due = monotonic() + self.limit
+        cdef int64_t spared = 0
+        name_and_priority(self.priority)
+        while not load_i32(&self.leave):
+            self.sleep(due)
+            now = monotonic()                                           # before `since` is read: so long it has worked for certain
+            since = load_i64(&self.shared.since)
+            if since == 0 or now - since < self.limit:
+                due = (now if since == 0 else since) + self.limit
+            elif now - due > self.limit // 4 and since != spared:       # we were away ourselves: so, perhaps, was the whole machine
+                spared = since
+                due = now + self.limit // 3
+            elif now >= due:
+                self.began = since
+                self.stop(now)
+
+    cdef void stop(self, int64_t now) noexcept nogil:
+        """The tick hangs. Returns when the loop is back."""
+        cdef int64_t began = now
+        cdef int64_t due = now
+        cdef int64_t nudge = now
+        cdef bint mine = False
+        cdef bint over = False
+        self.at = self.program.at
+        store_i32(&self.hung, 1)
+        self.journal.raise_fence_for(self.at)
+        while not load_i32(&self.leave):
+            now = monotonic()
+            over = now - began >= LONGEST
+            mine = mine or swap(&self.shared.user, NOBODY, WATCHDOG)
+            if mine and not over and now >= due:
+                self.program.devices.send_batches(False, True, True, now - self.zero, self.journal.layout)
+                due = now + ROUND
+            if now >= nudge:
+                pthread_kill(self.loop, SIGURG)
+                nudge = now + (PATIENT_NUDGE if over else NUDGE)
+            if over:
+                hear_signals()
+                if self.caught[0]:
+                    _exit(FAULT)
+            self.sleep(nudge if over else due if mine else now + GLANCE)
+
+
+cdef void name_and_priority(int priority) noexcept nogil:
+    """One above the loop where that is granted, else beside it. Without a grant the guardian is there, who has one of its own."""
+    cdef sched_param parameters
+    prctl(PR_SET_NAME, <unsigned long><const char *>"tickwork-watch")
+    if priority == 0:
+        return
+    parameters.sched_priority = priority
+    if sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) != 0:
+        parameters.sched_priority = priority - 1
+        sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters)
+
+
+cdef void hear_signals() noexcept nogil:
+    """Take the signals that end a run here, too: the loop's thread may have blocked them."""
+    cdef sigset_t ours
+    sigemptyset(&ours)
+    sigaddset(&ours, SIGINT)
+    sigaddset(&ours, SIGTERM)
+    sigaddset(&ours, SIGHUP)
+    pthread_sigmask(SIG_UNBLOCK, &ours, NULL)
