@@ -57,6 +57,7 @@ def what(result, block, program):
         "rms torque": "its RMS torque is above the rated one" + seen(program, block, "rms", "N·m"),
         "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
         "e-stop": "the emergency stop was pressed",
+        "hung": hung(outcome),
     }.get(outcome.status, f"it ended with {outcome.status}")
 
 
@@ -113,6 +114,12 @@ def foreign_command(block):
         return "somebody else commands its actuators"
     ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
     return f"somebody else commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
+
+
+def hung(outcome):
+    """How long a tick worked, and how it came to an end."""
+    broken = "until it was broken off" if isinstance(outcome.error, KeyboardInterrupt) else "before it came back"
+    return f"it hung: the tick worked for {micro(outcome.hung)} {broken}; the motors were stopped meanwhile, and nothing moves them again"
 
 
 def overran(result):
@@ -172,4 +179,6 @@ def origin(diagram, schedule, values, block):
 def own_traceback(file, error):
     """The exception of a user's block: its own lines, none of ours."""
     said = "".join(traceback.format_exception_only(type(error), error)).rstrip().split("\n")
+    if isinstance(error, KeyboardInterrupt):            # of the watchdog, not of the block
+        said = []
     return [*(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)), *said]

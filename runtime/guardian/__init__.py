@@ -11,6 +11,7 @@ The plan is a dict that JSON can carry:
                 the bus itself)
     devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
                 replies as [id, mask, first bytes]; data in hex digits, ids with the flag bits of struct can_frame
+    items       what a tick can hang with, by the numbers that the watchdog of the loop puts on the page
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
@@ -24,6 +25,7 @@ import signal
 import subprocess
 import time
 
+from cext.stopwatch import names
 from runtime.child import ChildProcess
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
@@ -79,8 +81,8 @@ class GuardianProcess(ChildProcess):
     def finish(self):
         """The run is over: let it go. Returns its report.
 
-        stop : what it has done on its own, None if nothing: `because` is "died" or "stalled"; `silent`, `took` in s; `last_tick`;
-               `confirmed`, `unconfirmed` are names of devices
+        stop : what it has done on its own, None if nothing: `because` is "died", "stalled" or "hung"; `silent`, `took` in s;
+               `last_tick`; `block`, where one hung; `confirmed`, `unconfirmed` are names of devices
         troubles : {bus: why it failed}
         died : how it ended, where it did not last to the end
         """
@@ -157,6 +159,7 @@ def plan(buses, schedule, diagram, priority):
             }
             for device in schedule.devices
         ],
+        "items": names(schedule),
         "limit": max(PERIODS / schedule.rate, STALL),
         "priority": None if priority is None else priority + 1,
     }

@@ -1,6 +1,7 @@
 """The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
 
-    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall)
+    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall), and by what its
+                watchdog says there (a block that hangs)
     stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed or 200 ms have passed
     carry       frames between the rings and the interfaces that are ours; behind the fence none but those of the safe stop
 
@@ -27,6 +28,7 @@ from runtime.system import CAP_IPC_LOCK, capable
 
 ORDERS = 0                      # standard input
 LOOK = 5_000_000                # ns between looks at the loop at most
+STUCK = 300_000_000             # ns after which a block that hangs is taken for one that nothing breaks
 ACTIVE = ("arming", "running", "stopping")
 NAME = "tickwork-guard"
 
@@ -48,6 +50,7 @@ class Guardian:
         self.heard = b""
         self.released = self.gone = self.told = False
         self.stop = self.verdict = None
+        self.stuck_at = None            # ns at which to look whether what hangs still does
         self.wires, self.carried, self.places = {}, [], {}
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
@@ -62,6 +65,7 @@ class Guardian:
         line, _, self.heard = self.heard.partition(b"\n")
         plan = json.loads(line)
         self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
+        self.items = plan["items"]
         self.harmless = {
             (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"] + device["damp"]}
         troubles = {}
@@ -93,13 +97,15 @@ class Guardian:
             if now - looked > self.limit // 2:
                 grace = now + LOOK          # we were away ourselves: so, perhaps, was the whole machine
             looked = now
-            if self.stop is None and (self.gone or now >= grace):
+            if self.stop is None and (self.gone or now >= grace or self.page.hung is not None):
                 self.judge(now)
             self.carry()
             if self.stop is not None and not self.told:
                 self.listen()
                 self.stop.step(now)
                 self.tell()
+            if self.stuck_at is not None and now >= self.stuck_at:
+                self.tell_stuck()
         self.leave()
 
     def is_over(self):
@@ -139,6 +145,9 @@ class Guardian:
         silent = now - self.page.beat
         if self.gone:
             self.begin_stop("died", silent, now)
+        elif self.page.hung is not None:
+            self.begin_stop("hung", silent, now)
+            self.stuck_at = now + STUCK
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
 
@@ -147,6 +156,8 @@ class Guardian:
         self.verdict = {
             "event": "guardian", "because": because, "silent": silent * 1e-9, "state": self.page.state,
             "last_tick": self.page.statistics()["last_tick"]}
+        if self.page.hung is not None:
+            self.verdict["block"] = self.block()
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
@@ -154,6 +165,10 @@ class Guardian:
                 self.receive(index)                     # answers to what came before confirm nothing
         self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0)
         self.stop.step(now)
+
+    def block(self):
+        """What the tick hangs with, in words."""
+        return self.items[self.page.hung] if self.page.hung >= 0 else "the tick"
 
     def carry(self):
         """What the loop wants sent goes out; behind the fence the frames of the safe stop alone."""
@@ -196,6 +211,12 @@ class Guardian:
         self.verdict |= self.stop.report()
         print(in_words(self.verdict), file=sys.stderr, flush=True)
 
+    def tell_stuck(self):
+        """What nothing could break: a person has to end it."""
+        self.stuck_at = None
+        if self.page.state in ("arming", "running") and not self.gone:
+            print(f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run", file=sys.stderr, flush=True)
+
     def leave(self):
         if self.verdict is not None and self.gone:
             self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
@@ -223,6 +244,7 @@ def in_words(verdict):
     tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
     why = {
         "died": f"the control process died after {tick}",
+        "hung": f"{verdict.get('block')} hangs: {verdict['silent'] * 1e3:.0f} ms after {tick} it has not come back",
         "stalled": f"the loop has stood still for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(verdict["confirmed"])
