@@ -30,7 +30,7 @@ from cext.signals cimport Signals
 from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.tape cimport Tape
 from cext.tick cimport Tick
-from cext.watchdog cimport Watchdog
+from cext.watchdog cimport Watchdog, let_go, take_back
 
 from cext.outcome import STATUS, Outcome, name_of
 from cext.stopwatch import names
@@ -133,6 +133,8 @@ cdef class Executor:
                     status = self.loop(ticks, fade)
                 if self.watchdog.has_bitten():
                     status, hung = HUNG, monotonic() - self.watchdog.began
+                    if self.tick < 0:
+                        hung += self.watchdog.patience
                     self.watchdog.dismiss()
                 if status == STOP_WANTED:
                     stopped, status = True, OK
@@ -157,7 +159,7 @@ cdef class Executor:
         if status == OVERRUN:
             culprit = self.body.watch.name(self.to_blame)
         if status == HUNG:
-            culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else None
+            culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else self.control.culprit
         return Outcome(
             name_of(status), culprit, self.tick, self.signals.caught[0], error, tuple(self.control.devices.silent()), unanswered,
             stopped, hung * 1e-9,
@@ -230,13 +232,24 @@ cdef class Executor:
                 if self.layout != NULL:
                     self.layout.first_tick = now
                 self.body.set_clock(0, -1, 0)
-                return self.control.start_from_here()
+                return self.start_from_here()
             status = self.control.devices.send_batches(True, True, False, now, self.layout)
             if status == OK:
                 status = self.body.advance_plant(now)
             if status != OK:
                 return status
         return NO_ANSWER if self.control.devices.count else OK
+
+    cdef int start_from_here(self) noexcept nogil:
+        """Blocks start; that may hang, as a tick may, and take longer."""
+        cdef int status
+        self.watchdog.begin_work(monotonic() + self.watchdog.patience)
+        let_go(self.watchdog.handover)
+        status = self.control.start_from_here()
+        if not take_back(self.watchdog.handover):
+            status = HUNG
+        self.watchdog.end_work()
+        return status
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
         cdef int64_t now, began, skipped

@@ -27,7 +27,7 @@ cdef struct Phase:
     Segment *segments
     int step_count
     int segment_count
-    int item                     # of the stopwatch: that of its first step, -1 where no stamps are wanted
+    int item                     # of the stopwatch: that of its first step, below 0 where no stamps are wanted
 
 cdef struct FailedStep:          # -1: none
     int phase
@@ -50,7 +50,7 @@ cdef class Program:
     cdef FailedStep failed
     cdef Stopwatch watch
     cdef Laps *laps              # its own; NULL: no stamps
-    cdef int at                  # item of the stopwatch that it is working on, -1: something else
+    cdef int at                  # item of the stopwatch that it is working on, below 0: something else
     cdef int64_t gil_taken
     cdef list blocks
     cdef list holding            # PythonSteps that may hold exceptions

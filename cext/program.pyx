@@ -22,6 +22,9 @@ from cext.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
 
 from cext.handover import address, words
 
+cdef enum:
+    UNTIMED = -1000000              # so far below 0 that no step of the phase is an item
+
 
 cdef class Program:
     """Loads a `graph.Schedule`.
@@ -50,7 +53,7 @@ cdef class Program:
         self.load_phase(&self.settle, schedule.settle, False)
         self.load_phase(&self.output, schedule.output, True)
         self.load_phase(&self.update, schedule.update, True)
-        self.look.item = self.settle.item = -1
+        self.look.item = self.settle.item = UNTIMED
         self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
         self.devices = Devices(schedule, ends, self.memory)
         self.column_count = len(schedule.columns)
@@ -293,6 +296,7 @@ cdef class Program:
     cdef int start_from_here(self) noexcept nogil:
         """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""
         cdef int status = self.run(&self.look, 0, -1)
+        self.at = -1
         if status == OK:
             status = self.reset_blocks()
         if status == OK:

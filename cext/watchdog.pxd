@@ -36,6 +36,7 @@ cdef class Watchdog:
     cdef int32_t leave
     cdef int32_t hung
     cdef int64_t limit           # ns that a tick may work
+    cdef int64_t patience        # ns more that blocks have for their start
     cdef int64_t zero            # ns, CLOCK_MONOTONIC of the run's begin
     cdef int64_t began           # likewise, at which the tick that hung began to work
     cdef int at                  # item of the stopwatch that it hung with

@@ -52,6 +52,8 @@ cdef extern from *:
 
 cdef int64_t PERIODS = 3
 cdef int64_t LEAST = 15000000           # ns that a tick may always work
+cdef int64_t START_PERIODS = 5
+cdef int64_t START_LEAST = 40000000     # ns; the guardian waits no longer
 cdef int64_t ROUND = 5000000            # ns between rounds of the stop
 cdef int64_t LONGEST = 200000000        # ns of it
 cdef int64_t NUDGE = 20000000           # ns between signals to a Python step
@@ -77,6 +79,7 @@ cdef class Watchdog:
     def __init__(self, Program program, Journal journal, Signals signals, int64_t period, bint wanted):
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(PERIODS * period, LEAST)
+        self.patience = max(START_PERIODS * period, START_LEAST) - self.limit
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:

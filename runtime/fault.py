@@ -119,7 +119,7 @@ def foreign_command(block):
 def hung(outcome):
     """How long a tick worked, and how it came to an end."""
     broken = "until it was broken off" if isinstance(outcome.error, KeyboardInterrupt) else "before it came back"
-    return f"it hung: the tick worked for {micro(outcome.hung)} {broken}; the motors were stopped meanwhile, and nothing moves them again"
+    return f"it hung: {micro(outcome.hung)} of work {broken}; the motors were stopped meanwhile"
 
 
 def overran(result):
@@ -134,8 +134,10 @@ def circumstances(outcome, diagram, schedule, program, block):
     """The numbers at the block that failed, and what is odd about them."""
     inputs = program.inputs(block.path)
     lines = []
-    if outcome.status in ("exception", "not finite", "out of limits") and inputs:
+    if outcome.status in ("exception", "not finite", "out of limits", "hung") and inputs:
         lines.append("its inputs: " + ", ".join(f"{name} = {value:g}" for name, value in inputs.items()))
+    if outcome.status == "hung" and outcome.error is None:
+        lines.append(f"it was made at {block.location}")
     if outcome.status == "out of limits":
         for name, limit in block.command_limits().items():
             if inputs.get(name) not in limit:

@@ -149,10 +149,11 @@ def run(prepared, say=lambda lines: None):
         raise
     outcome = result = None
     began = time.monotonic()
+    handler = hear_one_interrupt(page)
     try:
         outcome = executor.run(prepared.ticks)
     finally:
-        with undisturbed():
+        with undisturbed(handler):
             seconds = time.monotonic() - began
             if rig is not None and outcome is not None:
                 outcome = stopped_by_hand(outcome, rig, page)
@@ -204,10 +205,19 @@ def guard(rig, page, prepared):
         raise
 
 
+def hear_one_interrupt(page):
+    """From now on a Ctrl-C does nothing once the motors are being stopped: the second finds Python's handler. Returns that of before."""
+    def interrupt(number, frame):
+        if page.state not in ("stopping", "safe"):
+            raise KeyboardInterrupt
+
+    return signal.signal(signal.SIGINT, interrupt)
+
+
 @contextmanager
-def undisturbed():
-    """A second Ctrl-C does not tear the end of a recording."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def undisturbed(before):
+    """A second Ctrl-C does not tear the end of a recording. before : the handler that is there afterwards"""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         yield
     finally:
