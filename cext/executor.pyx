@@ -18,6 +18,7 @@ from libc.stdint cimport int64_t
 
 from cext.abi cimport AUTHORITY, HUNG, NO_ANSWER, OK, OVERRUN, SILENT, UNGUARDED
 from cext.devices cimport Blame
+from cext.fatal cimport give_back_fatal, take_fatal
 from cext.histogram cimport add
 from cext.journal cimport Journal
 from cext.live cimport STOP_WANTED, apply_changes
@@ -121,6 +122,8 @@ cdef class Executor:
         self.signals.take()
         try:
             self.watchdog.start()
+            if self.watchdog.handover != NULL and self.layout != NULL:
+                take_fatal(self.layout, &self.control.at)
             PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
             with nogil:
                 prctl(PR_SET_TIMERSLACK, 1)
@@ -144,6 +147,7 @@ cdef class Executor:
                 self.stop(0.0 if status == UNGUARDED and self.carried else stopping_timeout)
         finally:
             self.watchdog.end()
+            give_back_fatal()
             self.signals.give_back()
             sys.setswitchinterval(switching)
             gc.unfreeze()

@@ -66,7 +66,7 @@ cdef class Journal:
         page.tick = -1
         page.ticks = page.missed = page.dropped = page.waited = page.caught_up = page.gil_taken = page.sleeps = page.spins = 0
         page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
-        page.status = page.closed = page.hung = 0
+        page.status = page.closed = page.hung = page.crashed = 0
         if page.began != 0:
             page.fence = 0              # of the run before; one that was raised ahead of the first run holds
         memset(&page.lateness, 0, sizeof(Histogram))

@@ -38,7 +38,7 @@ cdef struct PageLayout:
     int32_t closed              # 1: nothing will be pushed any more
     int32_t status              # why it stopped
     int32_t hung                # 1 + item of the stopwatch with which a tick hung, -1 where that is not known, 0: none did
-    int32_t unused
+    int32_t crashed             # number of the signal that kills the control process from within; then `hung` is what it was working on
     int64_t control             # number of the control process
     int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t guard               # the same of the guardian's newest look; 0 without one

@@ -140,9 +140,14 @@ cdef class Page:
 
     @property
     def hung(self):
-        """Item of cext.stopwatch with which a tick hung, -1 where that is not known; None while none did."""
+        """Item of cext.stopwatch with which a tick hung or the process crashed, -1 where that is not known; None while none did."""
         cdef int32_t hung = load_i32(&self.layout.hung)
         return None if hung == 0 else max(hung - 1, -1)
+
+    @property
+    def crashed(self):
+        """Number of the signal that kills the control process from within, 0 while there is none."""
+        return load_i32(&self.layout.crashed)
 
     @property
     def state(self):

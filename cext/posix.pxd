@@ -63,7 +63,19 @@ cdef extern from "<signal.h>" nogil:
     const int SIGHUP
     const int SIGURG
     const int SIGXCPU
+    const int SIGSEGV
+    const int SIGBUS
+    const int SIGFPE
+    const int SIGILL
+    const int SIGABRT
     const int SA_RESTART
+    const int SA_ONSTACK
+    ctypedef struct stack_t:
+        void *ss_sp
+        int ss_flags
+        size_t ss_size
+    int sigaltstack(const stack_t *stack, stack_t *before)
+    int raise_signal "raise"(int signum)
     int sigemptyset(sigset_t *set)
     int sigfillset(sigset_t *set)
     int sigaddset(sigset_t *set, int signum)

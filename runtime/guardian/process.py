@@ -1,7 +1,7 @@
 """The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
 
-    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall), and by what its
-                watchdog says there (a block that hangs)
+    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall), and by what stands
+                there of a block that hangs or crashes
     stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed or 200 ms have passed
     carry       frames between the rings and the interfaces that are ours; behind the fence none but those of the safe stop
 
@@ -97,7 +97,7 @@ class Guardian:
             if now - looked > self.limit // 2:
                 grace = now + LOOK          # we were away ourselves: so, perhaps, was the whole machine
             looked = now
-            if self.stop is None and (self.gone or now >= grace or self.page.hung is not None):
+            if self.stop is None and (self.gone or now >= grace or self.page.hung is not None):         # the page says so: no grace
                 self.judge(now)
             self.carry()
             if self.stop is not None and not self.told:
@@ -143,7 +143,7 @@ class Guardian:
         if self.page.state not in ACTIVE:
             return
         silent = now - self.page.beat
-        if self.gone:
+        if self.gone or self.page.crashed:
             self.begin_stop("died", silent, now)
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)
@@ -158,6 +158,8 @@ class Guardian:
             "last_tick": self.page.statistics()["last_tick"]}
         if self.page.hung is not None:
             self.verdict["block"] = self.block()
+        if self.page.crashed:
+            self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
@@ -243,13 +245,18 @@ def in_words(verdict):
     """What happened, in one line."""
     tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
     why = {
-        "died": f"the control process died after {tick}",
+        "died": f"the control process died{cause(verdict)} after {tick}",
         "hung": f"{verdict.get('block')} hangs: {verdict['silent'] * 1e3:.0f} ms after {tick} it has not come back",
         "stalled": f"the loop has stood still for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(verdict["confirmed"])
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'nobody to tell'}"
+
+
+def cause(verdict):
+    """' of SIGSEGV in left/law', where the process could tell."""
+    return f" of {verdict['signal']} in {verdict['block']}" if "signal" in verdict else ""
 
 
 def hold_on(priority):
