@@ -1,0 +1,247 @@
+"""The watchdog: a tick that does not come back ends with the motors stopped, in real time, by a real thread; and what is no hang."""
+
+import ctypes
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.actuators.cubemars.mit import DISABLE, NOTHING
+from blocks.limiters import TorqueLimiter
+from cext.page import Page
+from graph import Block, Diagram, Input, Output
+from tests.cext.rigs import Rig, plant_of
+from tests.cext.spinning import BLOCK, compiled, needs_compiler
+from tests.cext.test_signals import ENVIRONMENT, ROOT
+
+RATE, AT = 200, 20
+LIMIT = 0.015                   # s that a tick may work at 200 Hz
+ALLOWANCE = 0.05                # s until every motor is told, on a machine that is busy; 0.0003 where it is not
+GUARD = 60.0                    # s: there is no guardian here that could come first
+KNEES = {"left": 1, "right": 2}
+
+
+class Then(Block):
+    """2 N·m; calls something at one tick."""
+
+    u = Input("any")
+    y = Output("N·m")
+
+    def __init__(self, action, tick=AT, **options):
+        self.action, self.when = action, tick
+        super().__init__(**options)
+
+    def step(self, u, tick):
+        if tick == self.when:
+            self.action()
+        return 2.0
+
+
+class Slow(Then):
+    """The same, in the update phase; does not start quickly either."""
+
+    def __init__(self, action, start=lambda: None, **options):
+        self.start = start
+        super().__init__(action, **options)
+
+    def reset(self):
+        self.start()
+
+    def step(self):
+        return 2.0
+
+    def update(self, u, tick):
+        if tick == self.when:
+            self.action()
+
+
+def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
+    """Two knees on buses of their own, each under a law."""
+    with Diagram("robot", rate=rate) as diagram:
+        for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
+            knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, name=f"{side}_knee", timeout=0.0)
+            knee(torque_command=TorqueLimiter(limit=5.0)(law(side, knee)))
+    page = Page(1 << 20)
+    page.look_after(time.monotonic_ns())
+    return Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)
+
+
+def calls(action, kind=Then, **options):
+    """A robot whose left law calls something at tick AT."""
+    return robot(lambda side, knee: kind(action if side == "left" else time.monotonic, name=f"{side}_law", **options)(knee.position))
+
+
+def assert_stopped(rig, outcome, culprit="left_law", at=AT):
+    """Every motor was told in time, and no torque followed."""
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("hung", culprit, at) and rig.page.fenced and rig.page.state == "safe"
+    assert outcome.unconfirmed == ()                                # the loop has come back, and has asked
+    assert LIMIT <= outcome.hung
+    for can_id in KNEES.values():
+        said = [frame for frame in rig.frames if frame.sent and frame.id == can_id]
+        end = next(place for place, frame in enumerate(said) if frame.data == DISABLE)
+        assert [frame.data for frame in said[end - 1 :]] == [NOTHING, DISABLE] * ((len(said) - end + 1) // 2)
+        assert len(said) - end > 2 and len(rig.commands(can_id)) == at          # by the watchdog, then by the loop
+        begun = rig.page.first_tick + at * 10**9 // RATE
+        assert begun + LIMIT * 1e9 <= said[end].time < begun + (LIMIT + ALLOWANCE) * 1e9
+
+
+def forever():
+    while True:
+        pass
+
+
+def deaf():
+    """Does not let itself be broken off."""
+    try:
+        forever()
+    except KeyboardInterrupt:
+        pass
+
+
+HELD = threading.Lock()
+HELD.acquire()
+HANGS = {
+    "a loop without an end": forever,
+    "a sleep": lambda: time.sleep(10.0),
+    "C code that holds the GIL": lambda: ctypes.PyDLL(None).usleep(10_000_000),
+    "a wait for a lock": HELD.acquire,
+}
+
+
+@pytest.mark.parametrize("what", HANGS)
+def test_a_python_block_that_hangs_is_broken_off_with_the_motors_stopped(what):
+    rig = calls(HANGS[what])
+    began = time.monotonic()
+    outcome = rig.run(100)
+    assert time.monotonic() - began < 2.0
+    assert_stopped(rig, outcome)
+    assert isinstance(outcome.error, KeyboardInterrupt)
+    assert ("step", __file__) in [(frame.name, frame.filename) for frame in traceback.extract_tb(outcome.error.__traceback__)]
+
+
+def test_an_update_that_hangs_is_no_different():
+    rig = calls(forever, Slow)
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("hung", "left_law", AT)
+    assert len(rig.commands()) == AT + 1 and rig.sent()[-2:] == [NOTHING, DISABLE]          # this tick's were out already
+
+
+def test_a_block_that_takes_the_interrupt_for_itself_has_hung_all_the_same():
+    rig = calls(deaf)
+    outcome = rig.run(100)
+    assert_stopped(rig, outcome)
+    assert outcome.error is None
+
+
+def test_a_block_that_hangs_while_it_starts_never_sees_a_tick():
+    rigs = []
+
+    def start():
+        if rigs and rigs[0].page.state == "arming":
+            forever()
+
+    rigs.append(calls(time.monotonic, Slow, start=start))
+    outcome = rigs[0].run(100)
+    assert (outcome.status, outcome.tick) == ("hung", -1) and isinstance(outcome.error, KeyboardInterrupt)
+    assert outcome.hung >= 0.04 and rigs[0].commands() == [] and rigs[0].sent()[-4:] == [NOTHING, DISABLE] * 2
+
+
+@needs_compiler
+def test_a_native_kernel_that_spins_cannot_be_broken_and_is_told_again_and_again_meanwhile(tmp_path):
+    space = {"ctypes": ctypes, "Block": Block, "Input": Input, "Output": Output}
+    exec(BLOCK.format(library=compiled(tmp_path)), space)
+
+    class Seconds(Then):
+        y = Output("s")
+
+        def step(self, u, tick):
+            return 0.08 if tick == AT else 0.0
+
+    def law(side, knee):
+        spun = space["Spin"](name=f"{side}_spin")(Seconds(None, name=f"{side}_seconds")(knee.position))
+        return Then(time.monotonic, name=f"{side}_law")(spun)
+
+    rig = robot(law)
+    outcome = rig.run(100)
+    assert_stopped(rig, outcome, culprit="left_spin")
+    assert 0.08 <= outcome.hung < 0.25 and outcome.error is None
+    assert rig.sent().count(DISABLE) >= (0.08 - LIMIT - ALLOWANCE) / 0.005      # a round every 5 ms
+    assert rig.run(10).status == "ok" and rig.page.hung is None             # nothing of it stays behind
+
+
+def test_a_loop_on_another_thread_is_stopped_but_not_broken_off():
+    rig = calls(lambda: time.sleep(0.1))
+    found = []
+    thread = threading.Thread(target=lambda: found.append(rig.run(100)))
+    thread.start()
+    thread.join()
+    assert_stopped(rig, found[0])
+    assert 0.1 <= found[0].hung and found[0].error is None
+
+
+def test_after_it_everything_is_as_before():
+    before = signal.getsignal(signal.SIGURG), len(os.listdir("/proc/self/task"))
+    for action in (forever, lambda: None):
+        calls(action).run(40)
+        assert (signal.getsignal(signal.SIGURG), len(os.listdir("/proc/self/task"))) == before
+
+
+# What is no hang
+
+def busy(seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+
+
+def test_a_tick_of_two_periods_is_late_and_no_hang():
+    rig = robot(lambda side, knee: Then(lambda: busy(0.04), name=f"{side}_law", tick=10 if side == "left" else 15)(knee.position), rate=50)
+    outcome = rig.run(30)
+    assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.page.hung
+
+
+@pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])
+def test_without_a_rig_nobody_is_in_a_hurry(options):
+    rig = robot(lambda side, knee: Then(lambda: busy(0.06), name=f"{side}_law")(knee.position), **options)
+    assert rig.run(60).status == "ok" and rig.page.hung is None
+
+
+STOPPED = """
+import json, sys, time
+from blocks.actuators import CubeMars
+from graph import Diagram
+from tests.cext.test_watchdog import Then, busy, robot
+
+class Busy(Then):
+    "Busy for half of each tick."
+    def step(self, u):
+        busy(0.01)
+        return 2.0
+
+rig = robot(lambda side, knee: (Busy if side == "left" else Then)(time.monotonic, name=side)(knee.position), rate=50)
+print("ready", flush=True)
+outcome = rig.run(100)
+print(json.dumps([outcome.status, outcome.culprit, rig.statistics()["missed"]]))
+"""
+
+
+def test_a_machine_that_was_away_is_no_hang_neither_in_the_sleep_between_ticks_nor_within_one():
+    process = subprocess.Popen(
+        [sys.executable, "-c", STOPPED], cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.3)
+    for _ in range(8):
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.1)                             # five periods
+        process.send_signal(signal.SIGCONT)
+        time.sleep(0.053)
+    out, _ = process.communicate(timeout=30)
+    status, culprit, missed = json.loads(out)
+    assert (status, culprit) == ("ok", None) and missed >= 30
