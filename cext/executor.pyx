@@ -158,12 +158,13 @@ cdef class Executor:
         self.control.live.leave()
         error = self.control.error or self.control.live.error
         culprit = self.control.culprit if status != OK else None
-        if self.plant is not None and culprit is None and status != OK:
+        if self.plant is not None and culprit is None and error is None and status != OK:
             error, culprit = self.plant.error, self.plant.culprit
         if status == OVERRUN:
             culprit = self.body.watch.name(self.to_blame)
         if status == HUNG:
             culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else self.control.culprit
+            error = error if culprit == self.control.culprit else None      # a later step was broken off in its place
         return Outcome(
             name_of(status), culprit, self.tick, self.signals.caught[0], error, tuple(self.control.devices.silent()), unanswered,
             stopped, hung * 1e-9,

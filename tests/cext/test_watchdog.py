@@ -162,10 +162,10 @@ def test_a_native_kernel_that_spins_cannot_be_broken_and_is_told_again_and_again
         y = Output("s")
 
         def step(self, u, tick):
-            return 0.08 if tick == AT else 0.0
+            return self.action() if tick == AT else 0.0
 
     def law(side, knee):
-        spun = space["Spin"](name=f"{side}_spin")(Seconds(None, name=f"{side}_seconds")(knee.position))
+        spun = space["Spin"](name=f"{side}_spin")(Seconds(lambda: 0.08 if side == "left" else 0.0, name=f"{side}_seconds")(knee.position))
         return Then(time.monotonic, name=f"{side}_law")(spun)
 
     rig = robot(law)

@@ -37,12 +37,7 @@ class Law(Block):
         return {torque}, tick > 40
 
 
-class Hang(Block):
-    """A native block that does not come back."""
-
-    u = Input("any")
-    y = Output("1")
-    kernel = ctypes.CDLL(None).pause
+{blocks}
 
 
 def build():
@@ -112,9 +107,9 @@ class Bus:
                     return self.frames[-1]
         return None
 
-    def start(self, *words, law="pass", torque=2.0, more="", drive="", **how):
+    def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive="", **how):
         """A run of the robot, that has been started."""
-        robot = write(self.folder, ROBOT.format(law=law, torque=torque, more=more, drive=drive))
+        robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
         return started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how)
 
     def await_torque(self):

@@ -68,27 +68,6 @@ def test_kill_9_leaves_a_joint_damped_that_must_not_drop_its_wearer(bus):
         assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}
 
 
-HANGS = {
-    "in Python": {"law": "if tick > 40: time.sleep(1e6)"},
-    "in native code, with the GIL": {"law": "if tick > 40: ctypes.PyDLL(None).pause()"},
-    "in a native kernel": {"more": "with subsystem('late', enabled=law.late): Hang()(law.torque)"},
-}
-
-
-@pytest.mark.parametrize("where", HANGS)
-def test_a_block_that_hangs_does_not_keep_the_motors_turning(bus, where):
-    process = bus.start("--no-record", **HANGS[where])
-    bus.await_torque()
-    everybody = family(process)
-    first = bus.listen(3.0, lambda frame: frame.data == DISABLE)
-    bus.listen(0.1)
-    last = max(frame.time for frame in bus.frames if is_torque(frame))
-    assert first is not None and bus.stopped_after(last) < STALL
-    process.kill()
-    process.communicate(timeout=10)
-    assert_nothing_is_left(everybody, bus.channel)
-
-
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP])
 def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by):
     process = bus.start("--no-record")

@@ -1,0 +1,132 @@
+"""Blocks that hang or crash under a robot of real processes: the motors are told at once, and a person learns which block it was."""
+
+import os
+import signal
+import time
+
+import pytest
+
+from tests.cext.spinning import BLOCK, compiled, needs_compiler
+from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, is_torque
+from tests.runtime.runs import DISABLE, Files, line_of
+
+LIMIT = 0.005 + 0.015           # s from the last torque to the next tick, and what that may work
+ALLOWANCE = 0.08                # s, on a machine that may be busy; 0.001 where it is not
+
+
+@pytest.fixture
+def bus(tmp_path):
+    with Bus(tmp_path) as bus:
+        yield bus
+
+
+def stopped_in_time(bus, seconds=0.3):
+    """s from the last torque to the stop, which every motor has had. No torque follows it."""
+    assert bus.listen(3.0, lambda frame: frame.data == DISABLE) is not None
+    bus.listen(seconds)
+    took = bus.stopped_after(max(frame.time for frame in bus.frames if is_torque(frame)))
+    assert took < LIMIT + ALLOWANCE
+    return took
+
+
+HANGS = {
+    "a loop without an end": "while tick > 40: pass",
+    "a sleep": "if tick > 40: time.sleep(10.0)",
+    "C code that holds the GIL": "if tick > 40: ctypes.PyDLL(None).usleep(10_000_000)",
+}
+
+
+@pytest.mark.parametrize("what", HANGS)
+def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
+    process = bus.start("--record", "out", law=HANGS[what])
+    bus.await_torque()
+    everybody = family(process)
+    assert stopped_in_time(bus) >= 0.015
+    out, err = process.communicate(timeout=10)
+    assert process.returncode == 3 and "confirmed by left/knee, right/knee" in out
+    assert "tickwork guardian: left/law hangs: " in err and "after tick 40 it has not come back" in err and "still hangs" not in err
+    assert "FAULT at left/law, tick 41 (0.205 s): it hung: " in err and "until it was broken off; the motors were stopped meanwhile" in err
+    assert f"robot.py:{line_of(tmp_path / 'robot.py', HANGS[what])} in step: {HANGS[what]}" in err
+    assert "KeyboardInterrupt" not in err and "Traceback" not in err
+    assert_nothing_is_left(everybody, bus.channel)
+    sidecar = Files(tmp_path / "out").sidecar
+    assert sidecar["ended"] == "fault: hung at left/law, tick 41" and sidecar["last_tick"] == 40
+    [event] = [event for event in sidecar["events"] if event["event"] == "guardian"]
+    assert (event["because"], event["block"]) == ("hung", "left/law")
+
+
+STUCK = "if tick > 40: lock = ctypes.create_string_buffer(64); take = ctypes.PyDLL(None).pthread_mutex_lock; take(lock); take(lock)"
+
+
+@needs_compiler
+@pytest.mark.parametrize("by, where", [(signal.SIGINT, "late/spin"), (signal.SIGTERM, "left/law")])
+def test_what_nothing_can_break_is_told_and_ended_by_a_person(bus, tmp_path, by, where):
+    if where == "late/spin":
+        how = {
+            "blocks": BLOCK.format(library=compiled(tmp_path)),
+            "more": "with subsystem('late', enabled=law.late): Spin()(1e9)"}
+    else:
+        how = {"law": STUCK}
+    process = bus.start("--record", "out", **how)
+    bus.await_torque()
+    everybody = family(process)
+    stopped_in_time(bus, 0.5)
+    assert process.poll() is None
+    asked = time.monotonic()
+    process.send_signal(by)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 3 and time.monotonic() - asked < 5.0
+    assert f"tickwork guardian: {where} hangs: " in err and "zero torque, then disable: confirmed by left/knee, right/knee" in err
+    assert f"tickwork guardian: {where} still hangs, with the motors stopped; Ctrl-C ends the run" in err
+    bus.listen()
+    bus.stopped_after(0.0)
+    assert_nothing_is_left(everybody, bus.channel)
+    files = Files(tmp_path / "out")
+    assert files.sidecar["last_tick"] == 40 and len(files.table["tick"]) >= 40
+
+
+CRASHES = {
+    signal.SIGSEGV: "if tick > 40: ctypes.string_at(0)",
+    signal.SIGABRT: "if tick > 40: ctypes.CDLL(None).abort()",
+}
+
+
+@pytest.mark.parametrize("number", CRASHES)
+def test_a_block_that_kills_the_process_leaves_no_motor_turning(bus, tmp_path, number):
+    process = bus.start("--record", "out", law=CRASHES[number])
+    bus.await_torque()
+    everybody = family(process)
+    stopped_in_time(bus)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == -number
+    assert f"tickwork guardian: the control process died of {number.name} in left/law after tick 40; zero torque, then disable: confirmed" in err
+    assert "Traceback" not in err
+    assert_nothing_is_left(everybody, bus.channel)
+    [event] = [event for event in Files(tmp_path / "out").sidecar["events"] if event["event"] == "guardian"]
+    assert (event["because"], event["signal"], event["block"]) == ("died", number.name, "left/law")
+
+
+def test_ctrl_c_again_and_again_is_one_ctrl_c(bus):
+    process = bus.start("--no-record")
+    bus.await_torque()
+    for _ in range(40):
+        process.send_signal(signal.SIGINT)
+        bus.listen(0.0005)
+    out, err = process.communicate(timeout=10)
+    bus.listen()
+    bus.stopped_after(0.0)
+    assert process.returncode == 130 and "confirmed by left/knee, right/knee" in out and "Traceback" not in err
+
+
+def test_a_stop_of_the_machine_shorter_than_the_guardians_patience_is_no_hang(bus):
+    process = bus.start("--no-record", "--set", "left/knee.timeout=1", "--set", "right/knee.timeout=1", law="time.sleep(0.002)")
+    bus.await_torque()
+    for _ in range(10):
+        os.kill(process.pid, signal.SIGSTOP)
+        time.sleep(0.02)                                            # four periods
+        os.kill(process.pid, signal.SIGCONT)
+        bus.listen(0.03)
+    assert process.poll() is None
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=10)
+    assert process.returncode == 130 and "FAULT" not in err
