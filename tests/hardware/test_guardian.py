@@ -42,13 +42,13 @@ class Listener(Node):
 
 
 @pytest.fixture
-def run(tmp_path):
-    """A run under torque, and who listens."""
+def run(tmp_path, request):
+    """A run under torque, and who listens. Its parameter is what the knee is told to do."""
     rig = tmp_path / "lab.toml"
     rig.write_text('[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n')
     with Drives(MOTOR), Listener() as listener:
         process = started(
-            knee(tmp_path, law="return 2.0"), "--rig", rig, "--rate", "50", "--no-record", "--realtime", "off", "--set",
+            knee(tmp_path, law=getattr(request, "param", "return 2.0")), "--rig", rig, "--rate", "50", "--no-record", "--realtime", "off", "--set",
             "knee.timeout=0.5", cwd=tmp_path)
         assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
         yield process, listener
@@ -76,6 +76,17 @@ def test_kill_stop_and_kill_cont(run):
     listener.listen(0.1)
     listener.assert_stopped(stopped)
     assert process.returncode == 3 and "fenced by the guardian" in err
+
+
+@pytest.mark.parametrize("run", ["while tick == 60: pass\n        return 2.0"], indirect=True)
+def test_a_block_that_hangs(run):
+    process, listener = run
+    assert listener.listen(10.0, lambda data: data == DISABLE)
+    last = max(at for at, data in listener.commands if data not in (ENABLE, NOTHING, DISABLE))
+    _, err = process.communicate(timeout=30)
+    listener.listen(0.1)
+    listener.assert_stopped(last + 0.08)                            # the next tick, and the three periods that it may work
+    assert process.returncode == 3 and "FAULT at law, tick 60" in err and "it hung: " in err and "robot.py:" in err
 
 
 def test_kill_9_of_the_guardian(run):
