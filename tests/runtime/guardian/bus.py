@@ -74,7 +74,7 @@ class Bus:
         self.channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{10 + number}"
         self.rig = write(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n', "lab.toml")
         self.node = open_bus(self.channel)
-        self.frames = []
+        self.frames, self.runs = [], []
         self.motors, self.answering = motors, answering
 
     def __enter__(self):
@@ -87,6 +87,10 @@ class Bus:
         return self
 
     def __exit__(self, *exception):
+        for run in self.runs:
+            if run.poll() is None:                  # a test has failed: the next needs the bus
+                run.kill()
+                run.communicate()
         if self.answering:
             self.drives.kill()
             self.drives.wait()
@@ -110,7 +114,8 @@ class Bus:
     def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive="", **how):
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
-        return started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how)
+        self.runs.append(started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how))
+        return self.runs[-1]
 
     def await_torque(self):
         """Until both knees are under torque."""
@@ -128,8 +133,8 @@ class Bus:
         said = self.commands(motor)
         end = next((place for place, frame in enumerate(said) if frame.data == DISABLE), None)
         assert end is not None, f"motor {motor} was never disabled"
-        assert said[end - 1].data == NOTHING
-        assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}, f"motor {motor} was commanded after its safe stop"
+        assert said[end - 1].data == NOTHING, f"motor {motor}: {said[max(0, end - 4) : end + 3]}"
+        assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}, f"motor {motor} was commanded after its safe stop: {said[end - 2 :]}"
         return said[end].time - instant
 
 
