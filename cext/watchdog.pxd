@@ -46,6 +46,7 @@ cdef class Watchdog:
     cdef void dismiss(self) noexcept nogil
     cdef void watch(self) noexcept nogil
     cdef void stop(self, int64_t now) noexcept nogil
+    cdef bint running_ticks(self) noexcept nogil
     cdef void sleep(self, int64_t until) noexcept nogil
 
     cdef inline void begin_work(self, int64_t now) noexcept nogil:

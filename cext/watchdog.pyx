@@ -3,7 +3,7 @@
 
     watch     for how long the present tick has been at work. The sleep between ticks is no work, so a late wake-up is no hang
     fence     raised when a tick has worked for max(3 periods, 15 ms)
-    stop      zero torque and disable to every device, every 5 ms, for 200 ms or until the loop is back
+    stop      the frames of the safe stop to every device, every 5 ms, for 200 ms or until the loop is back
     break     a signal ends the system call that a Python step may wait in, and becomes a KeyboardInterrupt there
     exit      what cannot be broken stays, with its motors stopped, until a person asks for the end: then the process exits
 
@@ -23,6 +23,7 @@ from posix.unistd cimport _exit
 
 from cext.atomics cimport load_i64, store_i32
 from cext.pace cimport monotonic
+from cext.page cimport RUNNING
 from cext.posix cimport (
     PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, prctl, pthread_attr_destroy,
     pthread_attr_init, pthread_attr_setstacksize, pthread_attr_t, pthread_create, pthread_join, pthread_kill, pthread_self,
@@ -161,6 +162,8 @@ cdef class Watchdog:
     cdef void stop(self, int64_t now) noexcept nogil:
         """The tick hangs. Returns when the loop is back."""
         cdef int64_t began = now
+        cdef int64_t damping = self.program.devices.longest_damping
+        cdef int64_t damped = 0 if self.running_ticks() else damping    # ns of damping that are not needed: nothing was under torque
         cdef int64_t due = now
         cdef int64_t nudge = now
         cdef bint mine = False
@@ -170,10 +173,10 @@ cdef class Watchdog:
         self.journal.raise_fence_for(self.at)
         while not load_i32(&self.leave):
             now = monotonic()
-            over = now - began >= LONGEST
+            over = now - began >= LONGEST + damping - damped
             mine = mine or swap(&self.shared.user, NOBODY, WATCHDOG)
             if mine and not over and now >= due:
-                self.program.devices.send_batches(False, True, True, now - self.zero, self.journal.layout)
+                self.program.devices.send_stop(now - began + damped, now - self.zero, self.journal.layout)
                 due = now + ROUND
             if now >= nudge:
                 pthread_kill(self.loop, SIGURG)
@@ -183,6 +186,10 @@ cdef class Watchdog:
                 if self.caught[0]:
                     _exit(FAULT)
             self.sleep(nudge if over else due if mine else now + GLANCE)
+
+
+    cdef bint running_ticks(self) noexcept nogil:
+        return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING
 
 
 cdef void name_and_priority(int priority) noexcept nogil:
