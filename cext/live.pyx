@@ -13,8 +13,8 @@ from libc.stdlib cimport calloc, free
 from cext.abi cimport OK, PYTHON_ERROR
 from cext.atomics cimport store_u64, swap
 from cext.mailbox cimport (
-    ANSWERED, BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, READING, SET, STOP, TAKEN, UNKNOWN, Change, in_step,
-    oldest, step_of, writer_of,
+    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET, STOP, TAKEN, UNKNOWN,
+    Change, in_step, oldest, step_of, writer_of,
 )
 from cext.histogram cimport add
 from cext.page cimport CHANGE, commit, reserve, shown
@@ -90,6 +90,10 @@ cdef class LiveTable:
             if entry.block is not None:
                 setattr(entry.block, entry.name, TYPES[entry.dtype](entry.built))
 
+    cdef void forgive(self):
+        """What the code behind an attribute has raised is over."""
+        self.error = self.culprit = None
+
     cdef void show(self, PageLayout *page) noexcept nogil:
         """Where the others can read it."""
         cdef int index
@@ -125,19 +129,25 @@ cdef class LiveTable:
         return status
 
     cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil:
-        """Whether a letter asks for the end of the run. It needs no room in the ring: the run's end is recorded anyhow."""
+        """Whether a letter asks for the end of the run."""
+        return self.asked(page, STOP, tick, TAKEN)
+
+    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
+        """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
         cdef int index
         cdef Letter *letter
         cdef Letter copy
         cdef uint64_t state
+        if page == NULL:
+            return False
         for index in range(LETTERS):
             letter = &page.mailbox.letters[index]
             state = load_u64(&letter.state)
-            if step_of(state) == POSTED and letter.kind == STOP and swap(&letter.state, state, in_step(state, READING)):
+            if step_of(state) == POSTED and letter.kind == kind and swap(&letter.state, state, in_step(state, READING)):
                 copy = letter[0]
-                if not self.carry_out(page, &copy, tick):
+                if verdict == TAKEN and not self.carry_out(page, &copy, tick):
                     page.dropped += 1
-                answer(letter, TAKEN, tick)
+                answer(letter, verdict, tick)
                 return True
         return False
 
@@ -186,6 +196,8 @@ cdef class LiveTable:
         cdef LiveParameter *parameter
         if letter.kind == MARK:
             return TAKEN
+        if letter.kind == CONFIRM or letter.kind == REARM:
+            return NOT_NOW                          # whoever waits for them asks by `asked`
         if letter.kind != SET or not 0 < letter.count <= CHANGES:
             return UNKNOWN
         for index in range(letter.count):

@@ -32,6 +32,8 @@ cdef enum: # kind of a letter
     SET = 0
     MARK = 1
     STOP = 2
+    CONFIRM = 3                 # arm, of a robot that is ready
+    REARM = 4                   # arm again, after a fault
 
 cdef enum: # who wrote it
     BY_SET = 0                  # `python -m runtime set`
@@ -43,6 +45,7 @@ cdef enum: # answers
     OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or not of its type: nothing was changed
     UNKNOWN = 2                 # there is no such parameter or kind: nothing was changed
     OVER = 3                    # the run has ended before
+    NOT_NOW = 4                 # nothing waits for it, or what the run waits for is not there: nothing was done
 
 cdef struct Letter:
     uint64_t state              # step | process << 32

@@ -39,6 +39,7 @@ class Outcome:
     unconfirmed : paths of the devices that did not confirm the safe stop
     unanswered : paths of the devices that did not answer while arming
     stopped : somebody asked for the end through the mailbox
+    faults : Outcome of each fault that the run has survived, as somebody armed it again
     """
 
     status: str
@@ -49,6 +50,7 @@ class Outcome:
     unconfirmed: tuple
     unanswered: tuple
     stopped: bool = False
+    faults: tuple = ()
 
     @property
     def faulted(self):
