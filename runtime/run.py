@@ -20,9 +20,10 @@ from runtime.fault import explain
 from runtime.guardian import SILENCE
 from runtime.held import held
 from runtime.live.table import describe
+from runtime.preflight import Preflight
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
-from runtime.recorder import RecorderProcess
+from runtime.recorder import RecorderProcess, can_ask
 from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
 
@@ -30,6 +31,9 @@ ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
 MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
 LONGEST_WORD = 40               # characters of a trial's field in the names of files
+NOBODY = (
+    "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard input, output and error); "
+    "--yes arms without asking")
 FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
 
 
@@ -53,6 +57,7 @@ class Request:
     overrun: str = "skip"               # cext.overrun.Overrun
     spin: float = 0.0                   # s
     profile: bool = False
+    yes: bool = False                   # on a rig: arm without asking a person
 
 
 @dataclass
@@ -117,6 +122,8 @@ def prepare(request):
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
     schedule = compiled(request.file, diagram)
     if rig is not None:
+        if not request.yes and not can_ask():
+            raise BadInput(NOBODY)
         return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks)
     return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), None, ticks)
 
@@ -150,7 +157,7 @@ def run(prepared, say=lambda lines: None):
     outcome = result = None
     began = time.monotonic()
     try:
-        outcome = executor.run(prepared.ticks)
+        outcome = executor.run(prepared.ticks, **asked(prepared, page, control))
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
@@ -174,6 +181,16 @@ def run(prepared, say=lambda lines: None):
             recording = recorder.finish()
     result.recording.update(recording)
     return result
+
+
+def asked(prepared, page, control):
+    """Options of Executor.run: on a rig the pre-flight table is told before anything may move, and somebody has to press Enter."""
+    rig = prepared.rig
+    if rig is None:
+        return {}
+    interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
+    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes)
+    return {"answered": lambda: page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode()), "confirm": table.confirm}
 
 
 def stopped_by_hand(outcome, rig, page):

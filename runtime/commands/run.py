@@ -70,6 +70,7 @@ def parse_run(arguments):
                         help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
     parser.add_argument("--cpu", type=processor, metavar="N",
                         help="stay on this processor (default: the last isolated one, if one is isolated)")
+    parser.add_argument("--yes", action="store_true", help="on a rig: arm without waiting for Enter")
     add_pace(parser)
     parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
     options = parser.parse_args(arguments)
@@ -87,4 +88,4 @@ def parse_run(arguments):
         file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
         settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
         trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
-        overrun=options.overrun, spin=options.spin, profile=options.profile)
+        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes)

@@ -27,7 +27,7 @@ from runtime.system import CAP_IPC_LOCK, capable
 
 ORDERS = 0                      # standard input
 LOOK = 5_000_000                # ns between looks at the loop at most
-ACTIVE = ("arming", "running", "stopping")
+ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
 NAME = "tickwork-guard"
 
 
@@ -159,7 +159,7 @@ class Guardian:
         """What the loop wants sent goes out; behind the fence the frames of the safe stop alone."""
         for index, line, wire in self.carried:
             for identifier, data, _ in self.lines.take(line):
-                if self.page.fenced and (index, identifier, data) not in self.harmless:
+                if (self.verdict is not None or self.page.fenced) and (index, identifier, data) not in self.harmless:
                     self.lines.count_up(line, "withheld")
                 else:
                     wire.send(identifier, data)

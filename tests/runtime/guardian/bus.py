@@ -115,7 +115,7 @@ class Bus:
     def start(self, *words, law="pass", torque=2.0, more="", drive="", **how):
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, more=more, drive=drive))
-        return started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how)
+        return started(robot, "--rig", self.rig, "--realtime", "off", "--yes", *words, cwd=self.folder, **how)
 
     def await_torque(self):
         """Until both knees are under torque."""
