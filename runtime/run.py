@@ -15,6 +15,7 @@ from cext.program import Program
 
 from graph import Sink
 from graph.store import to_json
+from runtime import rearming
 from runtime.errors import BadInput
 from runtime.fault import explain
 from runtime.guardian import SILENCE
@@ -23,6 +24,7 @@ from runtime.live.table import describe
 from runtime.preflight import Preflight
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
+from runtime.rearming import Rearming
 from runtime.recorder import RecorderProcess, can_ask
 from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
@@ -58,6 +60,7 @@ class Request:
     spin: float = 0.0                   # s
     profile: bool = False
     yes: bool = False                   # on a rig: arm without asking a person
+    rearm: bool = False                 # after a fault, wait to be armed again
 
 
 @dataclass
@@ -91,6 +94,7 @@ class Result(Prepared):
     profile : (rows of the robot, rows of its plant), likewise
     page : the shared page, with all that was counted
     newest : rows of the last ticks, as cext.executor.Executor.newest has them
+    report : lines about the fault that it ended with
     """
 
     outcome: object
@@ -103,6 +107,7 @@ class Result(Prepared):
     profile: tuple
     page: Page
     newest: list
+    report: list = field(default_factory=list)
 
     @property
     def failed_in_plant(self):
@@ -121,6 +126,7 @@ def prepare(request):
     if ticks == 0:
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
     schedule = compiled(request.file, diagram)
+    rearming.check(diagram, request.rearm, can_ask())
     if rig is not None:
         if not request.yes and not can_ask():
             raise BadInput(NOBODY)
@@ -144,6 +150,7 @@ def run(prepared, say=lambda lines: None):
         say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
+        again = Rearming(prepared, page, control, can_ask())
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
             virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
@@ -154,10 +161,11 @@ def run(prepared, say=lambda lines: None):
         if rig is not None:
             rig.close()
         raise
+    again.executor = executor
     outcome = result = None
     began = time.monotonic()
     try:
-        outcome = executor.run(prepared.ticks, **asked(prepared, page, control))
+        outcome = executor.run(prepared.ticks, **asked(prepared, page, control), **again.options())
     finally:
         with undisturbed():
             seconds = time.monotonic() - began
@@ -176,6 +184,8 @@ def run(prepared, say=lambda lines: None):
                 result = Result(
                     **vars(prepared), outcome=outcome, statistics=statistics, recording={}, seconds=seconds, control=control,
                     realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page, newest=executor.newest)
+                if outcome.faulted:
+                    result.report += again.told(outcome) or explain(result)
                 tell(page, ending(result), recorder)
             page.close()
             recording = recorder.finish()
@@ -316,7 +326,7 @@ def ending(result):
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
         "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
         "held": held(result.request.file, result.control, result.plant),
-        "report": explain(result) if outcome.faulted else [],
+        "report": result.report, "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
     return json.dumps(event).encode()
 
