@@ -42,6 +42,7 @@ from cext.outcome import STATUS, Outcome, name_of
 
 cdef enum:
     REQUESTS = 16               # inputs that ask for arming again
+    ANSWERING = 100000000       # ns in which drives answer that they were disabled
     ENDED = -2                  # beside the statuses of kernels: the run ends while it waits to be armed again
 
 SWITCH = 1e-4                   # s after which another Python thread has to hand over the GIL: 5 ms without this, five ticks at 1000 Hz
@@ -155,6 +156,9 @@ cdef class Executor:
             while rearm is not None and self.is_survived(status):
                 with nogil:
                     self.halt(stopping_timeout)
+                    while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
+                        pass                                       # who asked before the fault was told did not mean it
+                    self.journal.set_state(WAITING)
                 fault = self.outcome(status)
                 faults.append(fault)
                 self.tell("fault", fault)
@@ -267,6 +271,11 @@ cdef class Executor:
                 if self.answered is not None:
                     status = self.look_over(timeout)
                     if status != OK or self.signals.caught[0]:
+                        return status
+                    now = self.now
+                elif self.tape is not None:
+                    status = self.look_over_again(round + 1)
+                    if status != OK:
                         return status
                     now = self.now
                 self.first_tick = now                              # tick 0 is here, with the answers just heard
@@ -420,7 +429,8 @@ cdef class Executor:
         cdef int64_t patience = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int status = self.call_answered()
         cdef bint confirmed = not self.confirm
-        self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW)                 # before anything was shown
+        while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
+            pass                                                   # who confirmed before anything was shown did not mean it
         self.control.devices.want_replies(True, False)
         self.journal.set_state(READY)
         while status == OK:
@@ -446,6 +456,21 @@ cdef class Executor:
                 status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
             if status == OK:
                 status = self.body.advance_plant(self.now)
+        return status
+
+    cdef int look_over_again(self, int64_t drain) noexcept nogil:
+        """The same of a recorded run, as often and when it was. drain : how many have been before"""
+        cdef int status = OK
+        while drain < self.tape.drains:
+            self.now = self.tape.drained[drain]
+            drain += 1
+            if not self.journal.make_room(False):
+                return OK
+            status = self.control.devices.receive(self.now, self.layout)
+            if status == OK and drain < self.tape.drains:
+                status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
+            if status != OK:
+                return status
         return status
 
     cdef int call_answered(self) noexcept nogil:
@@ -512,8 +537,7 @@ cdef class Executor:
         cdef int standing = NO_ANSWER
         cdef bint high = True                                      # an input that was true all the time asks for nothing
         cdef bint before
-        self.journal.set_state(WAITING)
-        self.control.live.asked(self.layout, REARM, tick, NOT_NOW)
+        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + ANSWERING     # from when on a missing answer stands in the way
         self.control.devices.want_replies(False, True)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:
@@ -528,7 +552,8 @@ cdef class Executor:
             status = self.journal.attend_fenced(began)
             if status != OK:
                 return status
-            if self.control.live.asked(self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW):
+            if (standing != NO_ANSWER or self.now > judged) and self.control.live.asked(
+                    self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW):
                 if standing == OK:
                     return self.arm_again(tick, arming_timeout)
                 self.tell_standing("refused", standing)
