@@ -20,7 +20,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
 from cext.abi cimport (
-    AUTHORITY, DEVICE_FAULT, FENCED, FIRST_OWN_STATUS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
+    AUTHORITY, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
 )
 from cext.devices cimport Blame
 from cext.histogram cimport add
@@ -177,7 +177,7 @@ cdef class Executor:
             if collecting:
                 gc.enable()
         if self.layout != NULL:
-            store_i32(&self.layout.status, status)
+            store_i32(&self.layout.status, max(status, 0))
         self.control.live.leave()
         ended = self.outcome(status if status != ENDED else OK, unanswered)
         if waited == ENDED or waited == STOP_WANTED:                # the fault stood when the run ended
@@ -508,7 +508,7 @@ cdef class Executor:
         if self.plant is not None and self.plant.culprit is not None:
             return False
         return self.tick >= 0 and not self.signals.caught[0] and (
-            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN) or status >= FIRST_OWN_STATUS)
+            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP) or status >= FIRST_OWN_STATUS)
 
     cdef void tell(self, str what, outcome):
         """Tell whoever wants to know. What that raises is no matter of the run."""

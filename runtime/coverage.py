@@ -6,9 +6,11 @@ GUARDIAN, RUN, DRIVES = "the guardian", "the run itself", "the drives' own time-
 def coverage(devices):
     """Of one bus on a rig: a list of {"failure", "covered", "by"}. `by` says who sees to it, or why nobody does.
 
-    devices : graph.Device that are on it
+    devices : graph.Device that are on it; of a bus with nothing to stop the list is empty
     """
     movers = [device for device in devices if device.disable_frames() or device.zero_frames()]
+    if not movers:
+        return []
     alone = [device.path for device in movers if device.own_timeout is None]
     power = DRIVES if not alone else f"no time-out of its own is known of {', '.join(alone)}"
     return [

@@ -62,7 +62,8 @@ def position_range(block):
 
 def stop_of(block):
     """How its safe stop is done, in words."""
-    return " then ".join(["zero torque"] * bool(block.zero_frames()) + ["disable"] * bool(block.disable_frames())) or "nothing to stop"
+    first = f"damped for {block.damp_time:g} s" if block.damp_time > 0.0 else "zero torque" if block.zero_frames() else ""
+    return " then ".join([first] * bool(first) + ["disable"] * bool(block.disable_frames())) or "nothing to stop"
 
 
 def marks(row, block):

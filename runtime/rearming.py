@@ -6,7 +6,7 @@ The executor waits behind its fence and calls back; what is said goes into the r
 import json
 from types import SimpleNamespace
 
-from blocks.rearm import Rearm
+from blocks.safety import Rearm
 from cext.page import RECORD_EVENT
 from runtime.errors import BadInput
 from runtime.fault import explain, what

@@ -107,11 +107,6 @@ cdef int both_edges_kernel(double *arena, const int32_t *slots, const int32_t *s
     return OK
 
 
-cdef int rearm_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # request: the executor looks at it itself, while it waits
-    return OK
-
-
 cdef int latch_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     # on, off, y, initial, held
     cdef double on = arena[slots[0]]
@@ -205,7 +200,6 @@ parity = export(xor_kernel)
 negation = export(not_kernel)
 edges = {"rising": export(rising_kernel), "falling": export(falling_kernel), "both": export(both_edges_kernel)}
 latch = export(latch_kernel)
-rearm = export(rearm_kernel)
 debounce = export(debounce_kernel)
 counter = export(counter_kernel)
 timer = export(timer_kernel)

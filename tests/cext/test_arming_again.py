@@ -8,6 +8,7 @@ import pytest
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
+from blocks.safety import EmergencyStop, Rearm
 from cext.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
@@ -84,16 +85,16 @@ class Thief(Block):
 class Survivor:
     """A drive whose law follows a script, and which may be armed again. asks : ticks at which its input asks for that"""
 
-    def __init__(self, script, asks=(), *, plant=None, **options):
+    def __init__(self, script, asks=(), *, plant=None, more=lambda: None, **options):
         with Diagram("robot", rate=RATE) as robot:
             self.law = Law({tick: self.act(action) for tick, action in script.items()}, name="law")
             drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
             drive(torque_command=TorqueLimiter(limit=5.0)(self.law(drive.position)))
-            ask = Ask(set(asks), name="ask")
-            ask()
+            Rearm(name="again")(Ask(set(asks), name="ask")())
+            more()
         self.rig = Rig(robot, (plant or plant_of)(robot), **options)
         self.writer = Writer(self.rig.page, "keys")
-        self.slots = [self.rig.schedule.signals["ask.asked"].slot]
+        self.slots = [self.rig.schedule.inputs["again"]["request"]]
         self.heard, self.answers = [], {}
 
     def act(self, action):
@@ -251,6 +252,14 @@ def test_a_fault_bit_stands_in_the_way_until_the_drive_takes_it_back():
     assert outcome.status == "ok"
     assert [entry[:3] for entry in robot.heard] == [
         ("fault", "device fault", "knee"), ("refused", "device fault", "knee"), ("rearm", "ok", None)]
+
+
+def test_an_emergency_stop_stands_in_the_way_until_it_is_released():
+    robot = Survivor({}, asks=[80, 150], more=lambda: EmergencyStop()(Ask(set(range(50, 100)), name="button")()))
+    outcome = robot.run()
+    assert (outcome.status, [fault.status for fault in outcome.faults]) == ("ok", ["e-stop"])
+    assert [entry[:2] for entry in robot.heard] == [("fault", "e-stop"), ("refused", "e-stop"), ("rearm", "ok")]
+    assert [entry[3] for entry in robot.heard][:2] == [50, 80] and robot.rig.sent().count(ENABLE) == 2
 
 
 def test_a_plant_that_fails_is_not_survived():

@@ -164,7 +164,7 @@ def test_a_button_in_the_diagram_arms_again_in_simulation(command_line):
     Rearm(name="again")(Button(name="button")())
 """
     robot = knee(command_line.folder, law)
-    robot.write_text(robot.read_text().replace("import math\n", "import math\n\nfrom blocks.rearm import Rearm\n") + button)
+    robot.write_text(robot.read_text().replace("import math\n", "import math\n\nfrom blocks.safety import Rearm\n") + button)
     code, out, err = command_line(robot, "--fast", "--duration", "2", "--no-record")
     assert code == 0 and "faults      not finite at knee, tick 60, survived" in out and "400 of 400" not in out
     assert "a rising again.request to arm again" in err or "FAULT" not in err           # said by the recorder, on the real standard error

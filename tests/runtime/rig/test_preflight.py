@@ -8,6 +8,7 @@ import time
 import pytest
 
 from blocks.actuators import CubeMars
+from blocks.safety import EStopHeartbeat
 from graph import Diagram, compile
 from runtime.coverage import coverage, in_words
 from runtime.lines import Paper
@@ -145,7 +146,7 @@ def test_a_drive_as_it_should_be(knee):
     ({"position": float("nan")}, "nan rad", "outside its range"),
     ({"temperature": 60.0}, "60 °C !", "hot"),
     ({"fault": 5.0}, "encoder !", "encoder"),
-    ({"fault": 77.0}, "code 77 !", "code 77"),
+    ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
     ({"age": 0.06}, "60.0 ms !", "an old sample"),
 ])
 def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):
@@ -164,6 +165,16 @@ def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power():
     assert coverage([one, other])[-1]["by"] == "no time-out of its own is known of knee2"
     other.own_timeout = 0.025
     assert in_words(coverage([one, other]))[1] == "" and "loss of power of the computer (the drives' own time-out)" in in_words(coverage([one, other]))[0]
+
+
+def test_the_table_tells_how_each_device_is_stopped():
+    with Diagram("one", rate=200) as robot:
+        CubeMars("AK80-9", name="knee", safe_stop="damp", stop_time=2.0)(torque_command=0.0)
+        EStopHeartbeat(bus="estop", name="button")
+    rows = Preflight(robot, compile(robot), {}, False).event(compile(robot).arena)
+    assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped for 2 s then disable", "button": "nothing to stop"}
+    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 6, "estop": 0}
+    assert any(line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop") for line in text(rows, WIDE))
 
 
 def test_check_tells_what_is_covered(command_line):
