@@ -158,6 +158,7 @@ cdef class Executor:
                     self.halt(stopping_timeout)
                     while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
                         pass                                       # who asked before the fault was told did not mean it
+                    self.control.live.awaited = REARM
                     self.journal.set_state(WAITING)
                 fault = self.outcome(status)
                 faults.append(fault)
@@ -635,6 +636,7 @@ cdef class Executor:
         self.forgive(PYTHON_ERROR)
         if not self.journal.lower_fence():
             return FENCED
+        self.control.live.awaited = -1
         self.halted = False
         self.journal.set_state(ARMING)
         self.overrun.reset()

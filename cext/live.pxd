@@ -31,6 +31,7 @@ cdef class LiveTable:
     cdef int count
     cdef int moving             # how many have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`
+    cdef int32_t awaited        # kind of letters that are left to `asked`; -1: none are
     cdef Scripted *script
     cdef int scripted, played   # how many there are, and have been carried out
     cdef int64_t due            # tick of the next one

@@ -21,6 +21,7 @@ from cext.page cimport CHANGE, commit, reserve, shown
 from cext.stopwatch cimport GIL_WAIT, lap
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
+cdef int32_t NOBODY = -1
 
 TYPES = {"float": float, "int": int, "bool": bool}
 
@@ -71,6 +72,7 @@ cdef class LiveTable:
         cdef int index
         cdef LiveParameter *parameter
         self.moving = 0
+        self.awaited = NOBODY
         self.marks = 0
         self.gil_taken = 0
         self.played = 0
@@ -110,7 +112,7 @@ cdef class LiveTable:
         if page == NULL:
             return
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox)
+            letter = oldest(&page.mailbox, NOBODY)
             if letter == NULL:
                 return
             state = load_u64(&letter.state)
@@ -174,7 +176,7 @@ cdef class LiveTable:
         if tick < 0:
             return OK
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox)
+            letter = oldest(&page.mailbox, self.awaited)
             if letter == NULL:
                 self.seen = posted
                 return OK

@@ -150,6 +150,13 @@ def test_a_letter_arms_again_as_well():
     assert [change.kind for change in robot.rig.changes] == [4]
 
 
+@pytest.mark.parametrize("tick", range(53, 60))
+def test_a_letter_from_early_in_the_wait_is_not_lost(tick):
+    robot = Survivor({50: nan, tick: "rearm"})
+    outcome = robot.run()
+    assert outcome.status == "ok" and [entry[0] for entry in robot.heard] == ["fault", "rearm"]
+
+
 def test_while_it_waits_the_drive_is_disabled_every_tick_and_keeps_answering():
     robot = Survivor({50: nan})
     outcome = robot.run(120)
