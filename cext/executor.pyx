@@ -20,7 +20,8 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
 from cext.abi cimport (
-    AUTHORITY, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, SILENT, UNGUARDED,
+    AUTHORITY, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR, RMS_TORQUE, SILENT,
+    TOO_HOT, UNGUARDED,
 )
 from cext.devices cimport Blame
 from cext.histogram cimport add
@@ -509,7 +510,8 @@ cdef class Executor:
         if self.plant is not None and self.plant.culprit is not None:
             return False
         return self.tick >= 0 and not self.signals.caught[0] and (
-            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP) or status >= FIRST_OWN_STATUS)
+            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT)
+            or status >= FIRST_OWN_STATUS)
 
     cdef void tell(self, str what, outcome):
         """Tell whoever wants to know. What that raises is no matter of the run."""
