@@ -1,4 +1,4 @@
-"""Emergency stops. What ends here is software: it never replaces a switch that cuts the power of the motors."""
+"""Emergency stops, and arming again. What ends here is software: it never replaces a switch that cuts the power of the motors."""
 
 from cext.kernels import safety as kernels
 from graph import Block, Device, Input, Interval, Memory, Output, Param
@@ -8,13 +8,25 @@ class EmergencyStop(Block):
     """Ends the run, in the safe stop, as soon as its input is true: no command of that tick is sent. NaN counts as pressed.
 
     A diagram may have any number of them; a vector is pressed where any of its elements is. It runs in every tick, so it stands in no subsystem
-    that is slower or may be disabled. Nothing re-enables by itself: the run is over, with exit code 3.
+    that is slower or may be disabled. Nothing re-enables by itself: the run is over, with exit code 3, unless a person may arm it again.
     """
 
     pressed = Input("1", "whether to stop", shape=..., dtype=bool)
 
     kernel = kernels.emergency_stop
     always = True
+
+
+class Rearm(Block):
+    """Lets a run survive a fault: after its safe stop the run waits, and is armed again when `request` rises and nothing stands in the way.
+
+    For a button in somebody's hand. Only a rising edge counts, and only while the run waits: an input that is held, or rose before, asks for
+    nothing. It resets no emergency stop, and arms nothing at the start of a run.
+    """
+
+    request = Input("1", "rises when a person wants the robot armed again", dtype=bool)
+
+    kernel = kernels.rearm
 
 
 class EStopHeartbeat(Device):

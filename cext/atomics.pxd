@@ -11,6 +11,9 @@ cdef extern from *:
     static inline int tw_swap(uint64_t *pointer, uint64_t old, uint64_t value) {
         return __atomic_compare_exchange_n(pointer, &old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE);
     }
+    static inline int tw_swap_32(int32_t *pointer, int32_t old, int32_t value) {
+        return __atomic_compare_exchange_n(pointer, &old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE);
+    }
     """
     uint64_t load_u64 "tw_load"(const uint64_t *pointer) noexcept nogil
     int64_t load_i64 "tw_load"(const int64_t *pointer) noexcept nogil
@@ -20,3 +23,4 @@ cdef extern from *:
     void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
     uint64_t count_up "tw_count"(uint64_t *pointer) noexcept nogil                          # the new count
     bint swap "tw_swap"(uint64_t *pointer, uint64_t old, uint64_t value) noexcept nogil     # False: it was not `old`
+    bint swap_i32 "tw_swap_32"(int32_t *pointer, int32_t old, int32_t value) noexcept nogil

@@ -16,7 +16,7 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport (
     BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
 )
-from cext.page cimport FRAME, RECEIVED, commit, load_i32, reserve
+from cext.page cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
 
 from cext.handover import address, slot_words, words
@@ -144,7 +144,7 @@ cdef class Devices:
                 if self.alone and answer != TAKEN:
                     if answer != COMMANDED:                        # else the device itself has seen it
                         number = self.commanded(frame)
-                    if number >= 0 and not (page != NULL and load_i32(&page.fence)):       # behind it the guardian commands, too
+                    if number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
                         self.failed.device = number
                         status = FOREIGN_COMMAND
                 if page != NULL:

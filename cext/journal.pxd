@@ -22,6 +22,8 @@ cdef class Journal:
     cdef int attend(self, int64_t now) noexcept nogil
     cdef void raise_fence(self) noexcept nogil
     cdef void raise_fence_for(self, int item) noexcept nogil
+    cdef bint lower_fence(self) noexcept nogil
+    cdef int attend_fenced(self, int64_t now) noexcept nogil
     cdef bint push_row(self, int64_t tick) noexcept nogil
     cdef bint make_room(self, bint stopping) noexcept nogil
     cdef bint wait_for_reader(self) noexcept nogil

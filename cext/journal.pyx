@@ -8,7 +8,9 @@ from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, U
 from cext.histogram cimport Histogram
 from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
-from cext.page cimport ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64
+from cext.page cimport (
+    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, swap_i32,
+)
 from cext.posix cimport POLLIN, poll, pollfd
 from cext.signals cimport Signals
 
@@ -98,7 +100,20 @@ cdef class Journal:
 
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
-            store_i32(&self.layout.fence, 1)
+            swap_i32(&self.layout.fence, 0, FENCED_HERE)
+
+    cdef bint lower_fence(self) noexcept nogil:
+        """To arm again. False: it is another process's, which has stopped this run."""
+        return self.layout == NULL or swap_i32(&self.layout.fence, FENCED_HERE, 0)
+
+    cdef int attend_fenced(self, int64_t now) noexcept nogil:
+        """As `attend`, behind the loop's own fence: FENCED if it is another's by now."""
+        if self.layout == NULL:
+            return OK
+        store_i64(&self.layout.beat, now)
+        if load_i32(&self.layout.fence) == FENCED_FOR_GOOD:
+            return FENCED
+        return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK
 
     cdef void raise_fence_for(self, int item) noexcept nogil:
         """The same where a tick hangs with an item of the stopwatch, -1 where that is not known: the page says why first."""

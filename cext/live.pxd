@@ -31,6 +31,7 @@ cdef class LiveTable:
     cdef int count
     cdef int moving             # how many have not reached their target
     cdef uint64_t seen          # of the mailbox's `posted`
+    cdef int32_t awaited        # kind of letters that are left to `asked`; -1: none are
     cdef Scripted *script
     cdef int scripted, played   # how many there are, and have been carried out
     cdef int64_t due            # tick of the next one
@@ -42,10 +43,12 @@ cdef class LiveTable:
     cdef readonly object error  # what the code behind an attribute has raised
     cdef readonly str culprit   # path of the block where it did
 
+    cdef void forgive(self)
     cdef void show(self, PageLayout *page) noexcept nogil
     cdef void dismiss(self, PageLayout *page) noexcept nogil
     cdef int work(self, PageLayout *page, int64_t tick, double dt) noexcept nogil
     cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil
+    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil
     cdef void play(self, PageLayout *page, int64_t tick) noexcept nogil
     cdef int take(self, PageLayout *page, int64_t tick) noexcept nogil
     cdef int check(self, const Letter *letter) noexcept nogil

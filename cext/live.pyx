@@ -13,14 +13,15 @@ from libc.stdlib cimport calloc, free
 from cext.abi cimport OK, PYTHON_ERROR
 from cext.atomics cimport store_u64, swap
 from cext.mailbox cimport (
-    ANSWERED, BY_REPLAY, CHANGES, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, READING, SET, STOP, TAKEN, UNKNOWN, Change, in_step,
-    oldest, step_of, writer_of,
+    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET, STOP, TAKEN, UNKNOWN,
+    Change, in_step, oldest, step_of, writer_of,
 )
 from cext.histogram cimport add
 from cext.page cimport CHANGE, commit, reserve, shown
 from cext.stopwatch cimport GIL_WAIT, lap
 
 cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
+cdef int32_t NOBODY = -1
 
 TYPES = {"float": float, "int": int, "bool": bool}
 
@@ -71,6 +72,7 @@ cdef class LiveTable:
         cdef int index
         cdef LiveParameter *parameter
         self.moving = 0
+        self.awaited = NOBODY
         self.marks = 0
         self.gil_taken = 0
         self.played = 0
@@ -90,6 +92,10 @@ cdef class LiveTable:
             if entry.block is not None:
                 setattr(entry.block, entry.name, TYPES[entry.dtype](entry.built))
 
+    cdef void forgive(self):
+        """What the code behind an attribute has raised is over."""
+        self.error = self.culprit = None
+
     cdef void show(self, PageLayout *page) noexcept nogil:
         """Where the others can read it."""
         cdef int index
@@ -106,7 +112,7 @@ cdef class LiveTable:
         if page == NULL:
             return
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox)
+            letter = oldest(&page.mailbox, NOBODY)
             if letter == NULL:
                 return
             state = load_u64(&letter.state)
@@ -125,19 +131,25 @@ cdef class LiveTable:
         return status
 
     cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil:
-        """Whether a letter asks for the end of the run. It needs no room in the ring: the run's end is recorded anyhow."""
+        """Whether a letter asks for the end of the run."""
+        return self.asked(page, STOP, tick, TAKEN)
+
+    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
+        """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
         cdef int index
         cdef Letter *letter
         cdef Letter copy
         cdef uint64_t state
+        if page == NULL:
+            return False
         for index in range(LETTERS):
             letter = &page.mailbox.letters[index]
             state = load_u64(&letter.state)
-            if step_of(state) == POSTED and letter.kind == STOP and swap(&letter.state, state, in_step(state, READING)):
+            if step_of(state) == POSTED and letter.kind == kind and swap(&letter.state, state, in_step(state, READING)):
                 copy = letter[0]
-                if not self.carry_out(page, &copy, tick):
+                if verdict == TAKEN and not self.carry_out(page, &copy, tick):
                     page.dropped += 1
-                answer(letter, TAKEN, tick)
+                answer(letter, verdict, tick)
                 return True
         return False
 
@@ -164,7 +176,7 @@ cdef class LiveTable:
         if tick < 0:
             return OK
         for rounds in range(LETTERS):
-            letter = oldest(&page.mailbox)
+            letter = oldest(&page.mailbox, self.awaited)
             if letter == NULL:
                 self.seen = posted
                 return OK
@@ -186,6 +198,8 @@ cdef class LiveTable:
         cdef LiveParameter *parameter
         if letter.kind == MARK:
             return TAKEN
+        if letter.kind == CONFIRM or letter.kind == REARM:
+            return NOT_NOW                          # whoever waits for them asks by `asked`
         if letter.kind != SET or not 0 < letter.count <= CHANGES:
             return UNKNOWN
         for index in range(letter.count):

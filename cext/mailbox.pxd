@@ -32,6 +32,8 @@ cdef enum: # kind of a letter
     SET = 0
     MARK = 1
     STOP = 2
+    CONFIRM = 3                 # arm, of a robot that is ready
+    REARM = 4                   # arm again, after a fault
 
 cdef enum: # who wrote it
     BY_SET = 0                  # `python -m runtime set`
@@ -43,6 +45,7 @@ cdef enum: # answers
     OUT_OF_BOUNDS = 1           # a value is outside its bounds, not finite, or not of its type: nothing was changed
     UNKNOWN = 2                 # there is no such parameter or kind: nothing was changed
     OVER = 3                    # the run has ended before
+    NOT_NOW = 4                 # nothing waits for it, or what the run waits for is not there: nothing was done
 
 cdef struct Letter:
     uint64_t state              # step | process << 32
@@ -80,13 +83,13 @@ cdef inline uint64_t writer_of(uint64_t state) noexcept nogil:
 cdef inline uint64_t in_step(uint64_t state, uint64_t step) noexcept nogil:
     return state >> 32 << 32 | step
 
-cdef inline Letter *oldest(Mailbox *mailbox) noexcept nogil:
-    """The letter posted first of those that wait, or NULL."""
+cdef inline Letter *oldest(Mailbox *mailbox, int32_t but) noexcept nogil:
+    """The letter posted first of those that wait, those of the kind `but` left out; or NULL."""
     cdef int index
     cdef Letter *letter
     cdef Letter *found = NULL
     for index in range(LETTERS):
         letter = &mailbox.letters[index]
-        if step_of(load_u64(&letter.state)) == POSTED and (found == NULL or letter.number < found.number):
+        if step_of(load_u64(&letter.state)) == POSTED and letter.kind != but and (found == NULL or letter.number < found.number):
             found = letter
     return found

@@ -7,13 +7,13 @@ from libc.stdint cimport uint64_t
 
 from cext.atomics cimport count_up, load_u64, store_u64, swap
 from cext.mailbox cimport (
-    ANSWERED, BY_KEYS, BY_SET, CHANGES, FREE, LETTERS, MARK, OUT_OF_BOUNDS, OVER, POSTED, SET, STOP, TAKEN, UNKNOWN, WRITING,
-    Letter, Mailbox, step_of, writer_of,
+    ANSWERED, BY_KEYS, BY_SET, CHANGES, CONFIRM, FREE, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, REARM, SET, STOP, TAKEN, UNKNOWN,
+    WRITING, Letter, Mailbox, step_of, writer_of,
 )
 from cext.page cimport Page
 
 ORIGINS = {"set": BY_SET, "keys": BY_KEYS}
-ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over"}
+ANSWERS = {TAKEN: "taken", OUT_OF_BOUNDS: "out of bounds", UNKNOWN: "unknown", OVER: "over", NOT_NOW: "not now"}
 MOST_CHANGES = CHANGES
 
 
@@ -23,7 +23,7 @@ cdef class Writer:
     page : cext.page.Page
     origin : "set" or "keys"
 
-    `set`, `mark` and `stop` give back a ticket, or None while the mailbox is full. A ticket's letter is the writer's until `answer`
+    `set` and the others give back a ticket, or None while the mailbox is full. A ticket's letter is the writer's until `answer`
     has given its answer, or `withdraw` has taken it back.
     """
 
@@ -45,6 +45,14 @@ cdef class Writer:
 
     def stop(self):
         return self.post(STOP, ())
+
+    def confirm(self):
+        """Arm the robot that is ready."""
+        return self.post(CONFIRM, ())
+
+    def rearm(self):
+        """Arm again, after a fault."""
+        return self.post(REARM, ())
 
     cdef object post(self, int kind, changes):
         cdef uint64_t mine = <uint64_t>os.getpid() << 32

@@ -41,6 +41,7 @@ class Outcome:
     unanswered : paths of the devices that did not answer while arming
     stopped : somebody asked for the end through the mailbox
     hung : s that the tick had worked when it came back to the loop, where a block hung; else 0
+    faults : Outcome of each fault that the run has survived, as somebody armed it again
     """
 
     status: str
@@ -52,6 +53,7 @@ class Outcome:
     unanswered: tuple
     stopped: bool = False
     hung: float = 0.0
+    faults: tuple = ()
 
     @property
     def faulted(self):

@@ -7,7 +7,7 @@ control process writes, the others read; only `fence`, `guard`, the mailbox and 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 
 from cext.abi cimport Frame
-from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64
+from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64, swap_i32
 from cext.histogram cimport Histogram
 from cext.mailbox cimport Mailbox
 
@@ -17,6 +17,12 @@ cdef enum:
     RUNNING = 2
     STOPPING = 3
     SAFE = 4
+    READY = 5                   # armed but for somebody's word: every device has answered
+    WAITING = 6                 # after a fault: safe, until somebody arms again
+
+cdef enum: # of the fence
+    FENCED_HERE = 1             # by the loop, which may lower it to arm again
+    FENCED_FOR_GOOD = 2         # by any other process: nobody lowers it
 
 cdef enum: # of a record in the ring
     PADDING = 0                 # the rest of the ring, up to its end
@@ -34,7 +40,7 @@ cdef struct PageLayout:
     uint64_t magic
     uint64_t capacity           # of the ring, bytes, a power of two
     int32_t state
-    int32_t fence               # once 1, no process sends a command frame
+    int32_t fence               # while it is not 0, no process sends a command frame
     int32_t closed              # 1: nothing will be pushed any more
     int32_t status              # why it stopped
     int32_t hung                # 1 + item of the stopwatch with which a tick hung, -1 where that is not known, 0: none did

@@ -12,7 +12,7 @@ from cext.histogram cimport buckets, summary
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(PageLayout)      # "TICKWRK1", and another for another layout
 
-STATES = ("init", "arming", "running", "stopping", "safe")
+STATES = ("init", "arming", "running", "stopping", "safe", "ready", "waiting")
 RECORD_ROW, RECORD_FRAME, RECORD_EVENT, RECORD_RECEIVED, RECORD_CHANGE = ROW, FRAME, EVENT, RECEIVED, CHANGE
 
 
@@ -110,7 +110,7 @@ cdef class Page:
 
     def raise_fence(self):
         """From now on no process of this run sends a command frame. There is no way back."""
-        store_i32(&self.layout.fence, 1)
+        store_i32(&self.layout.fence, FENCED_FOR_GOOD)
 
     def look_after(self, int64_t now):
         """The guardian is there. now : ns, CLOCK_MONOTONIC; 0 when it leaves"""

@@ -19,5 +19,7 @@ cdef class Tape:
     cdef int64_t count, next
     cdef object keep
     cdef readonly bint simulated
+    cdef const int64_t *drained      # ns, of each time that the buses were drained before tick 0
+    cdef int64_t drains
 
     cdef bint advance(self, int64_t *tick, int64_t *late) noexcept nogil

@@ -60,13 +60,16 @@ cdef class Tape:
     ticks : the grid points that ran
     late : ns, of each
     simulated : whether a plant stood behind the buses: time at the buses is then the grid's, not the clock's
+    drained : ns from the run's begin, of each time that the buses were drained before tick 0
     """
 
-    def __init__(self, ticks, late, bint simulated):
+    def __init__(self, ticks, late, bint simulated, drained=()):
         points, lateness = np.ascontiguousarray(ticks, dtype=np.int64), np.ascontiguousarray(late, dtype=np.int64)
         if points.shape != lateness.shape or points.ndim != 1 or (points < 0).any() or (np.diff(points) <= 0).any():
             raise ValueError("ticks of a recording come in order, each with its lateness")
-        self.keep = points, lateness
+        before = np.ascontiguousarray(drained, dtype=np.int64)
+        self.keep = points, lateness, before
+        self.drained, self.drains = <const int64_t *><uintptr_t>before.ctypes.data, len(before)
         self.ticks, self.late = <const int64_t *><uintptr_t>points.ctypes.data, <const int64_t *><uintptr_t>lateness.ctypes.data
         self.count, self.simulated = len(points), simulated
 

@@ -45,6 +45,7 @@ class Device(Block):
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
     damp_time : s for which a safe stop keeps it damped before it is disabled
+    hot : °C from which on a person should look at it before it is armed; None for never
     hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
@@ -55,6 +56,7 @@ class Device(Block):
     damp_time = 0.0
     own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
     unanswered_frames = 0       # how many of its disable_frames have no answer
+    hot = None
     hardware = ()
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()

@@ -12,6 +12,7 @@ from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
 from runtime.check_text import text
+from runtime.coverage import coverage
 from runtime.errors import BadInput
 from runtime.lines import paper, place
 from runtime.diagram_file import blamed, load
@@ -29,7 +30,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
-  buses                         bus, devices, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
+  buses                         bus, devices, coverage, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
+    coverage                      of each failure of a run on a rig: failure, covered, by (who sees to the safe stop, or why nobody does)
   plant                         given (by the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
 
@@ -146,9 +148,11 @@ def buses(diagram, schedule):
     devices = {}
     for block in diagram:
         if isinstance(block, Device):
-            devices.setdefault(block.bus, []).append(block.path)
+            devices.setdefault(block.bus, []).append(block)
     loads = {load.bus: load for load in schedule.loads} if schedule is not None else {}
-    return [{"bus": bus, "devices": names} | (asdict(loads[bus]) if bus in loads else {}) for bus, names in sorted(devices.items())]
+    return [
+        {"bus": bus, "devices": [block.path for block in own], "coverage": coverage(own)} | (asdict(loads[bus]) if bus in loads else {})
+        for bus, own in sorted(devices.items())]
 
 
 def describe_plant(simulation):

@@ -2,6 +2,7 @@
 
 from graph.drawing.cards import unit_text
 from runtime.lines import count
+from runtime.preflight_text import covered
 
 BAR = 24                        # columns of a picture of an interval
 
@@ -147,11 +148,12 @@ def bar(proof):
 def buses(found, paper):
     if not found["buses"]:
         return []
-    lines = section("buses", paper)
+    lines = section("buses", paper, "on a rig, which failures of the run end in the safe stop all the same")
     width = max(len(bus["bus"]) for bus in found["buses"])
     for bus in found["buses"]:
         if "worst" not in bus:
             lines += paper.hang(f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]))
+            lines += covered(bus["coverage"], paper, " " * (width + 4))
             continue
         ink = paper.good if bus["worst"] <= 0.7 else paper.dubious
         filled = min(BAR, round(BAR * bus["worst"]))
@@ -159,6 +161,7 @@ def buses(found, paper):
         load += f"; {bus['frames']:g} frames a second"
         lines += paper.hang(f"  {bus['bus']:<{width}}  {ink('█' * filled)}{paper.faint('░' * (BAR - filled))}  ", load)
         lines += paper.hang(f"  {'':<{width}}  ", ", ".join(bus["devices"]), paper.faint)
+        lines += covered(bus["coverage"], paper, " " * (width + 4))
     return lines
 
 

@@ -63,6 +63,8 @@ def summary(result):
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
+    if result.outcome.faults:
+        row("faults", "; ".join(f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}" for fault in result.outcome.faults) + ", survived")
     if schedule.devices:
         row("safe stop", stop_text(result.outcome, schedule))
     for index, file in enumerate(result.recording.get("files", [])):

@@ -15,14 +15,17 @@ from cext.program import Program
 
 from graph import Sink
 from graph.store import to_json
+from runtime import rearming
 from runtime.errors import BadInput
 from runtime.fault import explain
 from runtime.guardian import SILENCE
 from runtime.held import held
 from runtime.live.table import describe
+from runtime.preflight import Preflight
 from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
-from runtime.recorder import RecorderProcess
+from runtime.rearming import Rearming
+from runtime.recorder import RecorderProcess, can_ask
 from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
 
@@ -30,6 +33,9 @@ ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
 MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
 LONGEST_WORD = 40               # characters of a trial's field in the names of files
+NOBODY = (
+    "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard input, output and error); "
+    "--yes arms without asking")
 FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
 
 
@@ -53,6 +59,8 @@ class Request:
     overrun: str = "skip"               # cext.overrun.Overrun
     spin: float = 0.0                   # s
     profile: bool = False
+    yes: bool = False                   # on a rig: arm without asking a person
+    rearm: bool = False                 # after a fault, wait to be armed again
 
 
 @dataclass
@@ -86,6 +94,7 @@ class Result(Prepared):
     profile : (rows of the robot, rows of its plant), likewise
     page : the shared page, with all that was counted
     newest : rows of the last ticks, as cext.executor.Executor.newest has them
+    report : lines about the fault that it ended with
     """
 
     outcome: object
@@ -98,6 +107,7 @@ class Result(Prepared):
     profile: tuple
     page: Page
     newest: list
+    report: list = field(default_factory=list)
 
     @property
     def failed_in_plant(self):
@@ -116,7 +126,10 @@ def prepare(request):
     if ticks == 0:
         raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
     schedule = compiled(request.file, diagram)
+    rearming.check(diagram, request.rearm, can_ask())
     if rig is not None:
+        if not request.yes and not can_ask():
+            raise BadInput(NOBODY)
         return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks)
     return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), None, ticks)
 
@@ -137,6 +150,7 @@ def run(prepared, say=lambda lines: None):
         say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
+        again = Rearming(prepared, page, control, can_ask())
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
             virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
@@ -147,11 +161,12 @@ def run(prepared, say=lambda lines: None):
         if rig is not None:
             rig.close()
         raise
+    again.executor = executor
     outcome = result = None
     began = time.monotonic()
     handler = hear_one_interrupt(page)
     try:
-        outcome = executor.run(prepared.ticks)
+        outcome = executor.run(prepared.ticks, **asked(prepared, page, control), **again.options())
     finally:
         with undisturbed(handler):
             seconds = time.monotonic() - began
@@ -170,11 +185,23 @@ def run(prepared, say=lambda lines: None):
                 result = Result(
                     **vars(prepared), outcome=outcome, statistics=statistics, recording={}, seconds=seconds, control=control,
                     realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page, newest=executor.newest)
+                if outcome.faulted:
+                    result.report += again.told(outcome) or explain(result)
                 tell(page, ending(result), recorder)
             page.close()
             recording = recorder.finish()
     result.recording.update(recording)
     return result
+
+
+def asked(prepared, page, control):
+    """Options of Executor.run: on a rig the pre-flight table is told before anything may move, and somebody has to press Enter."""
+    rig = prepared.rig
+    if rig is None:
+        return {}
+    interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
+    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes)
+    return {"answered": lambda: page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode()), "confirm": table.confirm}
 
 
 def stopped_by_hand(outcome, rig, page):
@@ -309,7 +336,7 @@ def ending(result):
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
         "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
         "held": held(result.request.file, result.control, result.plant),
-        "report": explain(result) if outcome.faulted else [],
+        "report": result.report, "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
     return json.dumps(event).encode()
 

@@ -34,6 +34,11 @@ cdef int stop_kernel(double *arena, const int32_t *slots, const int32_t *sizes) 
     return OK
 
 
+cdef int rearm_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # request: the executor looks at it itself, while it waits
+    return OK
+
+
 cdef int heartbeat_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef double *state = arena + slots[STATE]
     cdef bint pressed
@@ -76,5 +81,6 @@ cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *siz
 
 
 emergency_stop = export(stop_kernel)
+rearm = export(rearm_kernel)
 estop_decode, estop_encode = export_decode(heartbeat_decode), export_encode(heartbeat_encode)
 button_decode, button_encode = export_decode(emulated_decode), export_encode(emulated_encode)

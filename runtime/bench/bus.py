@@ -147,7 +147,7 @@ def kills(count=100):
 
 def one_kill(bus, robot, rig):
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--no-record"], cwd=ROOT, stdin=subprocess.DEVNULL,
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"], cwd=ROOT, stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         if not listen(bus, PATIENCE, under_torque):

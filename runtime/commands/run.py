@@ -21,7 +21,7 @@ def main(arguments):
 
 def carried_out(request):
     """The Result of a run, with what went wrong told."""
-    from runtime import fault, report
+    from runtime import report
     from runtime.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.run import prepare, run
@@ -33,7 +33,7 @@ def carried_out(request):
     except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:
-        complain(fault.explain(result))
+        complain(result.report)
     elif report.stopped(result.outcome):
         complain([report.stopped(result.outcome)])
     return result
@@ -70,12 +70,17 @@ def parse_run(arguments):
                         help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
     parser.add_argument("--cpu", type=processor, metavar="N",
                         help="stay on this processor (default: the last isolated one, if one is isolated)")
+    parser.add_argument("--yes", action="store_true", help="on a rig: arm without waiting for Enter")
+    parser.add_argument("--rearm", action="store_true",
+                        help="after a fault, wait in the safe stop until the key r arms again and nothing stands in the way")
     add_pace(parser)
     parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
     options = parser.parse_args(arguments)
     if options.fast and options.rig is not None:
         raise BadInput("--fast and --rig exclude each other: on a rig time is real")
     options.realtime = options.realtime or ("off" if options.rig is None else "try")
+    if options.fast and options.rearm:
+        raise BadInput("--fast and --rearm exclude each other: nobody is quick enough to press r in virtual time")
     if options.fast and options.duration is None:
         raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
     if options.fast and options.realtime != "off":
@@ -87,4 +92,4 @@ def parse_run(arguments):
         file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
         settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
         trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
-        overrun=options.overrun, spin=options.spin, profile=options.profile)
+        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm)

@@ -32,9 +32,19 @@ import termios
 
 from runtime.child import ChildProcess
 from runtime.recorder.keyboard import own_terminal, put_back
+from runtime.recorder.terminal import Terminal
 
 READY_TIMEOUT = 30.0        # s, for a slow disk
 ABANDON_TIMEOUT = 5.0       # s
+
+
+def can_ask():
+    """Whether a run of this process can be answered by keys: it reads and writes a terminal of its own."""
+    descriptor = own_terminal()
+    if descriptor is None:
+        return False
+    os.close(descriptor)
+    return Terminal().interactive
 
 
 class RecorderError(Exception):

@@ -4,6 +4,8 @@
     {"event": "mark", "number": 1, "tick": 1004, "by": "keys"}
     {"event": "stop", "tick": 1200, "by": "keys"}
 
+and "confirm" and "rearm", which have armed the robot, likewise.
+
 `tick` is the one at whose start it took effect, -1 while arming; `by` is "keys", "replay", or "set" and the number of the process. A
 change that was a ramp has its `slew`, in unit per second: from `from` on, each tick went by slew · dt at most, dt being the time since
 the tick before.
@@ -13,7 +15,8 @@ import math
 from struct import Struct
 
 CHANGE = Struct("=q4i3d")                   # struct Change of cext/mailbox.pxd
-SET, MARK, STOP = range(3)
+SET, MARK, STOP, CONFIRM, REARM = range(5)
+ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
 ORIGINS = {1: "keys", 2: "replay"}
 
 
@@ -34,4 +37,4 @@ class Changes:
             elif kind == MARK:
                 yield {"event": "mark", "number": int(value), **when}
             else:
-                yield {"event": "stop", **when}
+                yield {"event": ASKED[kind], **when}

@@ -13,7 +13,7 @@ import termios
 STDIN, STDOUT = 0, 1
 LINE_MODE, LOCAL, CHARACTERS = termios.ICANON | termios.ECHO, 3, 6      # of what tcgetattr gives: indices of local flags and of characters
 
-NAMES = {b" ": "space", b"\t": "tab", b"\x1b[Z": "shift tab"}
+NAMES = {b" ": "space", b"\t": "tab", b"\x1b[Z": "shift tab", b"\n": "enter", b"\r": "enter"}
 ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}        # how their sequences end, whatever is held down with them
 KEY = re.compile(rb"\x1b\[[0-9;]*[A-Za-z~]|\x1bO[A-Za-z]|\x1b[^\x1b[O]|[^\x1b]", re.DOTALL)
 LONGEST = 32                    # bytes of an unfinished sequence, beyond which it is none
@@ -98,7 +98,8 @@ class Keyboard:
             self.taken = False
 
     def read(self):
-        """Names of the keys pressed since the last time: "space", "tab", "shift tab", "up", "down", "left", "right", or a character."""
+        """Names of the keys pressed since the last time: "space", "tab", "shift tab", "enter", "up", "down", "left", "right", or a
+        character."""
         if not self.taken:
             return []
         try:

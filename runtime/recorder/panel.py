@@ -1,6 +1,8 @@
 """What the keys of the run's terminal do, and what the status line says of it.
 
     space           stop, in the safe stop
+    Enter           arm, where the run has shown what it found and asks; q ends it there
+    r               arm again, where the run waits after a fault; q ends it there
     Tab, Shift-Tab  choose a live parameter: the next, the one before
     up, down        a step of about a twentieth of its range
     right, left     a tenth of such a step
@@ -20,9 +22,10 @@ from runtime.recorder.files import create
 ENDING = ".set"
 NOTE = 4.0                      # s that a note stands in the status line
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
+ASKS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
 HELP = (
     "tickwork: space stops; Tab, Shift-Tab choose a live parameter; up, down a step, right, left a tenth of it; "
-    "0 back to the built value; m marks; s saves the values")
+    "0 back to the built value; m marks; s saves the values; where the run asks, Enter arms, and r arms again after a fault")
 
 
 class Panel:
@@ -40,6 +43,7 @@ class Panel:
         self.waiting = {}                       # ticket: what to say once it is answered
         self.wanted = {}                        # index of a parameter: (ticket, value) that waits
         self.note, self.note_until = "", 0.0
+        self.asking = False                     # somebody can have read what the run asks
 
     def look(self, now):
         """Do what was pressed, hear what was answered. now : s, of any steady clock"""
@@ -47,11 +51,19 @@ class Panel:
             self.hear(ticket, now)
         for key in self.keyboard.read():
             self.press(key, now)
+        self.asking = self.recording.asks       # what was pressed before is no answer
 
     def press(self, key, now):
         parameters = self.table.parameters
-        if key == "space":
+        waits = self.page.state in ("ready", "waiting")
+        if key == "space" or (key == "q" and waits):
             self.post(self.writer.stop(), "", now)
+        elif key == "enter" and self.page.state == "ready" and self.asking:
+            self.post(self.writer.confirm(), "", now)
+        elif key == "r" and self.page.state == "waiting":
+            self.post(self.writer.rearm(), "rearm", now)
+        elif key == "r":
+            self.say("r arms again after a fault", now)
         elif key == "m":
             self.post(self.writer.mark(), "mark", now)
         elif key == "?":
@@ -98,7 +110,7 @@ class Panel:
         what = self.waiting.pop(ticket)
         self.wanted = {index: entry for index, entry in self.wanted.items() if entry[0] != ticket}
         verdict, tick, mark = answer
-        if verdict not in ("taken", "over"):
+        if verdict not in ("taken", "over") and what != "rearm":         # the run says itself what stands in the way
             self.say(f"refused: {verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
@@ -126,7 +138,7 @@ class Panel:
 
     def parts(self, now):
         """What the status line shows: (importance, text, colour)."""
-        parts = []
+        parts = [(8.8, ASKS[self.page.state], "bold")] if self.page.state in ASKS else []
         if self.chosen is not None:
             parameter = self.table.parameters[self.chosen]
             value, target = self.values()[self.chosen]

@@ -12,6 +12,7 @@ import time
 
 from cext.page import Page
 
+from runtime.lines import Paper
 from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
@@ -81,7 +82,7 @@ def main(answers, control, page, keys):
         answer(answers, {"error": str(error)})
         return
     terminal = Terminal()
-    recording.say = terminal.say
+    recording.say, recording.paper = terminal.say, Paper(terminal.columns if terminal.interactive else None, terminal.coloured)
     before = attributes_of(keys) if keys >= 0 else None
     ready = {"ready": True, "files": recording.list_files()}
     while True:

@@ -14,6 +14,8 @@ from struct import Struct
 
 from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
+from runtime import preflight_text
+from runtime.lines import Paper
 from runtime.live import table
 from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog
@@ -53,6 +55,7 @@ class Recording:
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, []
         self.say = lambda line: None
+        self.paper, self.asks = Paper(), False
 
     def open(self):
         """Make the folder and every file. RecordingFailed, with nothing left behind."""
@@ -131,7 +134,17 @@ class Recording:
                 for event in self.changes.events(payload):
                     self.take_event(event)
 
+    def tell(self, event):
+        """What of the events a person shall read at once."""
+        if event.get("event") == "preflight":
+            for line in preflight_text.text(event, self.paper):
+                self.say(line)
+            self.asks = event["confirm"]
+        for line in event.get("lines", ()):
+            self.say(line)
+
     def take_event(self, event):
+        self.tell(event)
         if event.get("event") == "end":
             self.end = event
         elif len(self.events) < KEPT_EVENTS:
@@ -158,6 +171,7 @@ class Recording:
                 os.truncate(path, size)
         heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}"}, self.page)
         heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
+        heir.paper, heir.asks = self.paper, self.asks
         try:
             heir.open()
         except RecordingFailed as error:

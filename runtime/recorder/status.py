@@ -15,7 +15,7 @@ BAR_CHARACTERS = "━╌#."
 HIGH_LOAD = 0.8                 # share of the time in ticks
 COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
-STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow"}
+STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow", "ready": "yellow", "waiting": "red"}
 
 
 class StatusLine:

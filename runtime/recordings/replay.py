@@ -42,6 +42,7 @@ class Replayed:
     frame : number of the first sent frame that differs, None where all are the same
     frames : how many there were
     files : paths of the new recording, if it was kept
+    fault : tick of the first fault, where the run waited to be armed again after it; None where it did not
     """
 
     there: Trial
@@ -52,6 +53,7 @@ class Replayed:
     frame: int | None
     frames: int
     files: list
+    fault: int | None = None
 
     @property
     def same(self):
@@ -80,6 +82,7 @@ def replay(path, file=None, folder=None):
     """
     trial = Trial(path)
     check(trial)
+    fault = up_to_the_first_fault(trial)
     diagram, where = diagram_of(trial, file)
     add_recorder(trial, diagram)
     schedule = compiled(where, diagram)
@@ -95,7 +98,7 @@ def replay(path, file=None, folder=None):
     mine, theirs = sent_frames(trial), sent_frames(here)
     frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
     unchanged = trial.about.get("hash") == content_hash(diagram)
-    return Replayed(trial, here, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [])
+    return Replayed(trial, here, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [], fault)
 
 
 def check(trial):
@@ -157,7 +160,25 @@ def tape(trial):
     end = (trial.end or {}).get("end")
     if end is not None and end["status"] not in ("ok", *FROM_OUTSIDE) and end["tick"] > ticks[-1]:
         ticks, late = np.append(ticks, end["tick"]), np.append(late, round(end.get("late", 0.0) * 1e9))
-    return Tape(ticks, late, trial.about["simulated"])
+    return Tape(ticks, late, trial.about["simulated"], drained_before(trial))
+
+
+def drained_before(trial):
+    """ns from the run's begin of each time that the buses were drained before tick 0, where each of them is known; else none."""
+    times = {frame.drain: frame.drained for frame in trial.frames if frame.row == 0}
+    before = [times.get(drain) for drain in range(1, max(times, default=0))]
+    return [] if None in before else before
+
+
+def up_to_the_first_fault(trial):
+    """A run that was armed again is run again up to there: cut it, and return the tick. None where there was no such fault."""
+    fault = next((event for event in trial.events if event["event"] == "fault"), None)
+    if fault is None:
+        return None
+    kept = trial.tick < fault["tick"]
+    trial.tick, trial.time, trial.lateness, trial.rows = trial.tick[kept], trial.time[kept], trial.lateness[kept], trial.rows[kept]
+    trial.end = {**(trial.end or {}), "end": {key: fault[key] for key in ("status", "culprit", "tick", "late")}}
+    return fault["tick"]
 
 
 def order(schedule):
@@ -218,6 +239,8 @@ def told(result):
     there, comparison = result.there, result.comparison
     what = "the diagram as it was recorded" if result.unchanged else "a changed diagram"
     lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} run again, {what}"]
+    if result.fault is not None:
+        lines.append(f"  after the fault at tick {result.fault} it waited to be armed again: it was run again up to there")
     if not there.complete:
         lines.append("  the recording was cut off; it was run again up to its last complete tick")
     signals = len(comparison.same) + len(comparison.differences)

@@ -40,7 +40,7 @@ def commands(frames, identifier):
 def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
     with Drives(MOTORS), Node() as listener:
         process = finished(
-            KNEE_EXO, "--rig", rig, "--rate", "50", "--duration", "1", "--record", tmp_path / "out", "--set", "left/knee.timeout=0.5",
+            KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--duration", "1", "--record", tmp_path / "out", "--set", "left/knee.timeout=0.5",
             "--set", "right/knee.timeout=0.5", cwd=tmp_path)
         frames = listener.heard()
     assert process.returncode == 0, process.stderr
@@ -71,7 +71,7 @@ def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
 
 def test_drives_that_lose_power_end_the_run_in_the_safe_stop(rig, tmp_path):
     with Drives(MOTORS) as drives, Node() as listener:
-        words = [KNEE_EXO, "--rig", rig, "--rate", "50", "--no-record"]
+        words = [KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--no-record"]
         process = started(*words, cwd=tmp_path)
         frames = []
         while len(frames) < 100:
@@ -89,7 +89,7 @@ def test_drives_that_lose_power_end_the_run_in_the_safe_stop(rig, tmp_path):
 
 def test_a_rig_on_which_nobody_answers_says_who_was_heard_instead(rig, tmp_path):
     with Node() as stranger:
-        process = started(KNEE_EXO, "--rig", rig, "--rate", "50", "--no-record", cwd=tmp_path)
+        process = started(KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--no-record", cwd=tmp_path)
         while not stranger.heard():
             pass
         stranger.send(0x181, b"hello")
@@ -101,7 +101,7 @@ def test_a_rig_on_which_nobody_answers_says_who_was_heard_instead(rig, tmp_path)
 
 def test_a_bus_that_goes_off_ends_the_run_with_the_cure(rig, tmp_path):
     with Drives(MOTORS), Node() as controller:
-        process = started(KNEE_EXO, "--rig", rig, "--rate", "50", "--no-record", cwd=tmp_path)
+        process = started(KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--no-record", cwd=tmp_path)
         frames = []
         while len(frames) < 100:
             frames += controller.heard()

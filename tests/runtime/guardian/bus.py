@@ -114,7 +114,7 @@ class Bus:
     def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive="", **how):
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
-        self.runs.append(started(robot, "--rig", self.rig, "--realtime", "off", *words, cwd=self.folder, **how))
+        self.runs.append(started(robot, "--rig", self.rig, "--realtime", "off", "--yes", *words, cwd=self.folder, **how))
         return self.runs[-1]
 
     def await_torque(self):

@@ -80,7 +80,7 @@ def test_real_time_is_tried_on_a_rig_and_off_in_simulation():
 @pytest.mark.skipif(has_can(), reason="this kernel has CAN")
 def test_a_kernel_without_can_is_told(command_line):
     rig = write(command_line.folder, LEGS, "lab.toml")
-    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith("lab.toml: error TW111 kernel without CAN: this kernel, ") and "sudo modprobe can_raw" in complaint
 
 
@@ -115,7 +115,7 @@ def test_a_bus_that_another_process_controls_is_told(opened):
 
 def test_an_interface_that_python_can_cannot_open_is_told_and_leaves_its_lock(command_line):
     rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
-    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith(
         "lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast 192.0.2.1: could not create or configure socket")
     BusLock("udp_multicast", "192.0.2.1").close()
@@ -132,7 +132,7 @@ def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
 
     monkeypatch.setattr("runtime.rig.buses.GuardianProcess", Short)
     rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
-    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--duration", "1")
+    complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith("lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed")
     BusLock("udp_multicast", "192.0.2.1").close()
 

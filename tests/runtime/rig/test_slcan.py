@@ -93,7 +93,7 @@ def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
 
 def run(folder, adapter, *words):
     robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel)
-    return started(robot, "--rig", rig, "--realtime", "off", "--no-record", *words, cwd=folder)
+    return started(robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder)
 
 
 def awaited(condition, seconds=10.0):

@@ -1,0 +1,187 @@
+"""Before a rig is armed a person reads a table and presses Enter: real processes, a terminal, drives on udp_multicast, and a third party."""
+
+import json
+import os
+import signal
+import time
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.safety import EStopHeartbeat
+from graph import Diagram, compile
+from runtime.coverage import coverage, in_words
+from runtime.lines import Paper
+from runtime.preflight import Preflight
+from runtime.preflight_text import ASK, text
+from tests.runtime.guardian.bus import ROBOT, Bus, is_torque
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, write
+from tests.runtime.terminals import Terminal
+
+WIDE = Paper(200)
+
+
+@pytest.fixture
+def bus(tmp_path):
+    with Bus(tmp_path, number=5) as bus:
+        yield bus
+
+
+@pytest.fixture
+def terminal():
+    with Terminal() as found:
+        yield found
+
+
+def at_the_table(bus, terminal, *words):
+    """A run that asks. Returns what it has shown."""
+    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", drive=""))
+    terminal.run(robot, "--rig", bus.rig, "--realtime", "off", *words, cwd=bus.folder)
+    terminal.wait_for("press Enter to arm")
+    return terminal.look()
+
+
+def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_enter(bus, terminal, tmp_path):
+    shown = at_the_table(bus, terminal, "--record", "out", "--duration", "60").replace("\r", "")
+    for side, can_id in (("left", 1), ("right", 2)):
+        assert f"  {side}/knee".ljust(14) + f"legs {can_id}      yes       " in shown
+    assert shown.count("0.100 rad in [-12.5, 12.5]") == 2 and shown.count("30 °C        none") == 2 and shown.count("limit 18 N·m; own time-out: none known;") == 2
+    assert f"bus legs  udp_multicast {bus.channel}, load 9%, 11% at worst" in shown
+    assert "not covered: loss of power of the computer (no time-out of its own is known of left/knee, right/knee)" in shown
+    assert "2 devices, nothing out of the ordinary\n" in shown
+    terminal.wait_for(r"ready .*0\.0/60 s .* Enter arms, space ends")
+    terminal.press(b"rmx")                                          # any other key arms nothing
+    bus.listen(1.2)                                                 # longer than arming may take
+    told = [frame.data for frame in bus.commands(1)]
+    assert told[0] == ENABLE and set(told[1:]) == {NOTHING} and told.count(NOTHING) > 150
+    terminal.press(b"\n")
+    bus.await_torque()
+    terminal.wait_for("running")
+    terminal.press(b" ")
+    assert terminal.end() == 0 and "zero torque, then disable: confirmed by left/knee, right/knee" in terminal.look()
+    files = Files(tmp_path / "out")
+    assert files.table["tick"][0] == 0 and files.sidecar["missed"] == 0
+    [table] = [event for event in files.sidecar["events"] if event["event"] == "preflight"]
+    assert [row["device"] for row in table["devices"]] == ["left/knee", "right/knee"] and table["devices"][0]["position"] == pytest.approx(0.1, abs=1e-3)
+    assert {"event": "confirm", "tick": -1, "by": "keys"} in files.sidecar["events"]
+
+
+@pytest.mark.parametrize("key, code", [(b" ", 0), (b"q", 0), (b"\x03", 130)])
+def test_the_run_can_be_ended_at_the_table(bus, terminal, key, code):
+    at_the_table(bus, terminal, "--no-record")
+    terminal.press(key)
+    assert terminal.end() == code and terminal.attributes == terminal.before
+    bus.listen()
+    assert not any(is_torque(frame) for frame in bus.frames) and [frame.data for frame in bus.commands(2)][-2:] == [NOTHING, DISABLE]
+    assert "  ticks       0 done" in terminal.look()
+
+
+def test_the_guardian_watches_over_the_table_as_well(bus, terminal):
+    at_the_table(bus, terminal, "--no-record")
+    stopped = time.time()
+    os.kill(terminal.process.pid, signal.SIGSTOP)
+    bus.listen(0.4)
+    assert bus.stopped_after(stopped) < 0.3
+    os.kill(terminal.process.pid, signal.SIGCONT)
+    assert terminal.end() == 3 and "fenced by the guardian" in terminal.look()
+    bus.listen()
+    bus.stopped_after(stopped)                                      # and nothing since
+
+
+def test_a_drive_that_goes_away_while_somebody_reads_ends_the_run_with_words(bus, terminal):
+    at_the_table(bus, terminal, "--no-record")
+    bus.drives.kill()
+    assert terminal.end() == 3
+    shown = terminal.look()
+    assert "/knee, while arming: no reply for longer than its timeout (0.1 s)" in shown
+    bus.listen()
+    assert not any(is_torque(frame) for frame in bus.frames)
+
+
+def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_line):
+    with Bus(command_line.folder, number=6, answering=False) as bus:
+        complaint = command_line.refused(KNEE_EXO, "--rig", bus.rig)
+        bus.listen(0.2)
+        assert not bus.frames
+    assert "here is no terminal" in complaint and "--yes arms without asking" in complaint
+
+
+# The table
+
+@pytest.fixture
+def knee():
+    """A table of one drive, from values of its outputs."""
+    with Diagram("one", rate=200) as robot:
+        drive = CubeMars("AK80-9", bus="legs", can_id=7, name="knee", timeout=0.1)
+        drive(torque_command=0.0)
+    schedule = compile(robot)
+    table = Preflight(robot, schedule, {"legs": ("socketcan", "can0")}, True)
+
+    def told(**outputs):
+        values = schedule.arena.copy()
+        for name, value in {"position": 0.5, "velocity": 0.1, "temperature": 31.0, "fault": 0.0, "age": 0.002, **outputs}.items():
+            values[schedule.signals[f"knee.{name}"].slot] = value
+        return table.event(values)
+
+    return told
+
+
+def test_a_drive_as_it_should_be(knee):
+    lines = text(json.loads(json.dumps(knee())), WIDE)
+    assert lines == [
+        "before arming",
+        "  device  bus and id  answered  age     position                    velocity    temperature  fault",
+        "  knee    legs 7      yes       2.0 ms  0.500 rad in [-12.5, 12.5]  0.10 rad/s  31 °C        none   "
+        "limit 9 N·m; own time-out: none known; safe stop: zero torque then disable",
+        "  bus legs  socketcan can0, load 5%, 5% at worst",
+        "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP, hung block (the guardian)",
+        "    not covered: loss of power of the computer (no time-out of its own is known of knee)",
+        "1 device, nothing out of the ordinary", ASK,
+    ]
+
+
+@pytest.mark.parametrize("outputs, mark, why", [
+    ({"position": 12.5}, "12.500 rad in [-12.5, 12.5] !", "at the end of its range"),
+    ({"position": -12.6}, "-12.600 rad in [-12.5, 12.5] !", "outside its range"),
+    ({"position": float("nan")}, "nan rad", "outside its range"),
+    ({"temperature": 60.0}, "60 °C !", "hot"),
+    ({"fault": 5.0}, "encoder !", "encoder"),
+    ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
+    ({"age": 0.06}, "60.0 ms !", "an old sample"),
+])
+def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):
+    lines = text(knee(**outputs), WIDE)
+    assert mark in lines[2] and lines[-2] == f"1 thing out of the ordinary: knee: {why}"
+    two = text(knee(**{"velocity": 0.0, "temperature": 99.0, **outputs}), Paper(200, colour=True))
+    assert "\x1b[31m" in two[2] and ("2 things" in two[-2] or outputs.get("temperature"))
+
+
+def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power():
+    with Diagram("one", rate=200):
+        one, other = (CubeMars("AK80-9", bus="legs", can_id=number, name=f"knee{number}") for number in (1, 2))
+    assert coverage([one, other])[-1] == {
+        "failure": "loss of power of the computer", "covered": False, "by": "no time-out of its own is known of knee1, knee2"}
+    one.own_timeout = 0.025
+    assert coverage([one, other])[-1]["by"] == "no time-out of its own is known of knee2"
+    other.own_timeout = 0.025
+    assert in_words(coverage([one, other]))[1] == "" and "loss of power of the computer (the drives' own time-out)" in in_words(coverage([one, other]))[0]
+
+
+def test_the_table_tells_how_each_device_is_stopped():
+    with Diagram("one", rate=200) as robot:
+        CubeMars("AK80-9", name="knee", safe_stop="damp", stop_time=2.0)(torque_command=0.0)
+        EStopHeartbeat(bus="estop", name="button")
+    rows = Preflight(robot, compile(robot), {}, False).event(compile(robot).arena)
+    assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped for 2 s then disable", "button": "nothing to stop"}
+    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 6, "estop": 0}
+    assert any(line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop") for line in text(rows, WIDE))
+
+
+def test_check_tells_what_is_covered(command_line):
+    out = command_line("check", KNEE_EXO)[1]
+    assert "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP, hung block (the guardian)" in out
+    assert "not covered: loss of power of the computer (no time-out of its own is known of left/knee, right/knee)" in out
+    [bus] = json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"]
+    assert {entry["failure"]: entry["covered"] for entry in bus["coverage"]} == {
+        "exception": True, "kill -9": True, "kill -STOP": True, "hung block": True, "loss of the guardian": True,
+        "loss of power of the computer": False}
