@@ -187,7 +187,6 @@ cdef class Watchdog:
                     _exit(FAULT)
             self.sleep(nudge if over else due if mine else now + GLANCE)
 
-
     cdef bint running_ticks(self) noexcept nogil:
         return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING
 

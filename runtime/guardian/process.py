@@ -217,7 +217,8 @@ class Guardian:
         """What nothing could break: a person has to end it."""
         self.stuck_at = None
         if self.page.state in ("arming", "running") and not self.gone:
-            print(f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run", file=sys.stderr, flush=True)
+            words = f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run"
+            print(words, file=sys.stderr, flush=True)
 
     def leave(self):
         if self.verdict is not None and self.gone:

@@ -48,7 +48,8 @@ def run(tmp_path, request):
     rig.write_text('[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n')
     with Drives(MOTOR), Listener() as listener:
         process = started(
-            knee(tmp_path, law=getattr(request, "param", "return 2.0")), "--rig", rig, "--yes", "--rate", "50", "--no-record", "--realtime", "off", "--set",
+            knee(tmp_path, law=getattr(request, "param", "return 2.0")),
+            "--rig", rig, "--yes", "--rate", "50", "--no-record", "--realtime", "off", "--set",
             "knee.timeout=0.5", cwd=tmp_path)
         assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
         yield process, listener

@@ -134,7 +134,8 @@ class Bus:
         end = next((place for place, frame in enumerate(said) if frame.data == DISABLE), None)
         assert end is not None, f"motor {motor} was never disabled"
         assert said[end - 1].data == NOTHING, f"motor {motor}: {said[max(0, end - 4) : end + 3]}"
-        assert {frame.data for frame in said[end - 1 :]} == {NOTHING, DISABLE}, f"motor {motor} was commanded after its safe stop: {said[end - 2 :]}"
+        after = {frame.data for frame in said[end - 1 :]}
+        assert after == {NOTHING, DISABLE}, f"motor {motor} was commanded after its safe stop: {said[end - 2 :]}"
         return said[end].time - instant
 
 

@@ -45,7 +45,8 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
     out, err = process.communicate(timeout=10)
     assert process.returncode == 3 and "confirmed by left/knee, right/knee" in out
     assert "tickwork guardian: left/law hangs: " in err and "it has not come back; zero torque" in err and "still hangs" not in err
-    assert re.search(r"FAULT at left/law, tick 4\d .*: it hung: [\d.]+ ms of work until it was broken off; the motors were stopped meanwhile", err)
+    assert re.search(
+        r"FAULT at left/law, tick 4\d .*: it hung: [\d.]+ ms of work until it was broken off; the motors were stopped meanwhile", err)
     assert f"robot.py:{line_of(tmp_path / 'robot.py', HANGS[what])} in step: {HANGS[what]}" in err
     assert "KeyboardInterrupt" not in err and "Traceback" not in err
     assert_nothing_is_left(everybody, bus.channel)

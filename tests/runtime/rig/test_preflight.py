@@ -35,7 +35,7 @@ def terminal():
 
 def at_the_table(bus, terminal, *words):
     """A run that asks. Returns what it has shown."""
-    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", drive=""))
+    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
     terminal.run(robot, "--rig", bus.rig, "--realtime", "off", *words, cwd=bus.folder)
     terminal.wait_for("press Enter to arm")
     return terminal.look()
