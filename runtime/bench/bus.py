@@ -119,9 +119,9 @@ def through_guardian(group):
     guardian = GuardianProcess(page, lines, bell, [])
     try:
         guardian.configure({
-            "buses": [{"name": "bench", "interface": "udp_multicast", "channel": group, "bitrate": 1_000_000, "fd": False, "virtual": False,
+            "buses": [{"name": "bench", "interface": "udp_multicast", "channel": group, "bitrate": 1_000_000, "fd": False, "options": {}, "virtual": False,
                        "line": 0}],
-            "devices": [], "limit": 1.0, "priority": PRIORITY + 1})
+            "devices": [], "items": [], "limit": 1.0, "priority": PRIORITY + 1})
         yield Line(lines, 0, bell).end
         guardian.finish()
     finally:
