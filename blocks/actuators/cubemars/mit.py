@@ -24,7 +24,6 @@ class CubeMars(Joint, Actuator):
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode
-    hot = 60.0                  # warm to the touch; the drive itself reports a fault far above
 
     def fault_in_words(self, code):
         return FAULTS.get(code, f"code {code}, which the manual does not know")
