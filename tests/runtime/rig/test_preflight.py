@@ -144,7 +144,7 @@ def test_a_drive_as_it_should_be(knee):
     ({"position": 12.5}, "12.500 rad in [-12.5, 12.5] !", "at the end of its range"),
     ({"position": -12.6}, "-12.600 rad in [-12.5, 12.5] !", "outside its range"),
     ({"position": float("nan")}, "nan rad", "outside its range"),
-    ({"temperature": 60.0}, "60 °C !", "hot"),
+    ({"temperature": 70.0}, "70 °C !", "hot"),
     ({"fault": 5.0}, "encoder !", "encoder"),
     ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
     ({"age": 0.06}, "60.0 ms !", "an old sample"),
