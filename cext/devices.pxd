@@ -3,6 +3,7 @@ from libc.stdint cimport int32_t, int64_t
 from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.buses cimport BusEnd
 from cext.drive_watch cimport DriveWatch
+from cext.histogram cimport Histogram
 from cext.page cimport PageLayout
 from cext.stopwatch cimport Laps
 
@@ -26,6 +27,8 @@ cdef struct Device:
     int64_t damping              # for so many ns
     int unanswered               # of the frames of disable
     int64_t heard                # ns, when the newest sample arrived
+    int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
+    Histogram *latency           # from a command to its answer; NULL where time is not real
     int64_t replies
     int64_t rounds               # of arming so far
     int64_t replies_wanted       # before it counts as answered
@@ -55,7 +58,10 @@ cdef class Devices:
     cdef bint alone              # nobody else may command them
     cdef int64_t longest_damping # ns
 
+    cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
     cdef int load(self) except -1
+    cdef int time_replies(self) except -1
+    cdef void note_asked(self, int bus) noexcept nogil
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil

@@ -16,6 +16,8 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport (
     BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
 )
+from cext.histogram cimport add, summary
+from cext.pace cimport monotonic
 from cext.page cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
 
@@ -46,6 +48,8 @@ cdef class Devices:
         self.load()
 
     def __dealloc__(self):
+        for index in range(self.count):
+            free(self.devices[index].latency)
         free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends)
 
     cdef void reset(self):
@@ -56,6 +60,9 @@ cdef class Devices:
         self.ran = True
         for index in range(self.count):
             self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
+            self.devices[index].asked = -1
+            if self.devices[index].latency != NULL:
+                memset(self.devices[index].latency, 0, sizeof(Histogram))
         self.failed.device = self.failed.bus = -1
         self.drives.reset()
 
@@ -73,6 +80,23 @@ cdef class Devices:
             for index in range(self.count)
             if self.devices[index].replies < self.devices[index].replies_wanted
         ]
+
+    @property
+    def latencies(self):
+        """{path: what the histogram of its replies tells, in s} of the devices that were timed, as cext.histogram.summary has it."""
+        return {
+            self.schedule.devices[index].name: summary(self.devices[index].latency)
+            for index in range(self.count) if self.devices[index].latency != NULL
+        }
+
+    cdef int time_replies(self) except -1:
+        """Time from now on how long every device takes to answer a command."""
+        for index in range(self.count):
+            if self.devices[index].latency == NULL and self.devices[index].zero.count:
+                self.devices[index].latency = <Histogram *>calloc(1, sizeof(Histogram))
+                if self.devices[index].latency == NULL:
+                    raise MemoryError
+        return 0
 
     cdef int load(self) except -1:
         cdef Device *device
@@ -104,6 +128,7 @@ cdef class Devices:
     cdef void begin(self, int64_t began) noexcept nogil:
         """Tell the buses the zero of the frames' times, in ns of CLOCK_MONOTONIC."""
         cdef int bus
+        self.began = began
         for bus in range(self.bus_count):
             if (<BusEnd>self.bus_ends[bus]).bus.begin != NULL:
                 (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
@@ -139,6 +164,9 @@ cdef class Devices:
                     if answer == TAKEN:
                         device.heard = frame.time
                         device.replies += 1
+                        if device.asked >= 0:
+                            add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
+                            device.asked = -1
                     if answer != FOREIGN:
                         break
                 if self.alone and answer != TAKEN:
@@ -216,7 +244,18 @@ cdef class Devices:
             if status != OK:
                 return status
             first += self.outgoing_count[bus]
+            self.note_asked(bus)
         return OK
+
+    cdef void note_asked(self, int bus) noexcept nogil:
+        """The devices of a bus have been sent a command: from now on their answer is timed, where that of the one before has come or not."""
+        cdef int number
+        cdef int64_t now = -1
+        for number in range(self.count):
+            if self.devices[number].bus == bus and self.devices[number].latency != NULL:
+                if now < 0:
+                    now = monotonic() - self.began
+                self.devices[number].asked = now
 
     cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil:
         cdef int index

@@ -77,6 +77,8 @@ cdef class Executor(Waiting):
         self.tape = tape
         self.carried = carried
         control.devices.alone = guard > 0.0
+        if guard > 0.0 and not virtual:
+            control.devices.time_replies()
         if tape is not None and not virtual:
             raise ValueError("a recorded run is run again in virtual time")
 

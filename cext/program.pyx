@@ -147,6 +147,11 @@ cdef class Program:
         return list(found.values())
 
     @property
+    def latencies(self):
+        """How long each device on a rig took to answer, as cext.devices.Devices.latencies has it."""
+        return self.devices.latencies
+
+    @property
     def watched(self):
         """What was seen of each actuator, as cext.drive_watch.DriveWatch.found has it."""
         return self.devices.drives.found

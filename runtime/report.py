@@ -7,7 +7,7 @@ from runtime.errors import FAULT, OK
 from runtime.held import held
 from runtime.held import text as held_text
 from runtime.lines import count
-from runtime.timing import timing
+from runtime.timing import spread, timing
 
 SPOILT = {                      # kinds of frames that are no replies
     "foreign": "foreign", "malformed": "malformed", "corrupt": "corrupt", "echoes": "of this machine", "errors": "about errors",
@@ -56,6 +56,9 @@ def summary(result):
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
         row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
+    for index, (path, found) in enumerate(result.control.latencies.items()):
+        if found["count"]:
+            row("" if index else "answers", f"{path} after {spread(found)}")
     for entry in result.control.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)

@@ -335,7 +335,7 @@ def ending(result):
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
         "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
-        "held": held(result.request.file, result.control, result.plant),
+        "answers": result.control.latencies, "held": held(result.request.file, result.control, result.plant),
         "report": result.report, "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
     return json.dumps(event).encode()
