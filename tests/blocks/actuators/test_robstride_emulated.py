@@ -64,7 +64,7 @@ def test_it_says_nothing_until_it_is_spoken_to():
 @given(
     data=st.data(), model=st.sampled_from(sorted(MODELS)), can_id=st.integers(1, 127), host=st.integers(128, 255),
     temperature=st.integers(-40, 75))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data, model, can_id, host, temperature):
     wired, ranges = emulated(model, can_id=can_id), RANGES[model]
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
@@ -98,7 +98,7 @@ def test_it_gives_no_torque_before_it_is_enabled_and_none_after_it_is_stopped():
 
 @pytest.mark.parametrize("model", MODELS)
 @given(data=st.data())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_its_torque_is_the_law_of_the_manual_up_to_its_limits(model, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, ranges = emulated(model), RANGES[model]
@@ -266,7 +266,7 @@ def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(
 
 
 @given(identifier=st.integers(0, 2**32 - 1), kind=st.integers(0, 31), data=st.binary(max_size=64), length=st.integers(0, 255), to_us=st.booleans())
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_no_frame_at_all_makes_torque_in_a_drive_that_is_stopped_or_torque_beyond_its_peak(identifier, kind, data, length, to_us):
     wired = Wired.again(BASE)
     if to_us:

@@ -38,7 +38,7 @@ def say(wired, **fields):
 
 
 @given(data=st.data(), model=st.sampled_from(NAMES))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_command_inside_its_ranges_has_the_codes_of_the_reference_and_comes_back_within_one(data, model):
     limits = RANGES[model]
     fields = {name: data.draw(st.floats(*limits[name]), label=name) for name in FIELDS}
@@ -84,7 +84,7 @@ def test_both_ends_and_beyond_never_wrap_and_what_is_no_number_is_refused(model)
 
 
 @given(data=st.data(), model=st.sampled_from(NAMES), temperature=st.integers(-400, 1500))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature):
     wired, limits = DRIVES[model], RANGES[model]
     p, v, t = (data.draw(st.integers(0, top)) for top in (65535, 4095, 4095))

@@ -9,6 +9,7 @@ from blocks.actuators import CubeMars, EmulatedRobStride, RobStride, RobStrideMI
 from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.models import ALSO, MODELS, find
 from graph import Diagram, DiagramError, Interval, compile
+from graph.store import from_json, to_json
 from tests.blocks.actuators import robstride_reference as reference
 
 
@@ -158,6 +159,26 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
 def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said):
         RobStride(**{"model": "RS03", **parameters})
+
+
+@pytest.mark.parametrize("mode, name", [("operation", "torque_command"), ("csp", "position_command"), ("current", "current_command")])
+def test_a_diagram_with_it_comes_back_from_json_as_it_was(mode, name):
+    with Diagram("stored", rate=200) as diagram:
+        drive = RobStride("RS03", mode=mode, gear_ratio=2.0, wire_torque=50.0, name="drive")
+        drive(**{name: 0.25})
+    again = from_json(to_json(diagram))
+    assert to_json(again) == to_json(diagram)
+    assert [steps.enable for steps in compile(again).devices] == [tuple(drive.enable_frames())]
+
+
+def test_a_parameter_set_before_the_compile_takes_its_mode_and_model_along():
+    with Diagram("set", rate=200) as diagram:
+        drive = RobStride("RS03", mode="csp", name="drive")
+        drive.set("mode", "operation")
+        drive.set("model", "RS02")
+        drive(torque_command=5.0)
+    assert drive.limits[:5] == (12.57, 44.0, 500.0, 5.0, 6.0) and list(drive.inputs)[0] == "position_command" and len(drive.inputs) == 5
+    assert all(proof.holds for proof in compile(diagram).proofs)
 
 
 def test_two_drives_with_one_id_on_one_bus_do_not_compile_and_a_cubemars_with_that_id_does():
