@@ -155,7 +155,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
     cdef double *memory = kept(arena, slots, MEMORY)
     cdef double *wire = kept(arena, slots, WIRE)
     cdef double *command = kept(arena, slots, COMMAND)
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t type = frame.id >> 24 & 31
     cdef uint32_t field = frame.id >> 8 & 0xFFFF
     cdef uint8_t name[8]
