@@ -96,7 +96,8 @@ def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature):
 
 
 @pytest.mark.parametrize("identifier, data, answer", [
-    (0xFD, b"\x7e" + bytes(7), FOREIGN), (0xFD, b"", FOREIGN), (0xFC, b"\x7f" + bytes(7), FOREIGN), (0xFD | EXTENDED, b"\x7f" + bytes(7), FOREIGN),
+    (0xFD, b"\x7e" + bytes(7), FOREIGN), (0xFD, b"", FOREIGN), (0xFC, b"\x7f" + bytes(7), FOREIGN),
+    (0xFD | EXTENDED, b"\x7f" + bytes(7), FOREIGN),
     (0xFD | REMOTE, b"\x7f" + bytes(7), FOREIGN), (0x7F, b"\x7f" + bytes(7), FOREIGN), (0xFD, b"\x7f" + bytes(6), MALFORMED),
     (0xFD, b"\x7f" + bytes(8), MALFORMED), (0xFD, b"\x7f", MALFORMED)])
 def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(identifier, data, answer):
@@ -108,7 +109,8 @@ def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(ide
 def test_arming_disables_chooses_operation_and_enables_and_the_cybergear_has_no_such_protocol():
     block = RobStrideMIT("RS03", can_id=5)
     assert [data for _, _, data in block.enable_frames()] == [mit.DISABLE, mit.OPERATION, mit.ENABLE]
-    assert {(identifier, extended) for identifier, extended, _ in block.enable_frames() + block.zero_frames() + block.disable_frames()} == {(5, False)}
+    frames = block.enable_frames() + block.zero_frames() + block.disable_frames()
+    assert {(identifier, extended) for identifier, extended, _ in frames} == {(5, False)}
     assert block.replies() == [(0xFD, 0x7FF, False, b"\5")], "the guardian tells drives apart by their first byte"
     with pytest.raises(DiagramError, match="the CyberGear has no MIT protocol: use RobStride"):
         RobStrideMIT("CyberGear")

@@ -21,7 +21,8 @@ def test_every_model_is_found_however_its_name_is_typed(name, model):
         assert RobStride(spelling).model == model
 
 
-@pytest.mark.parametrize("name, wanted", [("RS3", "RS03"), ("RobStride3", "RobStride03"), ("RS09", "RS0"), ("Cybergeer", "CyberGear"), ("EduLite5", "EduLite05"), ("EL5", "EL05")])
+@pytest.mark.parametrize("name, wanted", [
+    ("RS3", "RS03"), ("RobStride3", "RobStride03"), ("RS09", "RS0"), ("Cybergeer", "CyberGear"), ("EduLite5", "EduLite05"), ("EL5", "EL05")])
 def test_a_misspelt_model_is_refused_with_a_suggestion(name, wanted):
     with pytest.raises(DiagramError, match=rf"'{name}' is not a RobStride model: did you mean '{wanted}"):
         RobStride(name)
@@ -38,7 +39,8 @@ def test_rated_peak_and_wire_are_three_columns_and_current_times_constant_is_the
     """Within 5 %; the manual's own figures of RS03 are 8.5 % apart."""
     for model in MODELS.values():
         assert 0.0 < model.rated < model.peak <= model.wire_torque and model.rated_current < model.peak_current
-        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=0.085 if model.name == "RS03" else 0.05), model.name
+        share = 0.085 if model.name == "RS03" else 0.05
+        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=share), model.name
 
 
 def test_firmware_of_one_unit_may_have_ranges_of_its_own():
@@ -150,7 +152,8 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
     ({"can_id": 0}, "can_id: must be at least 1, got 0"), ({"can_id": 128}, "can_id: must be at most 127, got 128"),
     ({"host_id": 256}, "host_id: must be at most 255"), ({"host_id": 127}, "can_id and host_id are both 127"),
     ({"can_timeout": 5.1}, "can_timeout: must be at most 5.0 s"), ({"can_timeout": -0.1}, "can_timeout: must be at least 0.0 s"),
-    ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"), ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
+    ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"),
+    ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
     ({"gear_ratio": math.nan}, "gear_ratio: NaN"), ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
     ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is beyond what the drive can say"),
     ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),

@@ -104,7 +104,8 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
 @models
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired, found = Wired(RobStride, model), MODELS[model]
-    assert wired["limits"].tolist() == [found.wire_position, found.wire_velocity, found.wire_stiffness, found.wire_damping, found.rated, found.rated]
+    wire = [found.wire_position, found.wire_velocity, found.wire_stiffness, found.wire_damping]
+    assert wired["limits"].tolist() == [*wire, found.rated, found.rated]
     for name, limit in zip(FIELDS, wired["limits"]):
         low = 0.0 if name in ("stiffness", "damping") else -limit
         for x in (low, limit):
@@ -119,7 +120,7 @@ def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     authority=st.floats(0.0, 1.0))
 @settings(max_examples=50, deadline=None)
 def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(data, model, invert, offset, ratio, authority):
-    """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one code, rounding included."""
+    """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one code."""
     wired = Wired(RobStride, model, invert=invert, offset=offset, limit="peak", gear_ratio=ratio)
     wired.arena[AUTHORITY] = authority
     wired["limits"] = [*wired["limits"][:5], math.inf]
