@@ -42,7 +42,7 @@ def leg(tmp_path):
 
     def start(mode="", command="torque_command=2.0"):
         robot = write(tmp_path, ROBOT.format(mode=mode, command=command))
-        return started(robot, "--rig", rig, "--realtime", "off", "--no-record", cwd=tmp_path)
+        return started(robot, "--rig", rig, "--realtime", "off", "--no-record", "--yes", cwd=tmp_path)
 
     yield start, node
     drives.kill()
