@@ -248,10 +248,12 @@ def family(sheet, name, blocks, models):
     units = "".join(f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A"))
     lines = [
         sheet.bold(name) + f"  from blocks.actuators import {blocks}", "",
-        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"), f"  {'model':<12}{'gear':>8}{columns}", sheet.faint(f"  {'':<12}{'':>8}{units}"),
+        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"), f"  {'model':<12}{'gear':>8}{columns}",
+        sheet.faint(f"  {'':<12}{'':>8}{units}"),
     ]
+    ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():
-        values = (model.rated, model.peak, *(getattr(model, f"wire_{x}") for x in ("torque", "velocity", "position", "stiffness", "damping")))
+        values = (model.rated, model.peak, *(getattr(model, name) for name in ranges))
         constant = "-" if model.torque_constant is None else f"{model.torque_constant:.3g}"
         lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10g}" for value in values) + f"{constant:>10}")
     return lines

@@ -26,7 +26,7 @@ cdef bint is_special(const uint8_t *data) noexcept nogil:
 
 cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     if frame.id != id and (frame.id != 0 or frame.length == 0 or data[0] != id):
         return FOREIGN          # an extended, remote or error frame differs in its high bits
     if frame.length != 8 or data[0] != id:
@@ -47,7 +47,7 @@ cdef int cubemars_encode(double *arena, const int32_t *slots, const int32_t *siz
 cdef int emulated_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef double *state = drives.kept(arena, slots, drives.STATE)
     cdef double *command = drives.kept(arena, slots, drives.COMMAND)
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     if frame.id != <uint32_t>arena[slots[drives.CAN_ID]]:
         return FOREIGN
     if frame.length != 8:

@@ -118,7 +118,8 @@ cdef inline void decode_motion(double *arena, const int32_t *slots, const uint8_
     arena[slots[TORQUE]] = sign * from_code((<uint32_t>data[4] & 15) << 8 | data[5], -wire[4], wire[4], 12)
 
 
-cdef inline void pack_motion(uint8_t *data, uint32_t id, const double *wire, double position, double velocity, double torque) noexcept nogil:
+cdef inline void pack_motion(
+        uint8_t *data, uint32_t id, const double *wire, double position, double velocity, double torque) noexcept nogil:
     """The first six bytes of a reply."""
     cdef uint32_t p = to_code(position, -wire[0], wire[0], 16)
     cdef uint32_t v = to_code(velocity, -wire[1], wire[1], 12)

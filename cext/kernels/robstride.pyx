@@ -68,7 +68,7 @@ cdef int feedback(double *arena, const int32_t *own, const Frame *frame, bint as
 
 cdef int report(double *arena, const int32_t *own, const Frame *frame) noexcept nogil:
     cdef double *state = arena + own[STATE]
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     cdef double known = arena[own[FAULT]] - WORD * state[2]
     state[2] = <uint32_t>data[3] << 24 | data[2] << 16 | data[1] << 8 | data[0]
     arena[own[FAULT]] = known + WORD * state[2]

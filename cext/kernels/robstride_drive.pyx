@@ -13,8 +13,8 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport EXTENDED, FOREIGN, ID_MASK, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode
 from cext.kernels.drives cimport (
     CAN_ID, COMMAND, ENABLED, FAULT, GEAR_RATIO, HEARD, OUTBOX, OWN, PEAK, POWER_LOST, RUNNING, STATE, TEMPERATURE, TORQUE,
-    TRIP_TEMPERATURE, WIRE, ZERO, answerable, deliver, forget, kept, law, look, owe, own_id, seen_position, seen_velocity, turned, unreachable,
-    unwritten, within,
+    TRIP_TEMPERATURE, WIRE, ZERO, answerable, deliver, forget, kept, law, look, owe, own_id, seen_position, seen_velocity, turned,
+    unreachable, unwritten, within,
 )
 from cext.kernels.fields cimport from_code, to_code
 
@@ -155,7 +155,7 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
     cdef double *memory = kept(arena, slots, MEMORY)
     cdef double *wire = kept(arena, slots, WIRE)
     cdef double *command = kept(arena, slots, COMMAND)
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t type = frame.id >> 24 & 31
     cdef uint32_t field = frame.id >> 8 & 0xFFFF
     cdef uint8_t name[8]

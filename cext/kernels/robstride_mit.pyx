@@ -24,7 +24,7 @@ cdef enum:
 
 
 cdef int mit_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef const uint8_t *data = frame.data
+    cdef const uint8_t *data = &frame.data[0]
     if frame.id != <uint32_t>arena[slots[HOST_ID]] or frame.length == 0 or data[0] != <uint32_t>arena[slots[CAN_ID]]:
         return FOREIGN          # drives share the host's id
     if frame.length != 8:

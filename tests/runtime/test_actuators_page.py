@@ -29,6 +29,16 @@ def test_the_pages_joint_runs_with_either_actuator(tmp_path):
         assert process.returncode == OK, process.stderr
 
 
+def test_the_knee_exoskeleton_swaps_its_actuator_by_one_line(tmp_path):
+    text = (ROOT / "diagrams" / "knee_exo.py").read_text()
+    swapped = text.replace("from blocks.actuators import CubeMars", "from blocks.actuators import RobStride").replace(
+        'CubeMars("AK10-9-V2.0"', 'RobStride("RobStride03"')
+    assert sum(a != b for a, b in zip(text.splitlines(), swapped.splitlines())) == 2, "the line, and the import"
+    write(tmp_path, swapped, "knee_exo.py")
+    process = finished("knee_exo.py", "--fast", "--duration", "5", "--no-record", cwd=tmp_path)
+    assert process.returncode == OK and "confirmed by left/knee, right/knee" in process.stdout, process.stderr
+
+
 def test_the_pages_plant_ends_the_run(tmp_path):
     write(tmp_path, KNEE + "\n\n" + PLANT, "deaf.py")
     process = finished("deaf.py", "--fast", "--duration", "2", "--no-record", cwd=tmp_path)

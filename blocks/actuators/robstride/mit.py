@@ -30,6 +30,7 @@ class RobStrideMIT(Joint, Actuator):
     host_id = Param(0xFD, "1", "id that the drive answers from", min=0, max=255, fixed=True)
 
     hardware = (*Joint.hardware, "host_id")
+    hot = 60.0                  # warm to the touch; the drive itself reports a fault above, at 80 °C or more
     find = staticmethod(find)
     decode = kernels.decode
     encode = kernels.encode
@@ -71,7 +72,7 @@ class RobStrideMIT(Joint, Actuator):
 
 
 class EmulatedRobStrideMIT(Emulated, Device):
-    """A RobStride drive set to its MIT protocol, on the in-memory bus. While it has a fault it is disabled, and its answers do not say why."""
+    """A RobStride drive set to its MIT protocol, on the in-memory bus. A fault disables it, and its answers do not say why."""
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
     host_id = Param(0xFD, "1", "id that it answers from", min=0, max=255, fixed=True)

@@ -64,7 +64,7 @@ def test_it_says_nothing_until_it_is_spoken_to():
 @given(
     data=st.data(), model=st.sampled_from(sorted(MODELS)), can_id=st.integers(1, 127), host=st.integers(128, 255),
     temperature=st.integers(-40, 75))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data, model, can_id, host, temperature):
     wired, ranges = emulated(model, can_id=can_id), RANGES[model]
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
@@ -98,7 +98,7 @@ def test_it_gives_no_torque_before_it_is_enabled_and_none_after_it_is_stopped():
 
 @pytest.mark.parametrize("model", MODELS)
 @given(data=st.data())
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=8, deadline=None)
 def test_its_torque_is_the_law_of_the_manual_up_to_its_limits(model, data):
     """t = kp (p_des − p) + kd (v_des − v) + t_ff, of what it understood; within 1e-9 of the sum of its terms."""
     wired, ranges = emulated(model), RANGES[model]
@@ -152,8 +152,8 @@ def test_parameters_are_read_back_as_they_were_written_and_what_is_measured_cann
 
 @pytest.mark.parametrize("index, value, mode, wanted", [
     (0x7006, 3.0, 3, 3.0 * 2.36 / math.sqrt(2.0)), (0x7006, -1000.0, 3, -60.0),
-    (0x700A, 1.0, 2, 5.0), (0x700A, 1000.0, 2, 10.0 * 2.36 / math.sqrt(2.0)), (0x7016, 0.01, 5, 30.0 * 0.01 * 5.0), (0x7016, 9.0, 5, 0.5 * 5.0),
-    (0x7016, -9.0, 1, -0.25 * 5.0)])
+    (0x700A, 1.0, 2, 5.0), (0x700A, 1000.0, 2, 10.0 * 2.36 / math.sqrt(2.0)), (0x7016, 0.01, 5, 30.0 * 0.01 * 5.0),
+    (0x7016, 9.0, 5, 0.5 * 5.0), (0x7016, -9.0, 1, -0.25 * 5.0)])
 def test_the_other_modes_have_the_laws_that_are_written_down(index, value, mode, wanted):
     """At rest at zero: A times the constant; 5 N·m·s/rad of speed; 30 rad/s a radian, no faster than 0.5 (CSP) or 0.25 (PP) rad/s."""
     wired = emulated("RS03")
@@ -255,7 +255,8 @@ def test_set_zero_makes_the_present_position_zero():
 
 
 @pytest.mark.parametrize("identifier, data, answer", [
-    (reference.identifier(3, 0xFD, 126), bytes(8), FOREIGN), (ENABLE[0] & ~EXTENDED, bytes(8), FOREIGN), (ENABLE[0] | REMOTE, bytes(8), FOREIGN),
+    (reference.identifier(3, 0xFD, 126), bytes(8), FOREIGN),
+    (ENABLE[0] & ~EXTENDED, bytes(8), FOREIGN), (ENABLE[0] | REMOTE, bytes(8), FOREIGN),
     (reference.identifier(22, 0xFD, 127), bytes(8), FOREIGN), (127, bytes(8), FOREIGN), (ENABLE[0], bytes(7), MALFORMED),
     (ENABLE[0], b"", MALFORMED), (ENABLE[0], bytes(9), MALFORMED)])
 def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(identifier, data, answer):
@@ -265,8 +266,10 @@ def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(
     assert wired.arena.tobytes() == before.tobytes() and wired.say() == []
 
 
-@given(identifier=st.integers(0, 2**32 - 1), kind=st.integers(0, 31), data=st.binary(max_size=64), length=st.integers(0, 255), to_us=st.booleans())
-@settings(max_examples=400, deadline=None)
+@given(
+    identifier=st.integers(0, 2**32 - 1), kind=st.integers(0, 31), data=st.binary(max_size=64), length=st.integers(0, 255),
+    to_us=st.booleans())
+@settings(max_examples=80, deadline=None)
 def test_no_frame_at_all_makes_torque_in_a_drive_that_is_stopped_or_torque_beyond_its_peak(identifier, kind, data, length, to_us):
     wired = Wired.again(BASE)
     if to_us:
@@ -294,7 +297,7 @@ def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
 # The MIT protocol
 
 def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
-    limits = {"position": (-12.57, 12.57), "velocity": (-20.0, 20.0), "stiffness": (0.0, 5000.0), "damping": (0.0, 100.0), "torque": (-60.0, 60.0)}
+    limits = RANGES["RS03"]
     wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=3, host_id=0xFB)
     wired["temperature"] = 41.5
     push = mit_reference.command(limits, **{**ZERO, "torque": 5.0})
@@ -316,9 +319,9 @@ def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
     assert torque(wired) != 0.0 and torque(wired, fault=1) == 0.0 and torque(wired, fault=0) == 0.0 and wired["enabled"] == 0.0
 
 
-@pytest.mark.parametrize("tail", [b"\xff\xfd", b"\xff\xfe", b"\xff\xfb", b"\xff\xf8", b"\xff\xf9", b"\1\xfa", b"\2\xfd", b"\3\1", b"\2\xfc"])
+@pytest.mark.parametrize("tail", ["fffd", "fffe", "fffb", "fff8", "fff9", "01fa", "02fd", "0301", "02fc"])
 def test_frames_that_set_a_drive_up_are_no_commands(tail):
     wired = Wired(EmulatedRobStrideMIT, "RS03")
     wired.hear(127, mit.ENABLE)
-    wired.hear(127, bytes([255] * 6) + tail)
+    wired.hear(127, bytes([255] * 6) + bytes.fromhex(tail))
     assert torque(wired) == 0.0

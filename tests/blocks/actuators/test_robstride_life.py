@@ -92,7 +92,8 @@ def test_a_command_of_somebody_else_is_a_fault_whatever_torque_it_has(kind):
 
 
 @pytest.mark.parametrize("identifier, extended", [
-    (reference.identifier(1, 0x4321, 126), True), (reference.identifier(17, 0xFD, 127), True), (reference.identifier(0, 0xFD, 127), True), (127, False)])
+    (reference.identifier(1, 0x4321, 126), True), (reference.identifier(17, 0xFD, 127), True),
+    (reference.identifier(0, 0xFD, 127), True), (127, False)])
 def test_what_commands_nobody_here_is_none(identifier, extended):
     rig, _, _ = lived(lambda: rig.buses["can"].device.send(identifier & 0x1FFFFFFF, bytes(8), extended))
     assert rig.run(50).status == "ok"
@@ -134,7 +135,9 @@ def test_a_drive_that_reports_a_fault_ends_the_run(code):
 
 def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
     with Diagram("robot", rate=200) as robot:
-        drives = [RobStride("RS03", can_id=3, name="hip"), RobStride("CyberGear", can_id=4, name="knee"), RobStrideMIT("RS02", can_id=3, name="ankle")]
+        drives = [
+            RobStride("RS03", can_id=3, name="hip"), RobStride("CyberGear", can_id=4, name="knee"),
+            RobStrideMIT("RS02", can_id=3, name="ankle")]
         for index, drive in enumerate(drives):
             drive(torque_command=0.1 * (index + 1))
     with Diagram("plant", rate=1000) as plant:

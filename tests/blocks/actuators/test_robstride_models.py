@@ -9,6 +9,7 @@ from blocks.actuators import CubeMars, EmulatedRobStride, RobStride, RobStrideMI
 from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.models import ALSO, MODELS, find
 from graph import Diagram, DiagramError, Interval, compile
+from graph.store import from_json, to_json
 from tests.blocks.actuators import robstride_reference as reference
 
 
@@ -20,7 +21,8 @@ def test_every_model_is_found_however_its_name_is_typed(name, model):
         assert RobStride(spelling).model == model
 
 
-@pytest.mark.parametrize("name, wanted", [("RS3", "RS03"), ("RobStride3", "RobStride03"), ("RS09", "RS0"), ("Cybergeer", "CyberGear"), ("EduLite5", "EduLite05"), ("EL5", "EL05")])
+@pytest.mark.parametrize("name, wanted", [
+    ("RS3", "RS03"), ("RobStride3", "RobStride03"), ("RS09", "RS0"), ("Cybergeer", "CyberGear"), ("EduLite5", "EduLite05"), ("EL5", "EL05")])
 def test_a_misspelt_model_is_refused_with_a_suggestion(name, wanted):
     with pytest.raises(DiagramError, match=rf"'{name}' is not a RobStride model: did you mean '{wanted}"):
         RobStride(name)
@@ -37,7 +39,8 @@ def test_rated_peak_and_wire_are_three_columns_and_current_times_constant_is_the
     """Within 5 %; the manual's own figures of RS03 are 8.5 % apart."""
     for model in MODELS.values():
         assert 0.0 < model.rated < model.peak <= model.wire_torque and model.rated_current < model.peak_current
-        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=0.085 if model.name == "RS03" else 0.05), model.name
+        share = 0.085 if model.name == "RS03" else 0.05
+        assert model.rated == pytest.approx(model.rated_current * model.torque_constant, rel=share), model.name
 
 
 def test_firmware_of_one_unit_may_have_ranges_of_its_own():
@@ -149,7 +152,8 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
     ({"can_id": 0}, "can_id: must be at least 1, got 0"), ({"can_id": 128}, "can_id: must be at most 127, got 128"),
     ({"host_id": 256}, "host_id: must be at most 255"), ({"host_id": 127}, "can_id and host_id are both 127"),
     ({"can_timeout": 5.1}, "can_timeout: must be at most 5.0 s"), ({"can_timeout": -0.1}, "can_timeout: must be at least 0.0 s"),
-    ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"), ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
+    ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"),
+    ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
     ({"gear_ratio": math.nan}, "gear_ratio: NaN"), ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
     ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is beyond what the drive can say"),
     ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),
@@ -158,6 +162,26 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
 def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said):
         RobStride(**{"model": "RS03", **parameters})
+
+
+@pytest.mark.parametrize("mode, name", [("operation", "torque_command"), ("csp", "position_command"), ("current", "current_command")])
+def test_a_diagram_with_it_comes_back_from_json_as_it_was(mode, name):
+    with Diagram("stored", rate=200) as diagram:
+        drive = RobStride("RS03", mode=mode, gear_ratio=2.0, wire_torque=50.0, name="drive")
+        drive(**{name: 0.25})
+    again = from_json(to_json(diagram))
+    assert to_json(again) == to_json(diagram)
+    assert [steps.enable for steps in compile(again).devices] == [tuple(drive.enable_frames())]
+
+
+def test_a_parameter_set_before_the_compile_takes_its_mode_and_model_along():
+    with Diagram("set", rate=200) as diagram:
+        drive = RobStride("RS03", mode="csp", name="drive")
+        drive.set("mode", "operation")
+        drive.set("model", "RS02")
+        drive(torque_command=5.0)
+    assert drive.limits[:5] == (12.57, 44.0, 500.0, 5.0, 6.0) and list(drive.inputs)[0] == "position_command" and len(drive.inputs) == 5
+    assert all(proof.holds for proof in compile(diagram).proofs)
 
 
 def test_two_drives_with_one_id_on_one_bus_do_not_compile_and_a_cubemars_with_that_id_does():
