@@ -30,7 +30,6 @@ class RobStrideMIT(Joint, Actuator):
     host_id = Param(0xFD, "1", "id that the drive answers from", min=0, max=255, fixed=True)
 
     hardware = (*Joint.hardware, "host_id")
-    hot = 60.0                  # warm to the touch; the drive itself reports a fault above, at 80 °C or more
     find = staticmethod(find)
     decode = kernels.decode
     encode = kernels.encode

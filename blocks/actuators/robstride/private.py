@@ -43,7 +43,6 @@ class RobStride(Joint, Actuator):
     written = Memory((0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit")
 
     hardware = (*Joint.hardware, "host_id")
-    hot = 60.0                  # warm to the touch; the drive itself reports a fault above, at 80 °C or more
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode_operation

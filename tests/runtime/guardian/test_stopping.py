@@ -6,6 +6,7 @@ import time
 
 import pytest
 
+from runtime.recordings.trial import Trial
 from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
 
@@ -32,6 +33,15 @@ def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
     assert_nothing_is_left(everybody, bus.channel)
     [event] = [event for event in Files(tmp_path / "out").sidecar["events"] if event["event"] == "guardian"]
     assert event["because"] == "died" and sorted(event["confirmed"]) == ["left/knee", "right/knee"] and event["took"] < 0.2
+
+
+def test_a_run_tells_how_fast_its_drives_have_answered(bus, tmp_path):
+    process = bus.start("--record", "out", "--duration", "1")
+    out, _ = process.communicate(timeout=20)
+    assert process.returncode == 0 and "  answers     left/knee after " in out and "              right/knee after " in out
+    [file] = (tmp_path / "out").glob("*.mcap")
+    for path, found in Trial(file).end["end"]["answers"].items():
+        assert path.endswith("/knee") and 150 < found["count"] <= 200 and 2e-5 < found["p50"] < 0.005 and found["p50"] <= found["p99"]
 
 
 def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
