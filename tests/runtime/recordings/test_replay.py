@@ -74,7 +74,7 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     assert (code, err) == (OK, "")
     assert out == (
         f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
-        "  all 32 signals and 2004 sent frames are the same, bit for bit\n")
+        "  all 36 signals and 2004 sent frames are the same, bit for bit\n")
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
 
 
