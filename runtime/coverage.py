@@ -1,6 +1,6 @@
 """Which failures of a run end in the safe stop of a bus all the same, and who sees to it."""
 
-GUARDIAN, RUN, DRIVES = "the guardian", "the run itself", "the drives' own time-out"
+GUARDIAN, WATCHDOG, RUN, DRIVES = "the guardian", "the watchdog, then the guardian", "the run itself", "the drives' own time-out"
 
 
 def coverage(devices):
@@ -14,7 +14,7 @@ def coverage(devices):
     alone = [device.path for device in movers if device.own_timeout is None]
     power = DRIVES if not alone else f"no time-out of its own is known of {', '.join(alone)}"
     return [
-        entry("exception", RUN), entry("kill -9", GUARDIAN), entry("kill -STOP", GUARDIAN), entry("hung block", GUARDIAN),
+        entry("exception", RUN), entry("kill -9", GUARDIAN), entry("kill -STOP", GUARDIAN), entry("hung block", WATCHDOG),
         entry("loss of the guardian", RUN), entry("loss of power of the computer", power, covered=not alone),
     ]
 

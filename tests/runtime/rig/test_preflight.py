@@ -134,7 +134,7 @@ def test_a_drive_as_it_should_be(knee):
         "  knee    legs 7      yes       2.0 ms  0.500 rad in [-12.5, 12.5]  0.10 rad/s  31 °C        none   "
         "limit 9 N·m; own time-out: none known; safe stop: zero torque then disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
-        "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP, hung block (the guardian)",
+        "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)",
         "    not covered: loss of power of the computer (no time-out of its own is known of knee)",
         "1 device, nothing out of the ordinary", ASK,
     ]
@@ -179,7 +179,7 @@ def test_the_table_tells_how_each_device_is_stopped():
 
 def test_check_tells_what_is_covered(command_line):
     out = command_line("check", KNEE_EXO)[1]
-    assert "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP, hung block (the guardian)" in out
+    assert "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)" in out
     assert "not covered: loss of power of the computer (no time-out of its own is known of left/knee, right/knee)" in out
     [bus] = json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"]
     assert {entry["failure"]: entry["covered"] for entry in bus["coverage"]} == {
