@@ -1,8 +1,6 @@
 """One run: a diagram file becomes a schedule, meets its plant, is armed, runs, stops, and is told about."""
 
 import json
-import os
-import re
 import signal
 import time
 from contextlib import contextmanager
@@ -13,8 +11,6 @@ from cext.executor import Executor
 from cext.page import RECORD_EVENT, Page
 from cext.program import Program
 
-from graph import Sink
-from graph.store import to_json
 from runtime import rearming
 from runtime.errors import BadInput
 from runtime.fault import explain
@@ -26,13 +22,11 @@ from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
 from runtime.rearming import Rearming
 from runtime.recorder import RecorderProcess, can_ask
+from runtime.recording_plan import plan, ring_bytes
 from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
 
-ROW_SECONDS = 2.5               # how much of a run the ring holds at least
-FRAME_BYTES = 88                # of a frame in the ring
 MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
-LONGEST_WORD = 40               # characters of a trial's field in the names of files
 NOBODY = (
     "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard input, output and error); "
     "--yes arms without asking")
@@ -267,59 +261,6 @@ def adapt(diagram, request):
     if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
         with diagram:
             CsvRecorder()
-
-
-def ring_bytes(schedule):
-    """Room for ROW_SECONDS of rows and frames, and 1 MiB at least."""
-    a_tick = 8 * (3 + len(schedule.columns)) + 4 * FRAME_BYTES * len(schedule.devices)
-    return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
-
-
-def plan(prepared, realtime):
-    """What the recorder process has to do."""
-    from blocks.recorders import CsvRecorder
-
-    request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
-    sinks = [
-        {
-            "service": sink.block.service,
-            "path": sink.block.path,
-            "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
-            "columns": [vars(column) for column in sink.columns],
-        }
-        for sink in schedule.sinks
-        if not (request.no_record and isinstance(sink.block, CsvRecorder))
-    ]
-    records = not request.no_record and (request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks))
-    return {
-        "name": schedule.name,
-        "folder": str(request.record or "recordings") if records else None,
-        "stem": stem(request),
-        "rate": schedule.rate,
-        "duration": request.duration,
-        "virtual": request.fast,
-        "simulated": prepared.plant is not None,
-        "signals": [vars(column) for column in schedule.recorded],
-        "buses": schedule.buses,
-        "sinks": sinks,
-        "status_line": True,
-        "diagram_json": to_json(prepared.diagram) if records else None,
-        "control_pid": os.getpid(),
-        "metadata": {
-            "diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
-            "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
-        },
-    }
-
-
-def stem(request):
-    """What the files of a recording are called: the diagram, the trial without its notes, the time."""
-    words = [re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD] for name, value in request.trial.items() if name != "notes"]
-    return "_".join([Path(request.file).stem, *filter(None, words), time.strftime("%Y-%m-%d_%H-%M-%S")])
-
-
-def writes_files(sink):
-    return type(sink).__module__.endswith("recorders") if isinstance(sink, Sink) else False
 
 
 def tell(page, event, recorder):
