@@ -14,7 +14,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, MOVING, OK, SILENT, TAKEN, TICK,
 )
 from cext.page cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
@@ -136,9 +136,9 @@ cdef class Devices:
                     if device.bus != bus:
                         continue
                     answer = device.decode(self.arena, device.slots, device.sizes, frame)
-                    if answer == TAKEN:
+                    if answer == TAKEN or answer == MOVING:
                         device.heard = frame.time
-                        device.replies += 1
+                        device.replies += answer == TAKEN or not self.stopping
                     if answer != FOREIGN:
                         break
                 if self.alone and answer != TAKEN:
@@ -282,6 +282,7 @@ cdef class Devices:
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
         cdef int number
         cdef Device *device
+        self.stopping = disable
         for number in range(self.count):
             device = &self.devices[number]
             device.replies = device.rounds = 0

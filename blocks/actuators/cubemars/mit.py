@@ -51,10 +51,6 @@ class CubeMars(Joint, Actuator):
         return [(self.can_id, False, DISABLE)]
 
     def damp_frames(self):
-        code = int(self.stop_damping * 0xFFF / models.DAMPING)
-        return [(self.can_id, False, bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]]))]
-
-    def damp_frames(self):
         return [(self.can_id, False, damped(self.stop_damping / self.wire[3]))]
 
     def emulator(self, **parameters):
