@@ -93,7 +93,9 @@ class Joint:
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
+        self.check_temperatures()
 
+    def check_temperatures(self):
         if not self.warning_temperature <= self.derating_temperature < self.fault_temperature:
             raise ValueError(
                 f"warning_temperature, derating_temperature and fault_temperature come in this order, got {self.warning_temperature:g}, "

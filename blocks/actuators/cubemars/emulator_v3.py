@@ -42,3 +42,39 @@ class EmulatedCubeMarsV3(Emulated, Device):
 
     def addresses(self):
         return [(self.can_id, True)]
+
+
+class EmulatedCubeMarsServo(Emulated, Device):
+    """A board of any generation in servo mode, on the in-memory bus: hears commands, gives torque up to its peak, and reports by itself.
+
+    The gains of its loops of velocity and position are ours: the vendor's are set with his tool. A V3.0 board hears force control, too.
+    `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    """
+
+    report_rate = Param(100.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
+    torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
+    scales, board, motion = Boards.scales, Boards.board, Boards.motion
+
+    find = staticmethod(models_v3.find_in_servo_mode)
+    kernel = kernels.drive
+    decode = kernels.drive_decode
+    encode = kernels.drive_encode
+
+    @classmethod
+    def of(cls, actuator, **parameters):
+        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "report_rate", "torque_constant")
+        return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
+
+    def configure(self):
+        self.found = self.find(self.model)
+        if self.peak is None and self.found.peak is None:
+            self.peak = self.found.wire_torque * self.gear_ratio
+        super().configure()
+        constant = self.torque_constant or self.found.torque_constant
+        if constant is None:
+            raise ValueError(f"the torque constant of {self.found.name} is not published: give torque_constant= in N·m/A, at its output")
+        self.scales = frames.scales(self.found, self.gear_ratio, constant)
+        self.board = (float(self.found.generation >= 3), 0.0)
+
+    def addresses(self):
+        return [(self.can_id, True)]
