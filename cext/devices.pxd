@@ -55,6 +55,7 @@ cdef class Devices:
     cdef Laps *laps              # NULL: no stamps
     cdef int item                # of the stopwatch: that of the first device
     cdef bint ran
+    cdef bint stopping           # replies are wanted to a safe stop
     cdef bint alone              # nobody else may command them
     cdef int64_t longest_damping # ns
 

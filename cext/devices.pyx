@@ -14,7 +14,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, MOVING, OK, SILENT, TAKEN, TICK,
 )
 from cext.histogram cimport add, summary
 from cext.pace cimport monotonic
@@ -161,9 +161,9 @@ cdef class Devices:
                     if device.bus != bus:
                         continue
                     answer = device.decode(self.arena, device.slots, device.sizes, frame)
-                    if answer == TAKEN:
+                    if answer == TAKEN or answer == MOVING:
                         device.heard = frame.time
-                        device.replies += 1
+                        device.replies += answer == TAKEN or not self.stopping
                         if device.asked >= 0:
                             add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
                             device.asked = -1
@@ -321,6 +321,7 @@ cdef class Devices:
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
         cdef int number
         cdef Device *device
+        self.stopping = disable
         for number in range(self.count):
             device = &self.devices[number]
             device.replies = device.rounds = 0

@@ -79,9 +79,10 @@ class Device(Block):
         return None
 
     def replies(self):
-        """By which frames others know that this device has answered, as (arbitration id, mask, is extended, first bytes).
+        """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended, first bytes).
 
-        Where replies and commands share an id, the first bytes tell them apart.
+        Where replies and commands share an id, the first bytes tell them apart. Where more than that tells a stop, they are a
+        regular expression, which the hex digits of the data begin with.
         """
         heard = self.hears()
         return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if heard is None else heard)]

@@ -93,7 +93,9 @@ class Joint:
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
+        self.check_temperatures()
 
+    def check_temperatures(self):
         self.hot = self.warning_temperature
         if not self.warning_temperature <= self.derating_temperature < self.fault_temperature:
             raise ValueError(
@@ -102,12 +104,18 @@ class Joint:
 
     def watched(self):
         return Watch(
-            rated=self.found.rated * self.gear_ratio, limit=self.torque_limit, mode=self.rms_mode, window=self.rms_window,
+            rated=self.rated_torque(), limit=self.torque_limit, mode=self.rms_mode, window=self.rms_window,
             warm=self.warning_temperature, derate=self.derating_temperature, hot=self.fault_temperature, felt=self.felt)
+
+    def rated_torque(self):
+        """N·m at the joint; of a model whose rating nobody has published, the limit that was given."""
+        return self.torque_limit if self.found.rated is None else self.found.rated * self.gear_ratio
 
     def find_limit(self):
         """N·m at the joint: rated or peak torque, never beyond the wire."""
         found, ratio = self.found, self.gear_ratio
+        if found.rated is None:
+            return self.given_limit()
         named = {"rated": found.rated * ratio, "peak": found.peak * ratio}
         if isinstance(self.limit, str):
             if self.limit not in named:
@@ -121,6 +129,15 @@ class Joint:
             raise ValueError(
                 f"limit must be above 0 and at most the peak torque of {found.name}{behind}, {named['peak']:g} N·m, got {limit:g} N·m")
         return min(limit, self.wire[4])
+
+    def given_limit(self):
+        """The limit of a model whose rated and peak torque are not known: a number, and no more than its wire says."""
+        if isinstance(self.limit, (str, bool)) or not isinstance(self.limit, Real):
+            raise ValueError(f"rated and peak torque of {self.found.name} are not published: give limit= in N·m, got {self.limit!r}")
+        if not 0.0 < self.limit <= self.wire[4]:
+            raise ValueError(
+                f"limit must be above 0 and at most what the wire of {self.found.name} can say, {self.wire[4]:g} N·m, got {self.limit:g} N·m")
+        return float(self.limit)
 
     def command_limits(self):
         position, velocity, stiffness, damping, torque, _ = self.limits

@@ -7,7 +7,7 @@ from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport AUTHORITY, INPUTS, NOT_FINITE, OUTPUTS, OUT_OF_LIMITS, PARAMETERS, PERIOD, Frame
+from cext.abi cimport AUTHORITY, INPUTS, NOT_FINITE, OK, OUTPUTS, OUT_OF_LIMITS, PARAMETERS, PERIOD, Frame
 from cext.kernels.drive_law cimport Law, share_inside
 from cext.kernels.fields cimport from_code, to_code
 
@@ -16,6 +16,13 @@ cdef enum:
     POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT, LIMITED
     CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
     OWN                         # first parameter of a family
+
+cdef struct Codes:              # of a command
+    uint32_t position
+    uint32_t velocity
+    uint32_t stiffness
+    uint32_t damping
+    uint32_t torque
 
 
 cdef inline int memory_of(const int32_t *slots) noexcept nogil:
@@ -50,24 +57,31 @@ cdef inline bint all_ones(const uint8_t *data, int count) noexcept nogil:
     return True
 
 
-cdef inline double felt_share(double *arena, const int32_t *slots, const double *wire, double limit, double torque) noexcept nogil:
+cdef inline double felt_share(
+        double *arena, const int32_t *slots, const double *wire, double limit, double torque, double position_step,
+        double velocity_step) noexcept nogil:
     """The share of stiffness and damping that keeps the drive's law inside a limit."""
     cdef Law law
     law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], torque
     law.position_error = arena[slots[POSITION_COMMAND]] - arena[slots[POSITION]]
     law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[slots[VELOCITY]]
     law.velocity, law.age, law.period = arena[slots[VELOCITY]], arena[slots[AGE]], arena[PERIOD]
-    law.position_step, law.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFF
+    law.position_step, law.velocity_step = position_step, velocity_step
     law.stiffness_step, law.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF
     return share_inside(&law, limit)
 
 
-cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame) noexcept nogil:
-    """The one frame of a tick, to the drive's id; or below zero, why there is none."""
+cdef inline int quantise(
+        double *arena, const int32_t *slots, int more, double position_step, double velocity_step, Codes *codes) noexcept nogil:
+    """The codes of a tick's command, and what of it is sent. OK, or why there are none.
+
+    more : outputs that the family has behind LIMITED: its parameters stand so much further behind
+    position_step, velocity_step : what one code means, of the command or of the feedback, whichever is coarser
+    """
     cdef int memory = memory_of(slots)
     cdef double *wire = arena + slots[memory]
     cdef double *limits = arena + slots[memory + 1]
-    cdef double sign = -1.0 if arena[slots[INVERT]] != 0.0 else 1.0
+    cdef double sign = -1.0 if arena[slots[INVERT + more]] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
     cdef double position = arena[slots[POSITION_COMMAND]]
     cdef double velocity = arena[slots[VELOCITY_COMMAND]]
@@ -76,36 +90,42 @@ cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame
     cdef double torque = arena[slots[TORQUE_COMMAND]]
     cdef double felt
     cdef bint limited
-    cdef uint32_t code
     if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
-        return -NOT_FINITE
+        return NOT_FINITE
     if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
             or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
-        return -OUT_OF_LIMITS
+        return OUT_OF_LIMITS
     if not 0.0 <= share <= 1.0:
-        return -OUT_OF_LIMITS   # a share of NaN would be full torque
+        return OUT_OF_LIMITS    # a share of NaN would be full torque
     limited = fabs(torque) > limits[5]
     if limited:
         torque = copysign(limits[5], torque)
     if stiffness > 0.0 or damping > 0.0:
-        felt = felt_share(arena, slots, wire, limits[5], torque)
+        felt = felt_share(arena, slots, wire, limits[5], torque, position_step, velocity_step)
         limited |= felt < 1.0
         stiffness *= felt
         damping *= felt
     arena[slots[LIMITED]] += limited
+    codes.position = to_code(sign * (position + arena[slots[OFFSET + more]]), -wire[0], wire[0], 16)
+    codes.velocity = to_code(sign * velocity, -wire[1], wire[1], 12)
+    codes.stiffness = to_code(share * stiffness, 0.0, wire[2], 12)
+    codes.damping = to_code(share * damping, 0.0, wire[3], 12)
+    codes.torque = to_code(sign * share * torque, -wire[4], wire[4], 12)
+    arena[slots[TORQUE_SENT]] = sign * from_code(codes.torque, -wire[4], wire[4], 12)
+    return OK
+
+
+cdef inline int encode_command(double *arena, const int32_t *slots, Frame *frame) noexcept nogil:
+    """The one frame of a tick, to the drive's id; or below zero, why there is none."""
+    cdef double *wire = arena + slots[memory_of(slots)]
+    cdef Codes codes
+    cdef int status = quantise(arena, slots, 0, 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFF, &codes)
+    if status != OK:
+        return -status
     memset(frame, 0, sizeof(Frame))
     frame.id = <uint32_t>arena[slots[CAN_ID]]
     frame.length = 8
-    code = to_code(sign * share * torque, -wire[4], wire[4], 12)
-    pack(
-        frame.data,
-        to_code(sign * (position + arena[slots[OFFSET]]), -wire[0], wire[0], 16),
-        to_code(sign * velocity, -wire[1], wire[1], 12),
-        to_code(share * stiffness, 0.0, wire[2], 12),
-        to_code(share * damping, 0.0, wire[3], 12),
-        code,
-    )
-    arena[slots[TORQUE_SENT]] = sign * from_code(code, -wire[4], wire[4], 12)
+    pack(frame.data, codes.position, codes.velocity, codes.stiffness, codes.damping, codes.torque)
     return 1
 
 

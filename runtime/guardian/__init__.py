@@ -10,7 +10,7 @@ The plan is a dict that JSON can carry:
     buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None where the loop drives
                 the bus itself)
     devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
-                replies as [id, mask, first bytes]; data in hex digits, ids with the flag bits of struct can_frame
+                replies as [id, mask, first digits]; data in hex digits, ids with the flag bits of struct can_frame
     items       what a tick can hang with, by the numbers that the watchdog of the loop puts on the page
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
@@ -154,7 +154,7 @@ def plan(buses, schedule, diagram, priority):
                 "name": device.name, "bus": device.bus, "zero": told(device.zero), "disable": told(device.disable),
                 "damp": told(device.damp), "damp_time": device.damp_time if device.damp else 0.0,
                 "unanswered": device.unanswered,
-                "replies": [[flagged(wanted, extended), mask | FLAGS, begin.hex()]
+                "replies": [[flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
                             for wanted, mask, extended, begin in diagram[device.name].replies()],
             }
             for device in schedule.devices

@@ -239,7 +239,7 @@ class Guardian:
 def decoded(device):
     """A device of the plan with bytes in place of their hex digits."""
     frames = {key: [(identifier, bytes.fromhex(data)) for identifier, data in device[key]] for key in ("zero", "disable", "damp")}
-    return device | frames | {"replies": [(wanted, mask, bytes.fromhex(begin)) for wanted, mask, begin in device["replies"]]}
+    return device | frames
 
 
 def in_words(verdict):

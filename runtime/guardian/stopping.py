@@ -3,6 +3,8 @@
 An actuator that is to be damped first, so that no joint drops its wearer, is damped for its time before that.
 """
 
+import re
+
 ROUND = 5_000_000               # ns between repetitions
 LONGEST = 200_000_000           # ns, after the longest damping
 
@@ -68,4 +70,4 @@ class SafeStop:
 
 
 def is_reply(device, identifier, data):
-    return any(identifier & mask == wanted & mask and data.startswith(begin) for wanted, mask, begin in device["replies"])
+    return any(identifier & mask == wanted & mask and re.match(begin, data.hex()) for wanted, mask, begin in device["replies"])

@@ -33,9 +33,11 @@ class Model:
     wire_velocity: float
     gear: int
     motor_constant: float | None            # N·m/A
+    pole_pairs: int
     wire_position: float = POSITION
     wire_stiffness: float = STIFFNESS
     wire_damping: float = DAMPING
+    generation: int = 2
 
     @property
     def torque_constant(self):
@@ -46,17 +48,17 @@ class Model:
 MODELS = {
     model.name: model
     for model in (
-        #     name           rated   peak   wire torque  velocity  gear  motor constant
-        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198),
-        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056),
-        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127),
-        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11),
-        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078),
-        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None),
-        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199),
-        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105),
-        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136),
+        #     name           rated   peak   wire torque  velocity  gear  motor constant  pole pairs
+        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 21),
+        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 14),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 14),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 14),
+        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 14),
+        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 21),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 21),
+        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 21),
+        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 21),
+        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 21),
     )
 }
 
@@ -71,36 +73,46 @@ MISPRINTED = {"AK80-80": "AK80-64"}     # in the driver manual V1.0.8
 
 def find(name):
     """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if there is none."""
-    wanted = _plain(name)
+    wanted = plain(name)
     for model in MODELS.values():
-        if _plain(model.name) == wanted:
+        if plain(model.name) == wanted:
             return model
-    motor, generation = _split(name)
-    if generation.startswith("3") or any(_plain(only) == motor for only in ONLY_V3):
-        raise ValueError(f"{name}: boards V3.0 speak another protocol, which is not supported yet; this block drives V1 and V2")
+    motor, generation = split(name)
+    if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
+        raise ValueError(f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or CubeMarsServo in servo mode")
     for short, full in AMBIGUOUS.items():
-        if _plain(short) == wanted:
-            raise ValueError(
-                f"{short} was sold with driver boards of two generations, which speak different protocols: write {full!r} for boards V1 "
-                f"and V2 (MIT mode in standard frames); V3.0 boards (extended frames) are not supported yet")
-    hint = _same_motor(motor) or suggestion(str(name).upper().replace("_", "-").replace(" ", "-"), MODELS)
+        if plain(short) == wanted:
+            raise ValueError(f"{short} was sold with driver boards of several generations: {tell_apart(short + '-V3.0', full)}")
+    hint = _same_motor(motor) or suggestion(spelt(name), MODELS)
     known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
     raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table{known}")
+
+
+def tell_apart(newest, older):
+    """In words, how to know which board a motor has, and what to write for it."""
+    return (
+        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) for V3.0 in force control, "
+        f"CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode")
 
 
 def _same_motor(motor):
     """The suggestion for a motor that we know under another name; '' if we do not. A near spelling may be a motor of another size."""
     for printed, full in MISPRINTED.items():
-        if _plain(printed) == motor:
+        if plain(printed) == motor:
             return f"the manual that says {printed} means {full!r}"
-    return next((f"did you mean {full!r}?" for full in MODELS if _split(full)[0] == motor), "")
+    return next((f"did you mean {full!r}?" for full in MODELS if split(full)[0] == motor), "")
 
 
-def _split(name):
+def split(name):
     """'AK80-9 V3.0' gives ('AK809', '3.0'): the motor, and the generation of its board, '' where the name has none."""
     match = re.match(r"(.*?)[\s_-]*V[\s_.-]*([\d.]+)$", str(name).strip().upper())
-    return (_plain(match[1]), match[2]) if match else (_plain(name), "")
+    return (plain(match[1]), match[2]) if match else (plain(name), "")
 
 
-def _plain(name):
+def spelt(name):
+    """A name as the tables write it, to compare the two."""
+    return str(name).upper().replace("_", "-").replace(" ", "-")
+
+
+def plain(name):
     return "".join(letter for letter in str(name).upper() if letter.isalnum())

@@ -22,7 +22,7 @@ def device(name, bus, identifier, begin=b"", damp_time=0.0):
     return {
         "name": name, "bus": bus, "zero": [(identifier, b"zero")], "disable": [(identifier, b"disable")],
         "damp": [(identifier, b"damp")], "damp_time": damp_time,
-        "replies": [(identifier + 0x100, ALL, begin)]}
+        "replies": [(identifier + 0x100, ALL, begin.hex())]}
 
 
 @pytest.fixture

@@ -1,0 +1,54 @@
+"""Extended frames of CubeMars boards, as (arbitration id, is extended, data): V3.0 boards always, V1 and V2 in servo mode.
+
+An identifier is (kind << 8) | id; numbers are big-endian. AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual V1.0.18.
+"""
+
+import math
+
+DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15     # kinds of commands
+STATUS, POWER_UP = 0x29, 0x2C                                                                                   # and of what a drive says
+
+DEGREES = 3276.8                    # half the range of a status' position; the manual has 3200
+POSITION_CODE = math.radians(0.1)   # rad, of a status
+SPEED_CODE = 10.0                   # electrical revolutions a minute, of a status
+QUIET = 0.32                        # A, below which a drive is at rest: cext/kernels/cubemars_status.pxd
+
+FAULTS = {
+    0: "none", 1: "motor too hot", 2: "over-current", 3: "over-voltage", 4: "under-voltage", 5: "encoder", 6: "transistors too hot",
+    7: "stalled", 0x2C: "has lost its power in the run", 0x77: "says that it has been disabled",
+}
+
+
+def frame(kind, can_id, data=b""):
+    return kind << 8 | can_id, True, bytes(data)
+
+
+def amperes(kind, current, can_id):
+    """A command of a current, of kind CURRENT or BRAKE."""
+    return frame(kind, can_id, round(current * 1000.0).to_bytes(4, "big", signed=True))
+
+
+def origin(can_id, permanent=False):
+    """The present position becomes zero: until the power goes, or, written into the drive's flash memory, for good."""
+    return frame(ORIGIN, can_id, bytes([int(permanent)]))
+
+
+def hears(can_id):
+    """What a drive says, and what anybody commands it."""
+    return [(STATUS << 8 | can_id, 0x1FFFF8FF, True), (can_id, 0x1FFFE0FF, True)]
+
+
+def replies(can_id):
+    """A status that says that the drive is at rest: with a current within ± QUIET, or with the answer to a disable."""
+    status = STATUS << 8 | can_id
+    return [(status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")]
+
+
+def in_words(code):
+    return FAULTS.get(code, f"code {code}, which the manual does not know")
+
+
+def scales(found, gear_ratio, torque_constant):
+    """Of a status, at the joint: rad and rad/s of a code, N·m of an ampere."""
+    turns = SPEED_CODE / (found.gear * found.pole_pairs * gear_ratio)
+    return POSITION_CODE / gear_ratio, turns * math.pi / 30.0, torque_constant * gear_ratio

@@ -1,0 +1,92 @@
+"""The CubeMars models of board generation V3.0, which speak force control.
+
+Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2. Ratings: the vendor's product
+pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2 board, are not published.
+"""
+
+from dataclasses import dataclass
+
+from blocks.actuators.cubemars import models
+from graph.block import suggestion
+
+POSITION = 12.56        # rad, half the wire range of every model
+
+
+@dataclass(frozen=True)
+class Model:
+    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the constant in N·m/A, at the output.
+
+    `ambiguous` : the motor is sold with boards of other generations, too
+    """
+
+    name: str
+    rated: float | None
+    peak: float | None
+    wire_torque: float
+    wire_velocity: float
+    gear: int
+    torque_constant: float
+    pole_pairs: int
+    ambiguous: bool = False
+    wire_position: float = POSITION
+    wire_stiffness: float = models.STIFFNESS
+    wire_damping: float = models.DAMPING
+    generation: int = 3
+
+    @property
+    def motor(self):
+        """Its name without that of the board."""
+        return self.name.removesuffix("-V3.0")
+
+
+MODELS = {
+    model.name: model
+    for model in (
+        #     name          rated   peak   wire torque  velocity  gear  constant  pole pairs
+        Model("AK10-9-V3.0", 18.0, 53.0, 54.0, 28.0, 9, 1.3137, 21, True),
+        Model("AK60-6-V3.0", 3.0, 9.0, 12.0, 60.0, 6, 0.5994, 14, True),
+        Model("AK60-39", 24.0, 72.0, 80.0, 10.0, 39, 3.4616, 14),
+        Model("AK70-9", 8.5, 29.2, 32.0, 30.0, 9, 1.0621, 21),
+        Model("AK80-8-V3.0", None, None, 32.0, 38.0, 8, 1.0569, 21, True),
+        Model("AK80-9-V3.0", 9.0, 22.0, 18.0, 65.0, 9, 0.5701, 21, True),
+        Model("AKE60-8", 5.0, 12.5, 15.0, 40.0, 8, 0.7382, 14),
+        Model("AKE80-8", 12.0, 30.0, 35.0, 20.0, 8, 1.7909, 21),
+        Model("AKE90-8", 55.0, 170.0, 150.0, 20.0, 8, 1.8265, 21),
+        Model("AKH70-16", 26.0, 85.0, 110.0, 13.0, 16, 2.8334, 21),
+        Model("AKH70-48", 74.0, 222.0, 280.0, 5.0, 48, 8.8123, 21),
+    )
+}
+
+# Sold with a V3.0 board, and not in the table of its wire.
+WITHOUT_WIRE = ("AKA10-9", "AKA60-6")
+
+
+def find(name):
+    """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other boards, too.
+
+    ValueError where it means another generation or more than one, or there is none.
+    """
+    motor, generation = models.split(name)
+    for model in MODELS.values():
+        if models.plain(model.motor) == motor and (generation.startswith("3") or not generation and not model.ambiguous):
+            return model
+    for without in WITHOUT_WIRE:
+        if models.plain(without) == motor and (not generation or generation.startswith("3")):
+            raise ValueError(f"{name}: the manual's table of wire ranges does not have it, so that nobody can say what its codes mean")
+    same = next((model for model in MODELS.values() if models.plain(model.motor) == motor), None)
+    older = next((full for full in models.MODELS if models.split(full)[0] == motor), None)
+    if same is not None and not generation:
+        raise ValueError(f"{same.motor} was sold with driver boards of several generations: {models.tell_apart(same.name, older)}")
+    if older is not None and not generation.startswith("3"):
+        raise ValueError(f"{name} has a board of generation V1 or V2: use CubeMars({older!r}), or CubeMarsServo({older!r}) in servo mode")
+    hint = f"did you mean {same.name!r}?" if same is not None else suggestion(models.spelt(name), MODELS)
+    known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
+    raise ValueError(f"{name!r} is not a CubeMars model with a table of force control{known}")
+
+
+def find_in_servo_mode(name):
+    """The model of that name with a board of any generation, all of which have a servo mode. ValueError as of `find`."""
+    motor, generation = models.split(name)
+    if generation.startswith("3") or not generation and any(models.plain(only) == motor for only in models.ONLY_V3):
+        return find(name)
+    return models.find(name)

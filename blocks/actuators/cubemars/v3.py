@@ -1,0 +1,102 @@
+"""CubeMars actuators with a board of generation V3.0, in force control."""
+
+import math
+
+from blocks.actuators.cubemars import frames, models_v3
+from blocks.actuators.joint import Joint
+from blocks.actuators.mit_frames import ENABLE
+from cext.kernels import cubemars_v3 as kernels
+from graph import Actuator, Interval, Memory, Output, Param
+
+NOTHING = bytes.fromhex("0000007fff7ff7ff")     # no stiffness, no damping; position, velocity and torque in the middle of their ranges
+
+
+class Reporting:
+    """What the boards share that report in extended frames: feedback, and how it is read. Taken over one by one."""
+
+    report_rate = Param(0.0, "Hz", "at which the drive reports, as set with the vendor's tool; 0 where it answers each command", min=0.0,
+                        max=500.0, fixed=True, kernel=False)
+    torque = Output("N·m", "computed: the drive's current times the torque constant; nothing measures it")
+    current = Output("A", "of the motor, the way the joint turns")
+    scales = Memory((0.0,) * 3, "rad and rad/s of a code of the feedback, N·m of an ampere, at the joint")
+    notice = Memory(0.0, "what has happened to a drive that was commanded")
+
+    def check_reports(self):
+        self.reports = 1
+        if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
+            raise ValueError(
+                f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the drive would seem silent")
+
+    def prepare(self, dt):
+        self.reports = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
+
+    def feedback_range(self):
+        position, velocity, torque = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1], 327.68 * self.scales[2]
+        return {
+            "position": Interval(-position, position), "velocity": Interval(-velocity, velocity), "torque": Interval(-torque, torque),
+            "current": Interval(-327.68, 327.68), "temperature": Interval(-128.0, 127.0),
+        }
+
+
+class CubeMarsV3(Joint, Actuator):
+    """A CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
+
+    (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames, with another feedback:
+    position, velocity and current, at `report_rate`, over ± 3276.8° of the motor where commands reach ± 12.56 rad. Its torque is computed
+    from the current. With stiffness and damping the drive must report at least every second tick: both are zero where the feedback is
+    older. The safe stop is confirmed by a current of less than 0.32 A, or the drive's answer to the disable.
+    """
+
+    report_rate, check_reports, prepare, feedback_range = (
+        Reporting.report_rate, Reporting.check_reports, Reporting.prepare, Reporting.feedback_range)
+    enter = Param(
+        False, "1", "whether arming sends FF..FC, which one unit is told to have needed; to a board that does not know it, it is full torque",
+        fixed=True, kernel=False)
+    torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
+
+    find = staticmethod(models_v3.find)
+    decode = kernels.decode
+    encode = kernels.encode
+    hot = 60.0                  # warm to the touch; the drive itself reports a fault far above
+    unanswered_frames = 1       # of the stop's two: drives that report by themselves answer neither
+
+    def configure(self):
+        super().configure()
+        self.check_reports()
+        self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
+
+    def output_range(self, **commands):
+        return super().output_range() | self.feedback_range()
+
+    def fault_in_words(self, code):
+        return frames.in_words(code)
+
+    def addresses(self):
+        return [(self.can_id, True)]
+
+    def hears(self):
+        return frames.hears(self.can_id)
+
+    def replies(self):
+        return frames.replies(self.can_id)
+
+    def traffic(self):
+        return [(8, True)] * (1 + self.reports)
+
+    def enable_frames(self):
+        return [frames.frame(frames.FORCE, self.can_id, ENABLE)] if self.enter else []
+
+    def zero_frames(self):
+        return [frames.frame(frames.FORCE, self.can_id, NOTHING)]
+
+    def disable_frames(self):
+        return [frames.frame(frames.DISABLE, self.can_id)]
+
+    def damp_frames(self):
+        code = int(self.stop_damping / self.wire[3] * 0xFFF)
+        return [frames.frame(frames.FORCE, self.can_id, bytes([0, code >> 8, code & 0xFF, *NOTHING[3:]]))]
+
+    def emulator(self, **parameters):
+        from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
+
+        return EmulatedCubeMarsV3.of(self, **{"report_rate": self.report_rate, "enter": self.enter} | parameters)

@@ -1,0 +1,99 @@
+"""Names, ratings and wire tables of the CubeMars models with V3.0 boards, and what is refused."""
+
+import pytest
+
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, EmulatedCubeMarsServo, EmulatedCubeMarsV3
+from blocks.actuators.cubemars import models, models_v3
+from blocks.actuators.cubemars.models_v3 import MODELS, find
+from graph import DiagramError
+from tests.shared import specifications
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_is_found_however_its_name_is_typed(name):
+    for spelling in (name, name.lower(), name.replace("-", " "), name.replace("-V", " V"), name.replace("-", ""), f" {name} "):
+        assert find(spelling) is MODELS[name]
+        assert CubeMarsServo(spelling, limit=1.0).model == CubeMarsV3(spelling, limit=1.0).model == name
+    assert find(f"{MODELS[name].motor}-V3.2") is MODELS[name]
+
+
+@pytest.mark.parametrize("name", [model.motor for model in MODELS.values() if model.ambiguous])
+def test_a_motor_of_several_generations_needs_the_boards_name(name):
+    for block in (CubeMarsV3, EmulatedCubeMarsV3):
+        with pytest.raises(DiagramError, match=rf"several generations.*label.*CubeMarsV3\('{name}-V3\.0'\).*CubeMars\('{name}.*CubeMarsServo"):
+            block(name)
+
+
+@pytest.mark.parametrize("name, said", [
+    ("AKA10-9", "table of wire ranges does not have it"), ("aka60-6 v3.0", "table of wire ranges does not have it"),
+    ("AK80-64", r"generation V1 or V2: use CubeMars\('AK80-64'\), or CubeMarsServo"), ("AK10-9 V2.0", r"generation V1 or V2: use CubeMars\('AK10-9-V2\.0'\)"),
+    ("AK80-9 V1.1", r"use CubeMars\('AK80-9'\)"), ("AK70-90", "is not a CubeMars model with a table of force control.*'AK70-9'"),
+    ("AK80-64 V3.0", "is not a CubeMars model with a table"), ("XM430", "there are AK10-9-V3.0"),
+])
+def test_what_it_does_not_drive_is_refused_with_what_does(name, said):
+    with pytest.raises(DiagramError, match=said):
+        CubeMarsV3(name)
+
+
+def test_blocks_of_servo_mode_take_the_names_of_both_tables():
+    for name in (*models.MODELS, *MODELS):
+        wanted = (models.MODELS | MODELS)[name]
+        assert models_v3.find_in_servo_mode(name) is wanted
+    assert CubeMarsServo("AK80-9").found.torque_constant == pytest.approx(0.945) and CubeMarsServo("AK80-9 V3").found.torque_constant == 0.5701
+    assert EmulatedCubeMarsServo("AK80-9").board == (0.0, 0.0) and EmulatedCubeMarsServo("AK80-9 V3").board == (1.0, 0.0)
+
+
+def test_the_wire_tables_are_those_of_the_specification():
+    table = specifications("cubemars_v3_force")
+    assert (table["p_rad"], table["kp"], table["kd"]) == (models_v3.POSITION, models.STIFFNESS, models.DAMPING)
+    rows = {model.motor: [model.wire_velocity, model.wire_torque, model.torque_constant, model.gear, model.pole_pairs] for model in MODELS.values()}
+    assert rows == {
+        name: [row["v_rad_s"], row["t_nm"], row["kt_output_nm_per_a"], row["gear"], row["pole_pairs"]] for name, row in table["models"].items()}
+
+
+def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
+    table = specifications("cubemars_ratings")["models"]
+    for model in (*models.MODELS.values(), *MODELS.values()):
+        motor, generation = models.split(model.name)
+        rows = [
+            row for name, row in table.items() if models.split(name)[0] == motor
+            and (model.generation == 3) == (models.split(name)[1].startswith("3") or name in ("AKE60-8", "AKE80-8", "AKE90-8", "AKH70-16", "AKH70-48"))]
+        if model.rated is None:
+            assert not rows, "somebody has published it"
+            continue
+        [row] = rows
+        assert (model.rated, model.peak, model.pole_pairs, model.gear) == (row[0], row[1], row[6], row[7]), model.name
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_limit_is_rated_peak_or_a_torque_and_never_beyond_the_wire(name):
+    model = MODELS[name]
+    if model.rated is None:
+        for limit in ("rated", "peak", True, None):
+            with pytest.raises(DiagramError, match="not published: give limit= in N·m"):
+                CubeMarsV3(name, limit=limit)
+        for limit in (0.0, -1.0, model.wire_torque * 1.001, float("nan"), float("inf")):
+            with pytest.raises(DiagramError, match="limit must be above 0 and at most what the wire"):
+                CubeMarsV3(name, limit=limit)
+        one = CubeMarsV3(name, limit=7.5)
+        assert one.command_limits()["torque_command"].high == one.watched().rated == 7.5
+        return
+    for limit, torque in (("rated", model.rated), ("peak", min(model.peak, model.wire_torque)), (0.5, 0.5)):
+        one = CubeMarsV3(name, limit=limit)
+        assert one.command_limits()["torque_command"].high == torque and one.watched().rated == model.rated
+    with pytest.raises(DiagramError, match="at most the peak torque"):
+        CubeMarsV3(name, limit=model.peak * 1.001)
+
+
+def test_the_three_blocks_know_of_one_another():
+    with pytest.raises(DiagramError, match="use CubeMarsV3, or CubeMarsServo in servo mode"):
+        CubeMars("AK80-9 V3.0")
+
+
+@pytest.mark.parametrize("parameters, said", [
+    ({"report_rate": 501.0}, "report_rate: must be at most 500"), ({"report_rate": 10.0}, "shorter than two reports at report_rate 10 Hz"),
+    ({"stop_damping": 6.0}, "stop_damping is at most"), ({"enter": 1}, "enter: expected True or False"),
+])
+def test_a_parameter_out_of_bounds_is_refused(parameters, said):
+    with pytest.raises(DiagramError, match=said):
+        CubeMarsV3("AK70-9", **parameters)
