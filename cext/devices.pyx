@@ -14,7 +14,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, SILENT, TAKEN, TICK,
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, OK, PRESSED, SILENT, TAKEN, TICK,
 )
 from cext.page cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
 from cext.stopwatch cimport COMMAND, lap
@@ -136,6 +136,10 @@ cdef class Devices:
                     if device.bus != bus:
                         continue
                     answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                    if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
+                        self.failed.device = number
+                        status = ESTOP
+                        answer = TAKEN
                     if answer == TAKEN:
                         device.heard = frame.time
                         device.replies += 1
