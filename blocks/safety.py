@@ -36,7 +36,8 @@ class EStopHeartbeat(Device):
     released, and anything else means pressed. A good sender repeats it every 20 ms, and at once when it is pressed.
 
     Pressed ends the run in the same tick: no command of that tick is sent. Silence for `timeout`, a counter that stands still and frames of another
-    length, which are counted and ignored, end it too. A press is latched: a run that has seen one ends, even if it was let go within the tick. Who
+    length, which are counted and ignored, end it too. A press is latched: a run that has seen one ends, even if it was let go within the tick, and even while
+    it was still being armed. Who
     can send on its bus can say that it is released.
     """
 

@@ -64,6 +64,7 @@ cdef enum: # what decode_t returns
     NOTED = 2               # of this device, but no answer to a command: a report, or the reply of a drive that is not enabled yet
     COMMANDED = 3           # for this device, from somebody else who commands it
     MOVING = 4              # an answer of this device, which says that it is not at rest: none to the safe stop
+    PRESSED = 5             # an answer of this device, which says that somebody wants the run to end
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
 
 cdef enum:

@@ -14,7 +14,8 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, MOVING, OK, SILENT, TAKEN, TICK,
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, MOVING, OK, PRESSED, SILENT,
+    TAKEN, TICK,
 )
 from cext.histogram cimport add, summary
 from cext.pace cimport monotonic
@@ -161,6 +162,10 @@ cdef class Devices:
                     if device.bus != bus:
                         continue
                     answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                    if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
+                        self.failed.device = number
+                        status = ESTOP
+                        answer = TAKEN
                     if answer == TAKEN or answer == MOVING:
                         device.heard = frame.time
                         device.replies += answer == TAKEN or not self.stopping

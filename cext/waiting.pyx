@@ -161,6 +161,8 @@ cdef class Waiting(Arming):
             status[0] = computed
             return computed
         status[0] = self.control.devices.receive(self.now, self.layout)
+        if status[0] == ESTOP:
+            status[0] = OK                                         # the device holds it against every command from here on
         if status[0] != OK:
             return status[0]
         if computed == OK:

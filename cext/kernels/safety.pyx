@@ -9,7 +9,7 @@ A heartbeat whose counter stands still is a sender that hangs, or an old frame a
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
-from cext.abi cimport ESTOP, FOREIGN, MALFORMED, OK, TAKEN, TIME, Frame, export, export_decode, export_encode
+from cext.abi cimport ESTOP, FOREIGN, MALFORMED, OK, PRESSED as STOP_WANTED, TAKEN, TIME, Frame, export, export_decode, export_encode
 
 cdef enum:
     RELEASED_BYTE = 0x5A
@@ -54,7 +54,7 @@ cdef int heartbeat_decode(double *arena, const int32_t *slots, const int32_t *si
     arena[slots[PRESSED]] = pressed
     arena[slots[COUNT]] += 1.0
     state[0] = frame.data[0] + 1.0
-    return TAKEN
+    return STOP_WANTED if pressed else TAKEN
 
 
 cdef int heartbeat_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:

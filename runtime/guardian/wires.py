@@ -12,6 +12,7 @@ import os
 import socket
 import struct
 import time
+from collections import deque
 from contextlib import suppress
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
@@ -68,7 +69,7 @@ class PythonCanWire(Wire):
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
         self.fd = fd
-        self.echoes = {}                    # (id, data): (how many, time of the last)
+        self.echoes = {}                    # (id, data): when each was sent whose echo is awaited
 
     def fileno(self):
         try:
@@ -102,7 +103,6 @@ class PythonCanWire(Wire):
 
     def send(self, identifier, data):
         now = time.monotonic()
-        many, _ = self.echoes.get((identifier, data), (0, 0.0))
         try:
             self.bus.send(
                 self.message(
@@ -115,19 +115,23 @@ class PythonCanWire(Wire):
             return False
         self.failures = 0
         if len(self.echoes) >= REMEMBERED:
-            self.echoes = {frame: known for frame, known in self.echoes.items() if now - known[1] < ECHO}
-        self.echoes[identifier, data] = many + 1, now
+            self.echoes = {frame: sent for frame, sent in self.echoes.items() if sent and now - sent[-1] < ECHO}
+        sent = self.echoes.setdefault((identifier, data), deque())
+        forget(sent, now)
+        sent.append(now)
         return True
 
     def is_echo(self, frame):
-        many, last = self.echoes.get(frame, (0, 0.0))
-        if not many:
+        """Each frame that was sent accounts for one echo, for a while: one more, or one too late, is somebody else's."""
+        sent = self.echoes.get(frame)
+        if sent is None:
             return False
-        if many == 1 or time.monotonic() - last >= ECHO:
-            del self.echoes[frame]
-        else:
-            self.echoes[frame] = many - 1, last
-        return time.monotonic() - last < ECHO
+        forget(sent, time.monotonic())
+        if sent:
+            sent.popleft()
+            return True
+        del self.echoes[frame]
+        return False
 
     def close(self):
         with suppress(*self.errors):            # of an interface that is gone already
@@ -218,6 +222,12 @@ def open_wire(bus):
     if bus["interface"] == "socketcan":
         return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
     return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], bus.get("options"))
+
+
+def forget(sent, now):
+    """Drop the instants that are too long ago for an echo."""
+    while sent and now - sent[0] >= ECHO:
+        sent.popleft()
 
 
 def keep_apart(descriptor):

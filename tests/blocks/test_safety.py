@@ -10,6 +10,7 @@ from blocks.logic import Compare
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
 from blocks.sources import StepSource
+from cext.mailbox_writer import Writer
 from graph import Block, Diagram, DiagramError, Output, compile, stack, subsystem
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
@@ -105,8 +106,8 @@ def test_one_that_might_not_be_looked_at_is_refused():
 
 # The heartbeat
 
-def heartbeat_rig(*, pressed=lambda: False, silent=lambda: False, period=0.02, timeout=0.1):
-    """A knee and a button, both emulated. pressed, silent : functions that make the plant's signals"""
+def heartbeat_rig(*, pressed=lambda: False, silent=lambda: False, period=0.02, timeout=0.1, knee_answers_from=0.0):
+    """A knee and a button, both emulated. pressed, silent : functions that make the plant's signals; knee_answers_from : s"""
     with Diagram("robot", rate=RATE) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
         EStopHeartbeat(name="button", timeout=timeout)
@@ -115,7 +116,38 @@ def heartbeat_rig(*, pressed=lambda: False, silent=lambda: False, period=0.02, t
         limb(torque=drive.torque)
         drive(position=limb.position, velocity=limb.velocity)
         robot["button"].emulator(name="emulated", period=period)(pressed=pressed(), silent=silent())
-    return Rig(robot, plant)
+        thief = Thief(knee_answers_from, name="thief")
+    rig = Rig(robot, plant)
+    thief.host = rig.buses["can"].host
+    return rig
+
+
+class Thief(Block):
+    """In the plant: takes away what the drive has answered, until some instant in s."""
+
+    taken = Output("1")
+
+    def __init__(self, until, **options):
+        self.until = until
+        super().__init__(**options)
+
+    def step(self, t):
+        return len(self.host.receive()) if t < self.until else 0.0
+
+
+class Window(Block):
+    """True between two instants, in s from the plant's begin, which is that of arming. then : called once, half a second after it"""
+
+    y = Output("1", dtype=bool)
+
+    def __init__(self, begin, end, then=lambda: None, **options):
+        self.begin, self.end, self.then = begin, end, then
+        super().__init__(**options)
+
+    def step(self, t, tick):
+        if tick == round((self.end + 0.5) * 5 * RATE):
+            self.then()
+        return self.begin <= t < self.end
 
 
 def from_then_on(time=PRESSED_AT):
@@ -153,7 +185,25 @@ def test_nothing_arms_without_a_button():
 def test_a_button_that_is_pressed_while_arming_keeps_every_command_back():
     rig = heartbeat_rig(pressed=lambda: True)
     outcome = rig.run(10)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", 0) and rig.commands() == []
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and rig.commands() == []
+    assert ends_in_the_safe_stop(rig)
+
+
+@pytest.mark.parametrize("pressed_at", [0.0, 0.01])
+def test_a_press_while_arming_that_is_let_go_before_the_first_tick_ends_it(pressed_at):
+    """The drive answers late, so that arming goes on long after the press."""
+    rig = heartbeat_rig(pressed=lambda: Window(pressed_at, pressed_at + 0.021, name="press").y, knee_answers_from=0.2)
+    outcome = rig.run(10)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and rig.commands() == []
+    assert DISABLE in rig.sent() and ends_in_the_safe_stop(rig)
+
+
+def test_a_press_at_the_pre_flight_table_that_is_let_go_again_ends_it_before_anybody_confirms():
+    rig = heartbeat_rig(pressed=lambda: Window(0.3, 0.321, lambda: writer.confirm(), name="press").y)
+    writer = Writer(rig.page, "keys")
+    outcome = rig.run(10, answered=lambda: None, confirm=True)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and set(rig.sent()) == {ENABLE, NOTHING, DISABLE}
+    assert ends_in_the_safe_stop(rig)
 
 
 def test_nan_at_the_emulator_is_pressed():

@@ -66,7 +66,6 @@ class CubeMarsServo(Actuator):
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode
-    hot = 60.0                  # warm to the touch; the drive itself reports a fault far above
     unanswered_frames = 1       # of the stop's two: nothing is answered, and one report may confirm it
     watched, find_limit, given_limit, rated_torque = Joint.watched, Joint.find_limit, Joint.given_limit, Joint.rated_torque
     check_reports, prepare, feedback_range = Reporting.check_reports, Reporting.prepare, Reporting.feedback_range

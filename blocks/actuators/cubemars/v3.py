@@ -57,7 +57,6 @@ class CubeMarsV3(Joint, Actuator):
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode
-    hot = 60.0                  # warm to the touch; the drive itself reports a fault far above
     unanswered_frames = 1       # of the stop's two: drives that report by themselves answer neither
 
     def configure(self):

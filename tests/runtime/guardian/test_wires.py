@@ -5,11 +5,12 @@ import itertools
 import os
 import select
 import socket
+import time
 
 import can
 import pytest
 
-from runtime.guardian.wires import CannotOpen, PythonCanWire, SocketCanWire, keep_apart
+from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, keep_apart
 from tests.runtime.guardian.drives import open_bus
 
 PORT = 43113                    # of udp_multicast
@@ -59,6 +60,40 @@ def test_a_frame_of_another_node_that_equals_ours_is_received_beside_the_echo(wi
     wire.send(127, NOTHING)
     node.send(message(127, NOTHING))
     assert heard(wire, 1) == [(127, NOTHING)] and wire.counts == {"echoes": 1}
+
+
+def test_each_frame_more_than_we_have_sent_is_somebody_elses_though_all_are_alike(wire, node):
+    for _ in range(40):                                             # as a steady torque is sent, again and again
+        wire.send(127, NOTHING)
+    for _ in range(3):
+        node.send(message(127, NOTHING))
+    assert heard(wire, 3) == [(127, NOTHING)] * 3 and wire.counts == {"echoes": 40}
+
+
+def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
+    wire = PythonCanWire("virtual", channel, 1_000_000, False)
+    for number in range(REMEMBERED):
+        assert wire.send(number, b"early")
+    assert wire.is_echo((7, b"early")) and len(wire.echoes) == REMEMBERED
+    time.sleep(ECHO)
+    assert wire.send(1, b"late") and list(wire.echoes) == [(1, b"late")]
+    wire.close()
+
+
+def test_an_echo_that_was_lost_does_not_hide_a_frame_of_somebody_else_for_ever(channel):
+    """On this interface nothing ever comes back, and the same frame is sent again and again."""
+    wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
+    end = time.monotonic() + 2.0 * ECHO
+    while time.monotonic() < end:
+        wire.send(127, NOTHING)
+        sent, last = wire.echoes[127, NOTHING], time.monotonic()
+        time.sleep(0.002)
+    assert 0 < len(sent) <= 0.6 * 2.0 * ECHO / 0.002 and last - sent[0] <= ECHO
+    time.sleep(ECHO)
+    node.send(message(127, NOTHING))
+    assert wire.receive() == [(127, NOTHING)] and wire.counts == {}
+    wire.close()
+    node.shutdown()
 
 
 def test_frames_of_every_kind_go_both_ways(wire, node):

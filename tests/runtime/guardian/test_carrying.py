@@ -1,0 +1,111 @@
+"""What the guardian carries is checked against the fence frame by frame: behind it nothing but the frames of the safe stop goes out."""
+
+import os
+import time
+
+import pytest
+
+from cext.page import Page
+from cext.rings import Line, Lines
+from runtime.guardian.process import Guardian, decoded
+
+ENABLE, NOTHING, DISABLE, TORQUE = (bytes.fromhex(text) for text in (
+    "FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E"))
+STOP = [NOTHING, DISABLE]
+
+
+class Log:
+    """A wire that keeps what is sent, and calls something whenever a frame goes out."""
+
+    def __init__(self):
+        self.sent, self.counts, self.trouble, self.then = [], {}, None, lambda data: None
+
+    def send(self, identifier, data):
+        self.sent.append(data)
+        self.then(data)
+        return True
+
+    def fileno(self):
+        return None
+
+    def receive(self):
+        return []
+
+
+class Carrying:
+    """A guardian in this process, with two buses that it carries and a motor on each; and the loop's ends of them."""
+
+    def __init__(self):
+        self.page, self.lines = Page(1 << 12), Lines(2)
+        self.ends = [Line(self.lines, number).end for number in range(2)]
+        self.wires = [Log(), Log()]
+        read, self.orders = os.pipe()
+        self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
+        frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": []}
+        guardian.devices = [
+            decoded({"name": f"{bus}", "bus": bus, "damp_time": 0.0, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)]
+        guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
+        guardian.items, guardian.limit = ["law"], 40_000_000
+        guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
+        guardian.wires = dict(enumerate(self.wires))
+        guardian.carried = [(bus, bus, wire) for bus, wire in enumerate(self.wires)]
+        guardian.restless = True
+
+    def queue(self, *frames):
+        """The loop sends these, on both buses."""
+        for end in self.ends:
+            for data in frames:
+                assert end.send(1, data)
+
+    def sent(self):
+        return [wire.sent for wire in self.wires]
+
+
+@pytest.fixture
+def robot():
+    return Carrying()
+
+
+def test_in_front_of_the_fence_everything_goes_out_in_its_order(robot):
+    robot.queue(ENABLE, TORQUE, NOTHING, TORQUE)
+    robot.guardian.carry()
+    assert robot.sent() == [[ENABLE, TORQUE, NOTHING, TORQUE]] * 2
+
+
+@pytest.mark.parametrize("after", range(1, 6))
+def test_a_fence_that_is_raised_between_taking_frames_and_sending_them_holds_back_the_rest_on_every_bus(robot, after):
+    """All have been taken out of their ring by then, of the first bus at least. The loop's own stop is behind them."""
+    gone = []
+
+    def count(data):
+        gone.append(data)
+        if len(gone) == after:
+            robot.page.raise_fence()
+            robot.queue(*STOP)
+
+    robot.wires[0].then = robot.wires[1].then = count
+    robot.queue(*[TORQUE] * 3)
+    for _ in range(3):
+        robot.guardian.carry()
+    first = min(after, 3)
+    assert robot.sent() == [[TORQUE] * first + STOP, [TORQUE] * (after - first) + STOP]
+
+
+@pytest.mark.parametrize("why", ["died", "hung", "stalled"])
+def test_frames_that_wait_in_a_ring_when_the_guardian_stops_the_motors_are_never_sent(robot, why):
+    robot.queue(TORQUE, ENABLE, TORQUE)
+    now = time.monotonic_ns()
+    robot.guardian.begin_stop(why, 50_000_000, now)
+    assert robot.page.fenced and robot.sent() == [STOP, STOP]      # at once, before anything that waits
+    robot.guardian.carry()
+    robot.queue(TORQUE)                                             # a loop that had been stopped goes on
+    robot.guardian.carry()
+    assert robot.sent() == [STOP, STOP]
+    assert [Line(robot.lines, number).counts["withheld"] for number in range(2)] == [4, 4]
+
+
+def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
+    fenced = []
+    robot.wires[0].then = lambda data: fenced.append(robot.page.fenced)
+    robot.guardian.begin_stop("died", 0, time.monotonic_ns())
+    assert fenced == [True, True]
