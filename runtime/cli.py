@@ -11,6 +11,7 @@ COMMANDS = {
     "run": "run a diagram, in simulation or on a rig",
     "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
     "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
+    "emulate": "play the plant of a diagram on the real buses of a rig, for a robot in another terminal",
     "replay": "run a recording again, bit for bit, or through a changed diagram",
     "diff": "compare two recordings: a table and a picture",
     "blocks": "list the blocks that are installed, or tell all about one",
@@ -23,7 +24,8 @@ COMMANDS = {
     "stream": "show one drive live, without torque",
     "set": "change live parameters of a run that goes on, or list them",
 }
-ROOMS = {"bench": "runtime.bench.command", "doctor": "runtime.doctor.command"}      # those of the others are in runtime.commands
+ROOMS = {                       # those of the others are in runtime.commands
+    "bench": "runtime.bench.command", "doctor": "runtime.doctor.command", "emulate": "runtime.emulation.command"}
 INTERRUPTED = 130
 
 

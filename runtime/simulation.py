@@ -23,12 +23,12 @@ class Simulation:
 
     def __init__(self, file, robot, schedule):
         self.given = file is not None and file.has_plant
-        diagram = build_plant(file, robot) if self.given else default_plant(robot)
-        self.substeps = substeps(robot, diagram) if diagram is not None else 1
+        self.diagram, self.plant = plant_of(file, robot)
+        self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
         self.buses = {name: MemoryBus() for name in schedule.buses}
-        self.diagram, self.plant, self.program = diagram, None, None
-        if diagram is not None:
-            self.plant = plant = compiled(file.path if self.given else robot.name, diagram)
+        self.program = None
+        if self.plant is not None:
+            plant = self.plant
             strangers = [name for name in plant.buses if name not in self.buses]
             if strangers:
                 known = ", ".join(self.buses) or "none"
@@ -38,6 +38,13 @@ class Simulation:
     def ends(self):
         """The robot's end of each bus, in the schedule's order."""
         return [bus.host for bus in self.buses.values()]
+
+
+def plant_of(file, robot):
+    """(Diagram, Schedule) of what a robot is attached to; None twice for a robot without devices. file : as above"""
+    given = file is not None and file.has_plant
+    diagram = build_plant(file, robot) if given else default_plant(robot)
+    return (None, None) if diagram is None else (diagram, compiled(file.path if given else robot.name, diagram))
 
 
 def substeps(robot, plant):

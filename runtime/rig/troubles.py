@@ -11,6 +11,7 @@ CODES = {
     "TW104": "bus without an interface",
     "TW105": "interface of another kind",
     "TW106": "bus that somebody else controls",
+    "TW107": "bus that somebody else emulates",
     "TW111": "kernel without CAN",
     "TW112": "no such interface",
     "TW113": "interface that is not CAN",

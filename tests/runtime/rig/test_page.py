@@ -40,8 +40,8 @@ def test_every_code_has_its_row():
 
 def test_every_code_is_raised_and_provoked():
     here = Path(__file__)
-    raised = "".join(path.read_text() for path in (ROOT / "runtime" / "rig").glob("*.py") if path.name != "troubles.py")
-    tests = [path for folder in (here.parent, ROOT / "tests" / "hardware") for path in folder.glob("*.py") if path != here]
+    raised = "".join(path.read_text() for room in ("rig", "emulation") for path in (ROOT / "runtime" / room).glob("*.py") if path.name != "troubles.py")
+    tests = [path for folder in (here.parent, here.parents[1] / "emulation", ROOT / "tests" / "hardware") for path in folder.glob("*.py") if path != here]
     provoked = "".join(path.read_text() for path in tests)
     for text in (raised, provoked):
         assert {code for code in CODES if code in text} == set(CODES)

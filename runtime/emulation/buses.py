@@ -1,0 +1,141 @@
+"""The interfaces behind the buses of a plant: opened as the robot's are, without a guardian, since nothing on them moves anything."""
+
+import json
+import os
+from contextlib import suppress
+
+from cext.buses import MemoryBus
+from cext.rings import Line, Lines
+from cext.socketcan import SocketCan
+from runtime.child import ChildProcess
+from runtime.doctor.machine import Machine
+from runtime.errors import BadInput
+from runtime.guardian.lock import BusLock, BusTaken
+from runtime.rig.buses import ONE_PROCESS, PATIENCE, SEE_PYTHON_CAN
+from runtime.rig.file import SOCKETCAN, UDP
+from runtime.rig.interface import Interface
+from runtime.rig.serial_port import look_at_port
+from runtime.rig.troubles import Refused, RigError, Trouble
+
+READY_TIMEOUT = 30.0            # s
+ONE_MACHINE = ("udp_multicast",)        # kinds of python-can whose nodes are programs
+
+
+class PlantBuses:
+    """The ends of a plant's buses. RigError with everything that keeps them from being opened.
+
+    rig : RigFile
+    names : of the buses, in the order of the plant's schedule
+
+    remarks : lines that a person should read first
+    real : channels on which there may be real drives
+    """
+
+    def __init__(self, rig, names, machine=None):
+        self.rig, self.names, self.remarks, self.real = rig, list(names), [], []
+        self.locks, self.interfaces, self.cans, troubles = [], {}, {}, []
+        self.lines, self.bell, self.carrier = None, -1, None
+        self.carried = [name for name in names if rig.buses[name].interface not in (SOCKETCAN, UDP)]
+        if self.carried:
+            self.lines, self.bell = Lines(len(self.carried)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        try:
+            for name in names:
+                try:
+                    self.cans[name] = self.open(rig.buses[name], machine or Machine())
+                except Refused as refused:
+                    troubles.append(refused.trouble)
+            if self.carried and not troubles:
+                troubles += self.carry()
+            if troubles:
+                raise RigError(rig.path, dict.fromkeys(troubles))
+        except BaseException:
+            self.close()
+            raise
+
+    def open(self, bus, machine):
+        """What stands behind one bus: a SocketCan, a Line, or a MemoryBus that nobody hears."""
+        if bus.interface in ONE_PROCESS:
+            raise Refused(Trouble(
+                "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside of one process",
+                "take udp_multicast, or vcan, whose nodes are processes of this machine"))
+        if bus.interface == UDP:
+            self.remarks.append(f"{self.rig.path}: [bus.{bus.name}] is UDP: who sends there is not emulated; start the sender itself")
+            return MemoryBus()
+        try:
+            self.locks.append(BusLock(f"emulator/{bus.interface}", bus.channel))
+        except BusTaken as taken:
+            raise Refused(Trouble(
+                "TW107", f"[bus.{bus.name}] {bus.channel} has an emulator: {taken.owner}",
+                "end that one first: two would answer every frame twice")) from None
+        if bus.interface != SOCKETCAN:
+            look_at_port(bus)
+            self.real += [bus.channel] * (bus.interface not in ONE_MACHINE)
+            return Line(self.lines, self.carried.index(bus.name), self.bell)
+        interface = self.interfaces[bus.name] = Interface(bus, None, [], machine)
+        self.remarks += [f"{self.rig.path}: {remark}" for remark in interface.remarks]
+        self.real += [bus.channel] * (not interface.virtual)
+        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=PATIENCE)
+
+    def carry(self):
+        """Start the process that has python-can's interfaces. Returns a Trouble for each that cannot be opened."""
+        buses = [self.rig.buses[name] for name in self.carried]
+        plan = [
+            {"name": bus.name, "interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate, "fd": bus.fd, "options": bus.options}
+            for bus in buses]
+        self.carrier = Carrier(self.lines, self.bell, self.locks)
+        return [
+            Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
+            for name, why in self.carrier.configure(plan).items()]
+
+    def ends(self):
+        """The plant's end of each bus, in the schedule's order."""
+        return [self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end for name in self.names]
+
+    def explain(self, name):
+        """Why a bus has failed."""
+        trouble = self.cans[name].trouble
+        if name in self.carried and self.carrier is not None and not self.carrier.alive:
+            return "the process that carries its frames has ended"
+        return trouble if isinstance(trouble, str) else os.strerror(trouble) if trouble and trouble > 0 else "it takes no frames"
+
+    def close(self):
+        if self.carrier is not None:
+            self.carrier.close()
+        for interface in self.interfaces.values():
+            interface.close()
+        for lock in self.locks:
+            lock.close()
+        if self.bell >= 0:
+            os.close(self.bell)
+            self.bell = -1
+
+
+class Carrier(ChildProcess):
+    """The process that has python-can's interfaces; it ends when this one does, or on `close`."""
+
+    def __init__(self, lines, bell, locks):
+        super().__init__("runtime.emulation.carrier", (lines.fd, bell), (lines.fd, bell, *(lock.fileno() for lock in locks)))
+
+    def configure(self, plan):
+        """Have the buses opened. Returns {name: why not}; BadInput if the process says nothing."""
+        with suppress(BrokenPipeError):
+            self._child.stdin.write(json.dumps(plan).encode() + b"\n")
+            self._child.stdin.flush()
+        try:
+            answer = self._answer(READY_TIMEOUT)
+        except TimeoutError:
+            answer = None
+        if answer is None:
+            raise BadInput("the process that carries the frames of python-can's interfaces did not start")
+        return answer
+
+    @property
+    def alive(self):
+        return self._child.poll() is None
+
+    def close(self):
+        with suppress(OSError):
+            self._child.stdin.close()
+        self._child.kill()
+        self._child.wait()
+        os.close(self._answers)

@@ -1,0 +1,64 @@
+"""A process that carries frames between the rings of an emulator and python-can's interfaces, until the emulator ends."""
+
+import errno
+import json
+import os
+import select
+import signal
+import time
+from contextlib import suppress
+
+from cext.rings import Lines
+from runtime.guardian.wires import CannotOpen, open_wire
+
+ORDERS = 0                      # standard input
+REST = 1                        # ms between looks at an interface that has nothing to poll
+NAME = "tickwork-plant"
+
+
+def main(answers, control, lines, bell):
+    """The process. File descriptors: of the pipe for answers, a pidfd of the emulator, the lines, the bell."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    with open("/proc/self/comm", "w") as file:
+        file.write(NAME)
+    with open(ORDERS, "rb", buffering=0, closefd=False) as orders:
+        plan = json.loads(orders.readline() or b"[]")
+    wires, troubles = [], {}
+    for bus in plan:
+        try:
+            wires.append(open_wire(bus))
+        except CannotOpen as error:
+            troubles[bus["name"]] = str(error)
+    with suppress(BrokenPipeError):
+        os.write(answers, json.dumps(troubles).encode() + b"\n")
+    if not troubles and plan:
+        carry(wires, Lines(fd=lines), bell, control)
+    for wire in wires:
+        wire.close()
+
+
+def carry(wires, lines, bell, control):
+    poll = select.poll()
+    places = {wire.fileno(): wire for wire in wires if wire.fileno() is not None}
+    for descriptor in (ORDERS, bell, control, *places):
+        poll.register(descriptor, select.POLLIN)
+    restless = len(places) < len(wires)
+    while True:
+        for descriptor, event in poll.poll(REST if restless else None):
+            if descriptor in (ORDERS, control):
+                return
+            if descriptor == bell:
+                with suppress(BlockingIOError):
+                    os.eventfd_read(bell)
+            elif event & ~select.POLLIN:
+                poll.unregister(descriptor)
+                places[descriptor].fail(errno.EIO, "the interface has hung up")
+        for number, wire in enumerate(wires):
+            now = time.monotonic_ns()
+            for identifier, data in wire.receive():
+                lines.give(number, identifier, data, now)
+            for identifier, data, _ in lines.take(number):
+                wire.send(identifier, data)
+            if wire.trouble is not None:
+                lines.fail(number, wire.trouble[0])

@@ -1,0 +1,82 @@
+"""`emulate` plays the drives of a rig in one process, and an ordinary run with --rig in another is none the wiser."""
+
+import os
+import pty
+import re
+import signal
+import subprocess
+
+import pytest
+
+from runtime.errors import OK
+from runtime.rig import RigError, read
+from runtime.emulation.buses import PlantBuses
+from tests.runtime.runs import Files, finished, knee, started, write
+
+
+@pytest.fixture
+def rig(tmp_path):
+    channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.77"
+    return write(tmp_path, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
+
+
+def read_until(stream, words):
+    """Lines up to the first that holds the words."""
+    lines = []
+    while not lines or words not in lines[-1]:
+        lines.append(stream.readline())
+        assert lines[-1], f"it ended before {words!r}: {lines}"
+    return lines
+
+
+def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_path):
+    robot = knee(tmp_path, "return 2.0")
+    plant = started("emulate", robot, "--rig", rig, cwd=tmp_path)
+    try:
+        told = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
+        assert re.search(r"legs +udp_multicast 239\.", told) and "knee/emulated_cube_mars  AK10-9-V2.0  id 1" in told
+        second = finished("emulate", robot, "--rig", rig, cwd=tmp_path)
+        assert second.returncode == 2 and f"TW107 bus that somebody else emulates: [bus.legs] 239" in second.stderr
+        assert f"process {plant.pid} (" in second.stderr
+        run = finished(robot, "--rig", rig, "--yes", "--realtime", "off", "--duration", "1", "--record", "out", "--set", "knee.timeout=0.5",
+                       cwd=tmp_path)
+        assert run.returncode == OK, run.stderr
+        assert "zero torque, then disable: confirmed by knee" in run.stdout
+        table = Files(tmp_path / "out").table
+        assert table["knee.velocity [rad/s]"][-1] > 2.0                 # 2 N·m, faded in, on 0.1 kg·m² for a second
+        assert plant.poll() is None                                    # it outlives the run, for the next
+        plant.send_signal(signal.SIGINT)
+        out, err = plant.communicate(timeout=10)
+    finally:
+        plant.kill()
+        plant.communicate()
+    assert (plant.returncode, err) == (OK, "")
+    heard, said = map(int, re.search(r"(\d+) frames heard, (\d+) sent", out).groups())
+    assert heard == said >= 200                                         # each command was answered
+
+
+def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
+    master, port = pty.openpty()
+    try:
+        rig = write(tmp_path, f'[bus.legs]\ninterface = "slcan"\nchannel = "{os.ttyname(port)}"\n', "real.toml")
+        os.close(port)
+        process = finished("emulate", knee(tmp_path), "--rig", rig, cwd=tmp_path)
+    finally:
+        os.close(master)
+    assert process.returncode == 2 and "real drives may be there" in process.stderr and "--yes" in process.stderr
+
+
+def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command_line, rig, tmp_path):
+    assert "--rig" in command_line.refused("emulate", knee(tmp_path))
+    wave = write(tmp_path, "from blocks.sources import Sine\nfrom graph import Diagram\nwith Diagram('wave', rate=100) as diagram:\n    Sine()\n")
+    empty = write(tmp_path, "", "empty.toml")
+    assert "nothing on a bus that could be emulated" in command_line.refused("emulate", wave, "--rig", empty)
+
+
+def test_an_interface_of_one_process_and_one_that_is_not_there_are_told_with_a_cure(tmp_path):
+    for interface, channel, code in (("virtual", "a", "TW105"), ("slcan", "/dev/ttyNONE9", "TW125"), ("udp_multicast", "10.0.0.1", "TW119")):
+        path = write(tmp_path, f'[bus.legs]\ninterface = "{interface}"\nchannel = "{channel}"\n', "bad.toml")
+        with pytest.raises(RigError, match=code):
+            PlantBuses(read(path), ["legs"])
+    leftovers = subprocess.run(["pgrep", "-P", str(os.getpid()), "tickwork-plant"], capture_output=True, text=True)
+    assert leftovers.stdout == ""
