@@ -24,6 +24,8 @@ class ThermalModel(Block):
     limit is to be used in full.
     """
 
+    models_heat = True
+
     actuator = Param("", "1", "CubeMars model, for its rated torque")
     rated = Param(None, "N·m", "torque that can be held for ever", above=0.0, fixed=True)
     loss = Param(None, "W/N²/m²", "heat of the winding at 25 °C for a torque of 1 N·m: R / k², k the torque constant at the joint", min=0.0,

@@ -37,6 +37,7 @@ class Block:
     hold_exceptions = 0         # steps in a row that may raise while its outputs keep their last values; 0: the first is a fault
     conditions = ()             # signals that must all be true for it to run
     resamples = False           # may stand where rates meet that do not divide, as Hold may
+    models_heat = False         # tells how hot an actuator is that does not tell by itself
     always = False              # must run in every tick: in no slower subsystem, and in none that may be disabled
     jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
     compiled = False            # it has been

@@ -56,6 +56,7 @@ def examine(diagram):
         compilation.check_shapes,
         compilation.check_units,
         compilation.check_actuators,
+        compilation.check_heat,
         compilation.check_timeouts,
         compilation.check_addresses,
         compilation.check_buses,
@@ -221,6 +222,16 @@ class Compilation:
             if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
                 self.report("TW005", f"none of its commands is wired ({', '.join(block.inputs)})", block,
                             hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or take the actuator out")
+
+    def check_heat(self):
+        """An actuator that reports no temperature needs a model of it."""
+        modelled = {
+            source.block for block in self.blocks if block.models_heat for name in block.inputs
+            if isinstance(source := self.sources.get((block, name)), Signal)}
+        for block in self.blocks:
+            if isinstance(block, Actuator) and "temperature" not in block.outputs and block not in modelled:
+                self.report("TW024", "it reports no temperature, and no model of its heat is wired to it", block,
+                            hint="wire a ThermalModel to its torque, and a TemperatureDerating behind that", severity="warning")
 
     def check_timeouts(self):
         for block in self.blocks:

@@ -27,6 +27,7 @@ CODES = {
     "TW021": "command that may be held",
     "TW022": "busy bus",
     "TW023": "not compiled",
+    "TW024": "actuator whose heat nobody knows",
     "TW030": "format of a newer Tickwork",
     "TW031": "missing library",
     "TW032": "block of a local file",
