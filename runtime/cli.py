@@ -17,6 +17,7 @@ COMMANDS = {
     "profile": "run a diagram and tell where the time of a tick goes, block by block",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
+    "scan": "tell every drive and IMU that answers on a bus; arms nothing",
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {"bench": "runtime.bench.command", "doctor": "runtime.doctor.command"}      # those of the others are in runtime.commands

@@ -1,0 +1,59 @@
+"""Asking a CubeMars drive, or a RobStride set to its MIT protocol, how it is, without arming it.
+
+The question is DISABLE. It is answered with the state, as every frame of MIT mode is, and of the frames that are answered it is the safest:
+
+    enable (FC)         arms the drive, and with it whatever it was last told
+    zero torque         eight bytes whose meaning rests on the firmware's layout and ranges: other boards read a stiffness where these
+                        have a position; and a drive that somebody has left enabled stays so
+    disable (FD)        has no fields that could be misread, and leaves every drive as a drive should be that nobody controls
+
+(AK Series Module Driver Manual V1.0.18, pages 64 to 68; RobStride user manuals of 2026-04-28, section 6.)
+"""
+
+import struct
+
+from blocks.actuators.asking import Answer, symmetric
+from blocks.actuators.cubemars.mit import FAULTS
+from blocks.actuators.cubemars.models import POSITION
+from blocks.actuators.mit_frames import DISABLE
+
+MIT, SERVO, ROBSTRIDE_MIT = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3 board", "RobStride in its MIT protocol"
+STATUS = 0x29                   # packet of the servo mode's own reports
+ROBSTRIDE_POSITION = 12.57      # rad, half the wire range of every model with this protocol
+
+
+def question(can_id):
+    return can_id, False, DISABLE
+
+
+def answer(identifier, extended, data, can_id, model=None):
+    """The Answer to a question, None for another frame.
+
+    model : of blocks.actuators.cubemars.models or robstride.models, without which velocity and torque cannot be told
+    """
+    if extended or len(data) < 6 or data[0] != can_id or bytes(data) == DISABLE:
+        return None
+    family = MIT if identifier in (0, can_id) else ROBSTRIDE_MIT          # which answers from its host's id
+    half = model.wire_position if model is not None else POSITION if family == MIT else ROBSTRIDE_POSITION
+    found = Answer(family, can_id, position=symmetric(data[1] << 8 | data[2], half, 16))
+    if model is not None:
+        found.velocity = symmetric(data[3] << 4 | data[4] >> 4, model.wire_velocity, 12)
+        found.torque = symmetric((data[4] & 15) << 8 | data[5], model.wire_torque, 12)
+    if family == ROBSTRIDE_MIT and len(data) == 8:
+        found.temperature = struct.unpack_from(">h", data, 6)[0] / 10.0
+        found.fault = None
+    elif len(data) == 8:
+        found.temperature = data[6] - 40.0
+        found.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not know") if data[7] else ""
+    return found
+
+
+def servo_status(identifier, extended, data):
+    """The Answer that a drive in servo mode gives without being asked, None for another frame. Its speed is that of the motor's field."""
+    if not extended or identifier >> 8 != STATUS or len(data) != 8:
+        return None
+    position, _, current, temperature, error = struct.unpack(">hhhbB", data)
+    fault = FAULTS.get(error, f"code {error}, which the manual does not know") if error else ""
+    return Answer(
+        SERVO, identifier & 0xFF, position=position * 0.1 * 0.017453292519943295, current=current * 0.01, temperature=float(temperature),
+        fault=fault, remarks=["this program speaks MIT mode alone: set the drive to it in the vendor's program (a V3 board has none)"])

@@ -1,0 +1,79 @@
+"""Parameters of RobStride drives and of the CyberGear, by name: what is read with type 17 and written with type 18.
+
+RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 4.1.12. What is written is forgotten with the power, unless
+it is saved, which only a RobStride can.
+"""
+
+import struct
+from dataclasses import dataclass
+
+from blocks.actuators.robstride.frames import WHOLE, WHOLE_OF_CYBERGEAR
+from graph.block import suggestion
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """writable : whether it may be written from here; cybergear : whether the CyberGear has it"""
+
+    index: int
+    name: str
+    unit: str
+    meaning: str
+    writable: bool = True
+    cybergear: bool = False
+
+    def layout(self, is_cybergear=False):
+        layouts = WHOLE | WHOLE_OF_CYBERGEAR if is_cybergear else WHOLE
+        return layouts.get(self.index, "<f")
+
+    def is_whole(self, is_cybergear=False):
+        return self.layout(is_cybergear) != "<f"
+
+    def value_of(self, data, is_cybergear=False):
+        """A number from the eight bytes of an answer."""
+        return struct.unpack_from(self.layout(is_cybergear), data, 4)[0]
+
+    def text(self, value):
+        return f"{value:.6g}" + (f" {self.unit}" if self.unit != "1" else "")
+
+
+PARAMETERS = {
+    parameter.name: parameter
+    for parameter in (
+        Parameter(0x7005, "run_mode", "1", "0 operation, 1 position, 2 velocity, 3 current, 5 csp", cybergear=True),
+        Parameter(0x7006, "iq_ref", "A", "current that is commanded", writable=False, cybergear=True),
+        Parameter(0x700A, "spd_ref", "rad/s", "velocity that is commanded", writable=False, cybergear=True),
+        Parameter(0x700B, "limit_torque", "N·m", "torque at most", cybergear=True),
+        Parameter(0x7010, "cur_kp", "1", "proportional gain of the current", cybergear=True),
+        Parameter(0x7011, "cur_ki", "1", "integral gain of the current", cybergear=True),
+        Parameter(0x7014, "cur_filt_gain", "1", "filter of the current, 0 to 1", cybergear=True),
+        Parameter(0x7016, "loc_ref", "rad", "position that is commanded", writable=False, cybergear=True),
+        Parameter(0x7017, "limit_spd", "rad/s", "velocity at most where a position is commanded", cybergear=True),
+        Parameter(0x7018, "limit_cur", "A", "current at most where velocity or position is commanded", cybergear=True),
+        Parameter(0x7019, "mechPos", "rad", "position", writable=False, cybergear=True),
+        Parameter(0x701A, "iqf", "A", "current, filtered", writable=False, cybergear=True),
+        Parameter(0x701B, "mechVel", "rad/s", "velocity", writable=False, cybergear=True),
+        Parameter(0x701C, "VBUS", "V", "voltage of its supply", writable=False, cybergear=True),
+        Parameter(0x701D, "rotation", "1", "turns", writable=False, cybergear=True),
+        Parameter(0x701E, "loc_kp", "1/s", "gain of the position", cybergear=True),
+        Parameter(0x701F, "spd_kp", "1", "proportional gain of the velocity", cybergear=True),
+        Parameter(0x7020, "spd_ki", "1", "integral gain of the velocity", cybergear=True),
+        Parameter(0x7021, "spd_filt_gain", "1", "filter of the velocity, 0 to 1"),
+        Parameter(0x7022, "acc_rad", "rad/s²", "acceleration where a velocity is commanded"),
+        Parameter(0x7024, "vel_max", "rad/s", "velocity at most where a position is commanded"),
+        Parameter(0x7025, "acc_set", "rad/s²", "acceleration where a position is commanded"),
+        Parameter(0x7026, "EPScan_time", "1", "period of its reports: 1 for 10 ms, and 5 ms for each one more"),
+        Parameter(0x7028, "canTimeout", "1", "silence after which it stops by itself, 20000 for 1 s; 0 for never"),
+        Parameter(0x7029, "zero_sta", "1", "range of its position at the start: 0 from 0 to 2π, 1 from −π to π"),
+        Parameter(0x702B, "add_offset", "rad", "offset of its zero"),
+    )
+}
+
+
+def find(name):
+    """The Parameter of a name. ValueError with a suggestion if there is none."""
+    for known, parameter in PARAMETERS.items():
+        if known.lower() == name.lower():
+            return parameter
+    hint = suggestion(name, PARAMETERS)
+    raise ValueError(f"there is no parameter {name!r}" + (f"; {hint}" if hint else f"; there are {', '.join(PARAMETERS)}"))

@@ -1,0 +1,77 @@
+"""`scan`: every drive and IMU that answers on a bus."""
+
+import json
+from pathlib import Path
+
+from runtime.commands.parsing import LONGEST, Parser, number
+from runtime.errors import CHECK_FAILED, OK, BadInput
+from runtime.rig.troubles import Refused
+from runtime.terminal import complain, tell
+from runtime.tools import scan_text
+from runtime.tools.bus import ToolBus, add_bus, named_buses
+from runtime.tools.scan import clock, plain, scan
+
+HIGHEST = 255
+
+
+def main(arguments):
+    parser = Parser(
+        "scan", "Tell every drive and IMU that answers, on the buses of a rig, on one, or on all CAN interfaces of this machine.",
+        "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and leaves them without\n"
+        "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be looked at, nobody\n"
+        "answers, or something is wrong.")
+    add_bus(parser)
+    parser.add_argument("--ids", type=ids, default="1-127", metavar="IDS", help="ids that are asked: 1-127 (default), 1-255, 3,4,10-20")
+    parser.add_argument("--listen", type=number("--listen", "seconds", LONGEST), default=1.0, metavar="S",
+                        help="how long to listen before anything is asked (default: 1, which a drive in servo mode may need)")
+    parser.add_argument("--write-rig", type=Path, metavar="FILE", help="write a rig file with the buses, and what was found as remarks")
+    parser.add_argument("--verbose", action="store_true", help="tell every frame that was sent")
+    parser.add_argument("--json", action="store_true", help="for machines: one JSON object")
+    options = parser.parse_args(arguments)
+    if options.write_rig is not None and options.write_rig.exists():
+        raise BadInput(f"--write-rig {options.write_rig}: it is there already, and is not overwritten")
+    wanted = ids(options.ids) if isinstance(options.ids, str) else options.ids
+    reports, buses, refused = [], [], []
+    for about in named_buses(options):
+        try:
+            with ToolBus(about) as bus:
+                reports.append(scan(bus, wanted, options.listen))
+                buses.append(about)
+        except Refused as trouble:
+            refused.append(trouble.trouble)
+    complain(map(str, refused))
+    if options.json:
+        troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
+        tell([json.dumps({"buses": [plain(report) for report in reports], "troubles": troubles}, indent=2, ensure_ascii=False)])
+    else:
+        tell([line for report in reports for line in scan_text.text(report, options.verbose)])
+    if options.write_rig is not None and reports:
+        write(options.write_rig, scan_text.rig(reports, buses, clock()))
+        complain([f"written: {options.write_rig}"])
+    found = all(report.drives or report.nodes for report in reports)
+    strange = any(report.remarks or any(drive.remarks for drive in report.drives) for report in reports)
+    return OK if reports and found and not refused and not strange else CHECK_FAILED
+
+
+def write(path, text):
+    try:
+        with open(path, "x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise BadInput(f"--write-rig {path}: it is there already, and is not overwritten") from None
+    except OSError as error:
+        raise BadInput(f"--write-rig {path}: {error.strerror}") from None
+
+
+def ids(text):
+    """A sorted list of ids. BadInput"""
+    found = set()
+    for part in text.split(","):
+        first, _, last = part.partition("-")
+        if not first.isdecimal() or (last or "0").isdecimal() is False or (part.endswith("-")):
+            raise BadInput(f"--ids {text}: expected ids from 1 to {HIGHEST}, as in 1-127 or 3,4,10-20")
+        span = range(int(first), int(last or first) + 1)
+        if not span or span[0] < 1 or span[-1] > HIGHEST:
+            raise BadInput(f"--ids {text}: expected ids from 1 to {HIGHEST}, as in 1-127 or 3,4,10-20")
+        found |= set(span)
+    return sorted(found)
