@@ -49,7 +49,9 @@ class Preflight:
 
 
 def position_range(block):
-    """(low, high) of the position in rad; None where nothing bounds it."""
+    """(low, high) of the position in rad, the joint's own where its rig says it; None where nothing bounds it."""
+    if getattr(block, "range", ()):
+        return tuple(block.range)
     if "position" not in block.outputs:
         return None, None
     try:

@@ -1,5 +1,6 @@
 """What the actuators with a driver board of their own share: one at a joint, commanded with torque, stiffness and damping."""
 
+import math
 from numbers import Real
 
 from graph import Input, Interval, Memory, Output, Param, Watch
@@ -44,6 +45,7 @@ class Joint:
     invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
     offset = Param(
         0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
+    range = Param((), "rad", "(lowest, highest) angle that the joint's own motion reaches, for the table before arming; () where it is not known")
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
     safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
                       choices=("disable", "damp"))
@@ -76,7 +78,7 @@ class Joint:
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
     limits = Memory(0.0, "of the commands, in the same order, and of the drive's whole law")
 
-    hardware = ("can_id", "invert", "offset", *(f"wire_{name}" for name in RANGES))
+    hardware = ("can_id", "invert", "offset", "range", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
     felt = ("limits", 5)
 
@@ -94,6 +96,7 @@ class Joint:
         if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
         self.check_temperatures()
+        self.range = motion_of(self.range)
 
     def check_temperatures(self):
         self.hot = self.warning_temperature
@@ -167,3 +170,12 @@ class Joint:
             "age": Interval(0.0),
             "rms_torque": Interval(0.0),
         }
+
+
+def motion_of(limits):
+    """(lowest, highest) of the parameter `range`, () where it is not known. ValueError"""
+    if not isinstance(limits, (tuple, list)) or len(limits) not in (0, 2):
+        raise ValueError(f"range is the lowest and the highest angle in rad, as in [-0.1, 2.0], got {limits!r}")
+    if any(isinstance(x, bool) or not isinstance(x, Real) or not math.isfinite(x) for x in limits) or (limits and not limits[0] < limits[1]):
+        raise ValueError(f"range is the lowest and the highest angle in rad, in this order, got {limits!r}")
+    return tuple(map(float, limits))
