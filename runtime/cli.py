@@ -19,6 +19,8 @@ COMMANDS = {
     "doctor": "look whether this machine is fit to run a robot, and what to change",
     "scan": "tell every drive and IMU that answers on a bus; arms nothing",
     "configure": "set up a drive (id, zero, protocol, parameters), or find how a motor sits at its joint",
+    "move": "move one actuator of a bus, within small limits",
+    "stream": "show one drive live, without torque",
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {"bench": "runtime.bench.command", "doctor": "runtime.doctor.command"}      # those of the others are in runtime.commands

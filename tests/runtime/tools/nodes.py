@@ -71,8 +71,9 @@ class Node:
 class Mit(Node):
     """A CubeMars in MIT mode, or with a host's id a RobStride in its MIT protocol. Its torque is that of the last command."""
 
-    def __init__(self, can_id, position=0.1, temperature=31.0, error=0, host=None):
+    def __init__(self, can_id, position=0.1, temperature=31.0, error=0, host=None, velocity=0.0):
         super().__init__()
+        self.velocity = velocity
         self.can_id, self.position, self.temperature, self.error, self.host = can_id, position, temperature, error, host
         self.enabled = False
 
@@ -82,7 +83,7 @@ class Mit(Node):
         if data in (ENABLE, DISABLE):
             self.enabled = data == ENABLE
         if self.host is None:
-            return [(self.can_id, False, reference.reply(AK10_9, self.can_id, self.position, 0.0, 0.0, self.temperature, self.error))]
+            return [(self.can_id, False, reference.reply(AK10_9, self.can_id, self.position, self.velocity, 0.0, self.temperature, self.error))]
         body = reference.reply(AK10_9 | {"position": (-12.57, 12.57)}, self.can_id, self.position, 0.0, 0.0, 0.0, 0)
         return [(self.host, False, body[:6] + struct.pack(">h", round(self.temperature * 10)))]
 
@@ -110,6 +111,9 @@ class Private(Node):
             return []
         if kind == 0:
             return [self.itself()]
+        if kind in (1, 3):
+            self.mode = 2 if kind == 3 else self.mode
+            return [self.state(host if kind == 3 else 0xFD)]
         if kind == 4:
             self.mode = 0
             if data[1] == 0xC4 and not self.cybergear:
