@@ -14,7 +14,7 @@ from tests.test_packaging import ROOT
 
 @pytest.mark.skipif(there, reason="this machine has vcan0 itself")
 @pytest.mark.parametrize("file", [
-    "test_socketcan.py", *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_knee_exo.py", "test_guardian.py"))])
+    "test_socketcan.py", *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_knee_exo.py", "test_guardian.py", "test_tools.py"))])
 def test_real_socketcan_under_user_mode_linux(file):
     """One start for a whole file. What fails in there is in the output."""
     script = shared("linux-can-i2c/vmrun.sh")

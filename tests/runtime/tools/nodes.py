@@ -1,4 +1,4 @@
-"""Nodes of a bus on udp_multicast, a thread and a socket each: drives and IMUs that speak as the manuals say, and note what they hear.
+"""Nodes of a bus on udp_multicast or SocketCAN, a thread and a socket each: drives and IMUs that speak as the manuals say, and note what they hear.
 
 The answers are made by the references of tests/blocks/actuators, not by what is tested.
 """
@@ -34,7 +34,8 @@ class Node:
         self.heard, self.alive, self.deaf = [], True, Counter()
 
     def start(self, channel):
-        self.bus = open_bus(channel)
+        self.echoed = not channel.startswith("vcan")            # whether it hears its own frames
+        self.bus = open_bus(channel) if self.echoed else can.Bus(channel, interface="socketcan")
         self.thread = threading.Thread(target=self.live, daemon=True)
         self.thread.start()
 
@@ -50,7 +51,7 @@ class Node:
             if self.period and time.monotonic() >= due:
                 due += self.period
                 self.say(self.speak())
-            if message is None:
+            if message is None or message.is_error_frame:
                 continue
             frame = message.arbitration_id, message.is_extended_id, bytes(message.data)
             if self.deaf[frame]:                # its own
@@ -61,7 +62,7 @@ class Node:
 
     def say(self, frames):
         for identifier, extended, data in frames or ():
-            self.deaf[identifier, extended, bytes(data)] += 1
+            self.deaf[identifier, extended, bytes(data)] += self.echoed
             self.bus.send(can.Message(arbitration_id=identifier, is_extended_id=extended, data=data))
 
     def hear(self, identifier, extended, data):
@@ -199,10 +200,10 @@ class Commander(Node):
 
 
 class Nodes:
-    """Nodes on a channel of this test."""
+    """Nodes on a channel of this test: its number, or the name of an interface."""
 
     def __init__(self, number, *nodes):
-        self.channel, self.nodes = channel(number), nodes
+        self.channel, self.nodes = number if isinstance(number, str) else channel(number), nodes
 
     def __enter__(self):
         for node in self.nodes:
