@@ -1,6 +1,7 @@
 """`python -m runtime`, and the console script `tickwork`."""
 
 import os
+import signal
 import sys
 
 from runtime import house
@@ -12,9 +13,11 @@ def main():
     """Check the house, then run the command line. Returns the exit code."""
     occupy_standard_streams()
     try:
-        return start()
+        code = start()
     except KeyboardInterrupt:                   # while still importing
-        return INTERRUPTED
+        code = INTERRUPTED
+    signal.signal(signal.SIGINT, signal.SIG_IGN)        # all is done: a second Ctrl-C, while Python takes itself down, is not how it ended
+    return code
 
 
 def start():
