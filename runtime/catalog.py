@@ -232,13 +232,16 @@ def source_line(kind):
 def actuators(sheet):
     """The models of actuators, by family: what each holds, what it gives for seconds, and what its wire can say."""
     from blocks.actuators.cubemars import models as cubemars
+    from blocks.actuators.cubemars import models_v3 as cubemars_v3
     from blocks.actuators.robstride import models as robstride
 
-    lines = [*family(sheet, "CubeMars", "CubeMars; boards V1 and V2, MIT mode", cubemars.MODELS), "",
+    lines = [*family(sheet, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS), "",
+             *family(sheet, "CubeMars, boards V3.0", "CubeMarsV3 in force control, CubeMarsServo in servo mode", cubemars_v3.MODELS), "",
              *family(sheet, "RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", robstride.MODELS)]
     words = ("Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
              "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit that differs. "
-             "Kt: at the output, of the phase's peak current on a RobStride; - where it is not known.")
+             "Kt: at the output, of the phase's peak current on a RobStride. What nobody has published is a -: where it is the rated torque, "
+             "limit= is needed; where it is Kt, torque_constant= in servo mode.")
     return [*lines, "", *sheet.hang("  ", words)]
 
 
@@ -253,7 +256,11 @@ def family(sheet, name, blocks, models):
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():
-        values = (model.rated, model.peak, *(getattr(model, name) for name in ranges))
-        constant = "-" if model.torque_constant is None else f"{model.torque_constant:.3g}"
-        lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10g}" for value in values) + f"{constant:>10}")
+        values = [*(known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))]
+        values.append(known(model.torque_constant, ".3g"))
+        lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10}" for value in values))
     return lines
+
+
+def known(value, spec="g"):
+    return "-" if value is None else format(value, spec)

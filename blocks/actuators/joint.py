@@ -139,7 +139,7 @@ class Joint:
             raise ValueError(f"rated and peak torque of {self.found.name} are not published: give limit= in N·m, got {self.limit!r}")
         if not 0.0 < self.limit <= self.wire[4]:
             raise ValueError(
-                f"limit must be above 0 and at most what the wire of {self.found.name} can say, {self.wire[4]:g} N·m, got {self.limit:g} N·m")
+                f"limit must be above 0 and at most what the wire of {self.found.name} can say, {self.wire[4]:g} N·m, got {self.limit:g}")
         return float(self.limit)
 
     def command_limits(self):

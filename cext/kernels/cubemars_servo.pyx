@@ -1,11 +1,13 @@
 # cython: freethreading_compatible=True
-"""CubeMars boards of all generations in servo mode: the bytes on the wire, for the driver. One command a mode, in the extended frame (kind << 8) | id.
+"""CubeMars boards of all generations in servo mode: the bytes on the wire, for the driver. One command a mode, in extended frames.
+
+    identifier   (kind << 8) | id
 
     0 duty int32 x 1e-5 · 1 current int32 mA · 2 braking current int32 mA · 3 speed int32, electrical revolutions a minute
     4 position int32 x 1e-4° · 6 position as 4, speed int16 x 10, acceleration int16 x 10 a second
 
-Big-endian. A command has no reply: cext/kernels/cubemars_status.pxd has what the drive reports by itself. AK Series Module Driver Manual V1.0.18.
-A code is truncated towards zero, so that nothing is sent beyond what was commanded.
+Big-endian. A command has no reply: cext/kernels/cubemars_status.pxd has what the drive reports by itself. (AK Series Module Driver Manual
+V1.0.18.) A code is truncated towards zero, so that nothing is sent beyond what was commanded.
 """
 
 from libc.math cimport isfinite

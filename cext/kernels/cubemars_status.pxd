@@ -1,12 +1,14 @@
 """What CubeMars boards report in extended frames: V3.0 boards always, V1 and V2 in servo mode. Big-endian, as all of that family.
 
-    0x29   status: position int16 x 0.1°, speed int16 x 10 electrical revolutions a minute, current int16 x 0.01 A, temperature int8 °C, error
+    0x29   status: position int16 x 0.1°, speed int16 x 10 electrical revolutions a minute, current int16 x 0.01 A, temperature int8 °C,
+           error
     0x2A   position once more, where the board has been set to send it
     0x2C   FA FB FC FD: its power has just come
 
 An identifier is (kind << 8) | id. The error of a status may be 0x77, DISABLED: the answer to a disable. (AKA Series Product Manual V3.0.0.)
 
-`scales` has, at the joint: rad and rad/s of a code, N·m of an ampere. `notice` is one number: what has happened to a drive that was commanded.
+`scales` has, at the joint: rad and rad/s of a code, N·m of an ampere. `notice` is one number: what has happened to a drive that was
+commanded.
 """
 
 from libc.math cimport floor

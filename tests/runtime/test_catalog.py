@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from blocks.actuators.cubemars import models_v3
 from blocks.actuators.cubemars.models import MODELS
 from blocks.actuators.robstride import models as robstride
 from graph.drawing.cards import summary
@@ -102,15 +103,19 @@ def test_a_recorder_takes_any_number_of_signals(command_line):
     assert "inputs  any number of signals; unwired, every port" in command_line("blocks", "CsvRecorder")[1]
 
 
+def told(value, spec="g"):
+    return "-" if value is None else format(value, spec)
+
+
 def test_the_models_of_actuators_are_those_of_the_table(command_line):
     code, out, err = command_line("blocks", "--actuators")
     assert (code, err) == (OK, "")
     rows = {words[0]: words[1:] for line in out.splitlines() if len(words := line.split()) == 10 and words[1].endswith(":1")}
     wire = ("wire_torque", "wire_velocity", "wire_position", "wire_stiffness", "wire_damping")
     assert rows == {
-        name: [f"{model.gear:g}:1", *(f"{getattr(model, value):g}" for value in ("rated", "peak", *wire)),
-               "-" if model.torque_constant is None else f"{model.torque_constant:.3g}"]
-        for name, model in (MODELS | robstride.MODELS).items()}
+        name: [f"{model.gear:g}:1", *(told(getattr(model, value)) for value in ("rated", "peak", *wire)), told(model.torque_constant, ".3g")]
+        for name, model in (MODELS | models_v3.MODELS | robstride.MODELS).items()}
+    assert rows["AK80-8-V3.0"][:3] == ["8:1", "-", "-"] and "CubeMarsServo in servo mode" in out
     assert rows["RS03"] == ["9:1", "20", "60", "60", "20", "12.57", "5000", "100", "1.67"]
     assert rows["AK80-9"] == ["9:1", "9", "18", "18", "50", "12.5", "500", "5", "0.945"]
 

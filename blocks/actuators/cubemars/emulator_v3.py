@@ -12,7 +12,8 @@ class Boards:
     report_rate = Param(0.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
     scales = Memory((0.0,) * 3, "rad and rad/s of a code of its status, N·m of an ampere, at the joint")
     board = Memory((0.0,) * 2, "whether it knows force control, whether that needs to be entered")
-    motion = Memory((-1.0,) + (0.0,) * 8, "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead")
+    motion = Memory(
+        (-1.0,) + (0.0,) * 8, "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead")
 
 
 class EmulatedCubeMarsV3(Emulated, Device):

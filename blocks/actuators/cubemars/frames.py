@@ -1,6 +1,7 @@
 """Extended frames of CubeMars boards, as (arbitration id, is extended, data): V3.0 boards always, V1 and V2 in servo mode.
 
-An identifier is (kind << 8) | id; numbers are big-endian. AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual V1.0.18.
+An identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual
+V1.0.18.)
 """
 
 import math

@@ -79,7 +79,8 @@ def find(name):
             return model
     motor, generation = split(name)
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
-        raise ValueError(f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or CubeMarsServo in servo mode")
+        raise ValueError(
+            f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or CubeMarsServo in servo mode")
     for short, full in AMBIGUOUS.items():
         if plain(short) == wanted:
             raise ValueError(f"{short} was sold with driver boards of several generations: {tell_apart(short + '-V3.0', full)}")
@@ -91,8 +92,8 @@ def find(name):
 def tell_apart(newest, older):
     """In words, how to know which board a motor has, and what to write for it."""
     return (
-        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) for V3.0 in force control, "
-        f"CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode")
+        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) for V3.0 in force "
+        f"control, CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode")
 
 
 def _same_motor(motor):

@@ -1,7 +1,7 @@
 """The CubeMars models of board generation V3.0, which speak force control.
 
-Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2. Ratings: the vendor's product
-pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2 board, are not published.
+Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2. Ratings: the vendor's
+product pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2 board, are not published.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,8 @@ POSITION = 12.56        # rad, half the wire range of every model
 
 @dataclass(frozen=True)
 class Model:
-    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the constant in N·m/A, at the output.
+    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the constant in N·m/A, at
+    the output.
 
     `ambiguous` : the motor is sold with boards of other generations, too
     """

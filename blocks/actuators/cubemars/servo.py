@@ -15,7 +15,7 @@ KINDS = {
 CURRENTS = ("current", "current_brake")             # modes in which the command bounds the torque
 POSITIONS = ("position", "position_velocity")
 
-CURRENT, SPEED, POSITION = 60.0, 100_000.0, math.radians(3200.0)    # A, electrical revolutions a minute, rad of the motor: what a mode may be told
+CURRENT, SPEED, POSITION = 60.0, 100_000.0, math.radians(3200.0)    # A, electrical revolutions a minute, rad of the motor
 WORD, LONG = 32767, 360_000_000                                     # largest codes: 16 bits, and 36000° of a position
 
 # What a mode other than current is commanded with, and what of it was sent.
@@ -30,11 +30,11 @@ COMMANDS = {
 class CubeMarsServo(Actuator):
     """A CubeMars actuator in servo mode, with a board of any generation: the drive closes a loop of duty, current, velocity or position.
 
-    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be set to it with the vendor's
-    tool. Each mode has one input: `duty_command`, `current_command`, `current_brake_command`, `velocity_command`, or `position_command`.
-    **Only a current bounds the torque**, to that of `limit`: at a duty, on the way to a velocity or a position the drive takes whatever current
-    its own settings allow. Commands have no reply: the drive has answered when it has reported. The safe stop commands no current, and disables a
-    V3.0 board; it is confirmed by a current of less than 0.32 A. A board V1 or V2 has no disable.
+    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be set to it with the
+    vendor's tool. Each mode has one input: `duty_command`, `current_command`, `current_brake_command`, `velocity_command`, or
+    `position_command`. **Only a current bounds the torque**, to that of `limit`: at a duty, on the way to a velocity or a position the
+    drive takes whatever current its own settings allow. Commands have no reply: the drive has answered when it has reported. The safe
+    stop commands no current, and disables a V3.0 board; it is confirmed by a current of less than 0.32 A. A board V1 or V2 has no disable.
     """
 
     model, bus, can_id, limit, invert, offset = Joint.model, Joint.bus, Joint.can_id, Joint.limit, Joint.invert, Joint.offset
@@ -44,18 +44,22 @@ class CubeMarsServo(Actuator):
     acceleration = Param(10.0, "rad/s²", "of the joint in the mode position_velocity", above=0.0, fixed=True, kernel=False)
     duty_limit = Param(0.1, "1", "in the mode duty", above=0.0, max=1.0, fixed=True, kernel=False)
     torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
-    report_rate = Param(100.0, "Hz", "at which the drive reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command",
-                        min=0.0, max=500.0, fixed=True, kernel=False)
-    safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or brake first, against its motion", choices=("disable", "brake"))
+    report_rate = Param(
+        100.0, "Hz", "at which the drive reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command", min=0.0,
+        max=500.0, fixed=True, kernel=False)
+    safe_stop = Param(
+        "disable", "1", "how a safe stop treats it: disable, or brake first, against its motion", choices=("disable", "brake"))
     stop_current = Param(1.0, "A", "of the motor while it brakes", above=0.0, max=CURRENT, fixed=True, kernel=False)
     stop_time = Joint.stop_time
-    rms_mode = Param("disable", "1", "what happens where its RMS torque passes the rated one; saturate and throttle take from a current alone",
-                     choices=("silent", "warn", "saturate", "throttle", "disable"))
+    rms_mode = Param(
+        "disable", "1", "what happens where its RMS torque passes the rated one; saturate and throttle take from a current alone",
+        choices=("silent", "warn", "saturate", "throttle", "disable"))
     rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
     derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
 
     current_command = Input("A", "of the motor, the way the joint turns")
-    position, velocity, torque, current, temperature = Joint.position, Joint.velocity, Reporting.torque, Reporting.current, Joint.temperature
+    position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
+    temperature = Joint.temperature
     fault, age, rms_torque = Joint.fault, Output("s", "since the newest report was heard"), Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
@@ -87,7 +91,8 @@ class CubeMarsServo(Actuator):
         self.torque_limit = self.find_limit()
         self.current_limit = min(self.torque_limit / self.scales[2], CURRENT)
         if self.mode not in CURRENTS and self.rms_mode in ("saturate", "throttle"):
-            raise ValueError(f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: warn or disable")
+            raise ValueError(
+                f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: warn or disable")
         self.felt = ("limits", 2) if self.mode in CURRENTS else None
         self.damp_time = self.stop_time if self.safe_stop == "brake" else 0.0
         if self.damp_time and self.stop_current > self.current_limit:
@@ -107,7 +112,8 @@ class CubeMarsServo(Actuator):
                 for name, port in type(self).outputs.items()
             }
         if self.mode in ("velocity", "position_velocity") and self.velocity_limit > self.wire[1]:
-            raise ValueError(f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can be told of the joint, {self.wire[1]:g} rad/s")
+            raise ValueError(
+                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can be told of the joint, {self.wire[1]:g} rad/s")
         position = self.wire[0] - abs(self.offset)
         limit, scale, largest = {
             "duty": (self.duty_limit, 1e5, 100_000), "current": (self.current_limit, 1e3, 60_000),
@@ -126,8 +132,8 @@ class CubeMarsServo(Actuator):
         for name, code in (("velocity_limit", speed), ("acceleration", acceleration)):
             if not 0 < code <= WORD:
                 raise ValueError(
-                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what {self.found.name} can be told of "
-                    f"the joint, got {getattr(self, name):g}")
+                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what {self.found.name} can be "
+                    f"told of the joint, got {getattr(self, name):g}")
         return float(speed), float(acceleration)
 
     def command_limits(self):

@@ -25,13 +25,15 @@ class Reporting:
         self.reports = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
-                f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the drive would seem silent")
+                f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the drive would seem "
+                f"silent")
 
     def prepare(self, dt):
         self.reports = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 
     def feedback_range(self):
-        position, velocity, torque = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1], 327.68 * self.scales[2]
+        position, velocity = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1]
+        torque = 327.68 * self.scales[2]
         return {
             "position": Interval(-position, position), "velocity": Interval(-velocity, velocity), "torque": Interval(-torque, torque),
             "current": Interval(-327.68, 327.68), "temperature": Interval(-128.0, 127.0),
@@ -50,7 +52,7 @@ class CubeMarsV3(Joint, Actuator):
     report_rate, check_reports, prepare, feedback_range = (
         Reporting.report_rate, Reporting.check_reports, Reporting.prepare, Reporting.feedback_range)
     enter = Param(
-        False, "1", "whether arming sends FF..FC, which one unit is told to have needed; to a board that does not know it, it is full torque",
+        False, "1", "whether arming sends FF..FC, which one user's unit needed; to a board that does not know it, it commands full torque",
         fixed=True, kernel=False)
     torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 

@@ -1,6 +1,6 @@
 """CubeMars boards in extended frames, the slow way: exact fractions and strings of bits, from the layouts in the manuals.
 
-AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual V1.0.18. An identifier is (kind << 8) | id; numbers are big-endian.
+AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual V1.0.18. An identifier is (kind << 8) | id.
 """
 
 import math
@@ -19,8 +19,8 @@ KINDS = {"duty": 0, "current": 1, "current_brake": 2, "velocity": 3, "position":
 def ranges(model):
     """(low, high) of each field of force control."""
     return {
-        "position": (-12.56, 12.56), "velocity": (-model.wire_velocity, model.wire_velocity), "stiffness": (0.0, 500.0), "damping": (0.0, 5.0),
-        "torque": (-model.wire_torque, model.wire_torque),
+        "position": (-12.56, 12.56), "velocity": (-model.wire_velocity, model.wire_velocity), "stiffness": (0.0, 500.0),
+        "damping": (0.0, 5.0), "torque": (-model.wire_torque, model.wire_torque),
     }
 
 
@@ -53,7 +53,8 @@ def signed(number, length):
 
 def status(can_id, position=0, velocity=0, current=0, temperature=25, error=0, kind=STATUS):
     """(identifier, data) of a report, of whole codes."""
-    return identifier(kind, can_id), signed(position, 2) + signed(velocity, 2) + signed(current, 2) + signed(temperature, 1) + bytes([error])
+    words = b"".join(signed(code, 2) for code in (position, velocity, current))
+    return identifier(kind, can_id), words + signed(temperature, 1) + bytes([error])
 
 
 def turns(model):
@@ -66,8 +67,8 @@ def read_status(model, constant, data, *, sign=1, offset=0.0, ratio=1.0):
     position, velocity, current = (int.from_bytes(data[i : i + 2], "big", signed=True) for i in (0, 2, 4))
     current = sign * current / 100
     return (
-        sign * math.radians(position / 10) / ratio - offset, sign * float(velocity * 10 / turns(model)) / ratio, current, current * constant * ratio,
-        int.from_bytes(data[6:7], "big", signed=True))
+        sign * math.radians(position / 10) / ratio - offset, sign * float(velocity * 10 / turns(model)) / ratio, current,
+        current * constant * ratio, int.from_bytes(data[6:7], "big", signed=True))
 
 
 def servo_code(mode, model, x, *, sign=1, offset=0.0, ratio=1.0):

@@ -50,8 +50,8 @@ def torque(wired, **state):
 
 
 @given(
-    model=st.sampled_from(sorted(MODELS)), position=st.floats(-100.0, 100.0), velocity=st.floats(-300.0, 300.0), temperature=st.integers(-200, 200),
-    error=st.integers(0, 255), invert=st.booleans())
+    model=st.sampled_from(sorted(MODELS)), position=st.floats(-100.0, 100.0), velocity=st.floats(-300.0, 300.0),
+    temperature=st.integers(-200, 200), error=st.integers(0, 255), invert=st.booleans())
 @settings(max_examples=300, deadline=None)
 def test_its_report_is_the_references_byte_for_byte_and_ends_at_the_end_of_the_range(model, position, velocity, temperature, error, invert):
     wired, found = board(model=model, invert=invert), MODELS[model]
@@ -138,7 +138,8 @@ def test_servo_mode_gives_the_torque_of_its_commands(kind, model):
     told(wired, 1, struct.pack(">i", -4000))
     assert torque(wired) == pytest.approx(-4.0 * constant)
     told(wired, 2, struct.pack(">i", 2000))
-    assert torque(wired, velocity=100.0) == pytest.approx(-2.0 * constant) and torque(wired, velocity=-100.0) == pytest.approx(2.0 * constant)
+    for velocity in (100.0, -100.0):
+        assert torque(wired, velocity=velocity) == pytest.approx(math.copysign(2.0 * constant, -velocity))
     assert torque(wired, velocity=0.0) == 0.0
     told(wired, 3, struct.pack(">i", 5000))
     turns = 30.0 / math.pi * 9 * 21
@@ -208,9 +209,9 @@ def test_it_may_answer_with_another_id_late_or_not_at_all():
 
 @pytest.mark.parametrize("identifier, data, answer", [
     (reference.identifier(8, 8), bytes(8), FOREIGN), (0x807, bytes(8), FOREIGN), (EXTENDED | REMOTE | 0x807, bytes(8), FOREIGN),
-    (reference.identifier(7, 7), bytes(8), FOREIGN), (reference.identifier(16, 7), bytes(8), FOREIGN), (reference.identifier(0x29, 7), bytes(8), FOREIGN),
+    *((reference.identifier(kind, 7), bytes(8), FOREIGN) for kind in (7, 16, 0x29)),
     (reference.identifier(8, 7), bytes(7), MALFORMED), (reference.identifier(15, 7), bytes(8), MALFORMED),
-    (reference.identifier(1, 7), bytes(8), MALFORMED), (reference.identifier(5, 7), bytes(4), MALFORMED), (reference.identifier(6, 7), bytes(4), MALFORMED),
+    *((reference.identifier(kind, 7), bytes(length), MALFORMED) for kind, length in ((1, 8), (5, 4), (6, 4))),
 ])
 def test_frames_that_are_not_for_it_or_broken_change_nothing(identifier, data, answer):
     wired = board()

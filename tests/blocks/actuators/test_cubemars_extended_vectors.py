@@ -3,8 +3,9 @@
 The vectors stand in the shared room and are no part of the project's tree: without them these tests are skipped.
 
 Force control, codes of each field:
-    Epically Powerful        the same convention: equal; one below where the exact number is whole, as 54 N·m of 54, which doubles make 4094.99…
-    TMotorAPI, ak_v3_driver  2ⁿ instead of 2ⁿ − 1: ours or one above; TMotorAPI clamps to the top, ak_v3_driver wraps there and spills into the field before
+    Epically Powerful        the same convention: equal; one below where the exact number is whole, as 54 N·m of 54, in doubles 4094.99…
+    TMotorAPI, ak_v3_driver  2ⁿ instead of 2ⁿ − 1: ours or one above; TMotorAPI clamps to the top, ak_v3_driver wraps there and spills
+                             into the field before
     the manual's examples    are printed with ranges of another manual (± 12.5, ± 50, ± 65): asked in these, within one code
 
 Servo mode, whole numbers, all of which their authors truncate or round: within one. Known to be otherwise:
@@ -13,8 +14,8 @@ Servo mode, whole numbers, all of which their authors truncate or round: within 
     Epically Powerful        speed and acceleration are not divided by ten; the origin is eight bytes
     leggedrobotics, the manual's example    a braking current may be negative, which we never send
 
-A status, read: equal to the last digit of single precision. Epically Powerful, sam0rr and opensourceleg read the temperature without its sign;
-TMotorCANControl raises where a number is negative.
+A status, read: equal to the last digit of single precision. Epically Powerful, sam0rr and opensourceleg read the temperature without its
+sign; TMotorCANControl raises where a number is negative.
 """
 
 import math
@@ -32,7 +33,7 @@ from tests.shared import entries
 INPUTS = {"position": "position_rad", "velocity": "velocity_rad_s", "stiffness": "kp", "damping": "kd", "torque": "torque_nm"}
 SIGNED = ("position", "velocity", "torque")
 FORCE = {"epicallypowerful": "the same", "KR70004526": "above", "NaCl-Salt-12": "wraps"}
-OTHER_MANUAL = {"position": (-12.5, 12.5), "velocity": (-50.0, 50.0), "stiffness": (0.0, 500.0), "damping": (0.0, 5.0), "torque": (-65.0, 65.0)}
+OTHER_MANUAL = {"velocity": (-50.0, 50.0), "damping": (0.0, 5.0)}
 EXAMPLES = {"kd=2, v=+6 rad/s": {"damping": 2.0, "velocity": 6.0}}
 UNSIGNED = ("epicallypowerful", "sam0rr", "opensourceleg")         # temperatures
 MODES = {0: "duty", 1: "current", 2: "current_brake", 3: "velocity", 4: "position", 6: "position_velocity"}

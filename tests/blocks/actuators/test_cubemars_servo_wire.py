@@ -86,7 +86,9 @@ def test_what_is_past_its_limit_or_no_number_makes_no_frame(mode):
 
 
 @pytest.mark.parametrize("mode", MODES)
-@given(x=st.floats(allow_nan=False, allow_infinity=False), limit=st.floats(0.0, 1e300), position=st.floats(-60.0, 60.0), share=st.floats(0.0, 1.0))
+@given(
+    x=st.floats(allow_nan=False, allow_infinity=False), limit=st.floats(0.0, 1e300), position=st.floats(-60.0, 60.0),
+    share=st.floats(0.0, 1.0))
 @settings(max_examples=200, deadline=None)
 def test_no_number_wraps_around_even_where_a_limit_has_been_spoilt(mode, x, limit, position, share):
     one = drive("AK80-64", mode)
@@ -182,7 +184,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
     ("AK80-8 V3.0", {"limit": 64.0}, "at most what the wire of AK80-8-V3.0 can say, 63.414 N·m, got 64"),
     ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
     ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
-    ("AK80-9", {"mode": "velocity", "velocity_limit": 60.0}, "velocity_limit 60 rad/s is beyond what the drive can be told of the joint, 55.4"),
+    ("AK80-9", {"mode": "velocity", "velocity_limit": 60.0}, "velocity_limit 60 rad/s is beyond what the drive can be told .* 55.4"),
     ("AK80-64", {"mode": "position_velocity", "acceleration": 30.0}, "acceleration must be between .* 25.5, .*AK80-64 .* got 30"),
     ("AK80-9", {"mode": "torque"}, "mode: "),
     ("AK80-9", {"mode": "velocity", "rms_mode": "saturate"}, "'saturate' takes from a commanded current, and mode velocity commands none"),
@@ -190,7 +192,8 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
     ("AK80-9", {"safe_stop": "brake", "stop_current": 20.0}, "stop_current is at most the current of the limit, 9.524 A, got 20"),
     ("AK10-9", {}, r"CubeMarsV3\('AK10-9-V3\.0'\).*CubeMars\('AK10-9-V2\.0'\).*CubeMarsServo"),
     ("AKA10-9", {}, "table of wire ranges does not have it"), ("XM430", {}, "'XM430' is not a CubeMars model"),
-    ("AK80-9", {"limit": "most"}, "limit must be 'rated', 'peak' or a torque"), ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),
+    ("AK80-9", {"limit": "most"}, "limit must be 'rated', 'peak' or a torque"),
+    ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),
 ])
 def test_what_cannot_be_is_refused_with_its_reason(model, parameters, said):
     with pytest.raises(DiagramError, match=said):
