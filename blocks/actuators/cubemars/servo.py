@@ -66,7 +66,7 @@ class CubeMarsServo(Actuator):
     limits = Memory((0.0,) * 3, "lowest and highest command, and the share that is left of it")
     written = Memory((0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration")
 
-    hardware = ("can_id", "invert", "offset", "torque_constant", "report_rate")
+    hardware = ("can_id", "invert", "offset", "report_rate")    # not the torque constant: with another a rig could raise the current
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode

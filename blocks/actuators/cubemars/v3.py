@@ -56,6 +56,7 @@ class CubeMarsV3(Joint, Actuator):
         fixed=True, kernel=False)
     torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 
+    hardware = (*Joint.hardware, "report_rate", "enter")
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode

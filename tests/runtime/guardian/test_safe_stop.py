@@ -1,7 +1,13 @@
 """The safe stop over wires, in virtual time: what is sent, when it ends, and who has confirmed."""
 
+import json
+
 import pytest
 
+from blocks.actuators import CubeMarsServo, CubeMarsV3
+from graph import Diagram, compile
+from runtime.guardian import plan
+from runtime.guardian.process import decoded
 from runtime.guardian.stopping import LONGEST, ROUND, SafeStop
 
 ALL = 0xFFFFFFFF
@@ -126,3 +132,26 @@ def test_devices_that_are_never_told_anything_are_not_waited_for():
     stop = SafeStop([device("imu", 0, 1) | {"zero": [], "disable": []}], {0: Log()}, 0)
     stop.step(0)
     assert stop.over
+
+
+@pytest.mark.parametrize("kind, model, disable", [
+    (CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))])
+def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(kind, model, disable):
+    """The plan as the guardian gets it, in JSON. A report from before the stop that tells of a current is no answer to it."""
+    with Diagram("robot", rate=200) as robot:
+        drive = kind(model, can_id=5, name="knee")
+        drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": 0.0})
+    schedule = compile(robot)
+    [device] = map(decoded, json.loads(json.dumps(plan([], schedule, robot, None)))["devices"])
+    wire = Log()
+    stop = SafeStop([device], {0: wire}, 0)
+    stop.step(0)
+    assert wire.sent[-1] == disable
+    for data in ("0123456703e81e00", "0123456700201e00", "01234567ffdf1e00"):              # 10, 0.32 and -0.33 A
+        stop.hear(0, 0x80002905, bytes.fromhex(data), 1000)
+        stop.hear(0, 0x80002906, bytes(8), 1000)
+        assert not stop.over
+    stop.step(ROUND)
+    assert len(wire.sent) == 4
+    stop.hear(0, 0x80002905, bytes.fromhex("01234567001f1e00"), ROUND + 1000)
+    assert stop.over and stop.report()["confirmed"] == ["knee"]
