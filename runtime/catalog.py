@@ -256,8 +256,8 @@ def family(sheet, name, blocks, models):
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():
-        values = [*(known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges))),
-                  known(model.torque_constant, ".3g")]
+        values = [*(known(value) for value in (model.rated, model.peak, *(getattr(model, name) for name in ranges)))]
+        values.append(known(model.torque_constant, ".3g"))
         lines.append(f"  {model.name:<12}{f'{model.gear:g}:1':>8}" + "".join(f"{value:>10}" for value in values))
     return lines
 

@@ -56,4 +56,4 @@ def servo_status(identifier, extended, data):
     fault = FAULTS.get(error, f"code {error}, which the manual does not know") if error else ""
     return Answer(
         SERVO, identifier & 0xFF, position=position * 0.1 * 0.017453292519943295, current=current * 0.01, temperature=float(temperature),
-        fault=fault, remarks=["this program speaks MIT mode alone: set the drive to it in the vendor's program (a V3 board has none)"])
+        fault=fault, remarks=["a V3.0 board is driven by CubeMarsV3, a board V1 or V2 in servo mode by CubeMarsServo"])

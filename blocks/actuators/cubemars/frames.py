@@ -6,6 +6,8 @@ V1.0.18.)
 
 import math
 
+from blocks.actuators.cubemars import mit
+
 DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15     # kinds of commands
 STATUS, POWER_UP = 0x29, 0x2C                                                                                   # and of what a drive says
 
@@ -14,10 +16,7 @@ POSITION_CODE = math.radians(0.1)   # rad, of a status
 SPEED_CODE = 10.0                   # electrical revolutions a minute, of a status
 QUIET = 0.32                        # A, below which a drive is at rest: cext/kernels/cubemars_status.pxd
 
-FAULTS = {
-    0: "none", 1: "motor too hot", 2: "over-current", 3: "over-voltage", 4: "under-voltage", 5: "encoder", 6: "transistors too hot",
-    7: "stalled", 0x2C: "has lost its power in the run", 0x77: "says that it has been disabled",
-}
+FAULTS = mit.FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
 
 
 def frame(kind, can_id, data=b""):

@@ -186,7 +186,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
     ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
     ("AK80-9", {"mode": "velocity", "velocity_limit": 60.0}, "velocity_limit 60 rad/s is beyond what the drive can be told .* 55.4"),
     ("AK80-64", {"mode": "position_velocity", "acceleration": 30.0}, "acceleration must be between .* 25.5, .*AK80-64 .* got 30"),
-    ("AK80-9", {"mode": "torque"}, "mode: "),
+    ("AK80-9", {"mode": "torque"}, "mode: "), ("AK80-9", {"range": (2.0, 1.0)}, "range is the lowest and the highest angle"),
     ("AK80-9", {"mode": "velocity", "rms_mode": "saturate"}, "'saturate' takes from a commanded current, and mode velocity commands none"),
     ("AK80-9", {"safe_stop": "damp"}, "safe_stop: "),
     ("AK80-9", {"safe_stop": "brake", "stop_current": 20.0}, "stop_current is at most the current of the limit, 9.524 A, got 20"),

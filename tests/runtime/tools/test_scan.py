@@ -31,7 +31,7 @@ def test_every_family_is_found_and_told(command_line):
     assert by_id[9]["family"] == "RobStride" and by_id[9]["firmware"] == "0.3.1.7.0" and by_id[9]["unique"] == "1122334455667788"
     assert (by_id[9]["position"], by_id[9]["voltage"], by_id[9]["temperature"]) == (0.25, 47.5, 36.5)
     assert by_id[12]["family"] == "RobStride in its MIT protocol" and by_id[12]["temperature"] == 28.4 and by_id[12]["fault"] is None
-    assert by_id[77]["family"] == "CubeMars in servo mode, or a V3 board" and "set the drive to it" in by_id[77]["remarks"][0]
+    assert by_id[77]["family"] == "CubeMars in servo mode, or a V3 board" and "driven by CubeMarsV3" in by_id[77]["remarks"][0]
     assert by_id[77]["position"] == pytest.approx(1.5708, abs=1e-3) and by_id[77]["fault"] == "under-voltage"
     [node] = report["nodes"]
     assert (node["family"], node["address"], node["manufacturer"], node["function"], node["firmware"]) == ("OpenIMU", 128, 823, 131, "1.1.2.0.0")
