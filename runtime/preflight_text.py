@@ -42,7 +42,7 @@ def cells(row):
         marked("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
         marked("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
         number("velocity", 2, "rad/s"), marked("temperature", number("temperature", 0, "°C")),
-        marked("fault", row["fault_words"] if row["fault_words"] is not None else "-"),
+        marked("fault", "-" if row["fault_words"] is None else row["fault_words"] or "none"),
     ]
 
 

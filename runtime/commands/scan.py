@@ -49,7 +49,7 @@ def main(arguments):
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
         complain([f"written: {options.write_rig}"])
     found = all(report.drives or report.nodes for report in reports)
-    strange = any(report.remarks or any(drive.remarks for drive in report.drives) for report in reports)
+    strange = any(report.remarks or any(found.remarks for found in [*report.drives, *report.nodes]) for report in reports)
     return OK if reports and found and not refused and not strange else CHECK_FAILED
 
 

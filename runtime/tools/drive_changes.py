@@ -2,10 +2,9 @@
 
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking, parameters
-from runtime.errors import BadInput
 from runtime.terminal import tell
 from runtime.tools.asking import sure
-from runtime.tools.scan import commanded
+from runtime.tools.scan import refuse_company
 from runtime.tools.setting_up import Drive, same
 
 SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"       # of RobStride's MIT protocol: to the private one, from the next power on
@@ -117,8 +116,7 @@ def rename(drive, new):
 
 def from_mit(bus, wanted):
     """Send a RobStride in its MIT protocol back to the private one; None where the id does not speak that."""
-    if commanded(bus.listen(0.2), range(1, 256)):
-        raise BadInput("somebody else commands drives on this bus: end that program first; nothing was sent")
+    refuse_company(bus)
     found = bus.ask(mit.question(wanted.can_id), "disable", lambda *frame: mit.answer(*frame, wanted.can_id))
     if found is None or found.family != mit.ROBSTRIDE_MIT:
         return None

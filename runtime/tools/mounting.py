@@ -15,6 +15,7 @@ from blocks.actuators.robstride import asking as private
 from runtime.errors import BadInput
 from runtime.terminal import tell
 from runtime.tools.asking import entered
+from runtime.tools.scan import refuse_company
 
 PERIOD = 0.02                   # s between two questions
 SILENT = 0.5                    # s without an answer
@@ -33,6 +34,7 @@ class Motor:
         self.bus, self.block = bus, block
         if not isinstance(block, (CubeMars, RobStride, RobStrideMIT)):
             raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows CubeMars, RobStride and RobStrideMIT")
+        refuse_company(bus)
 
     def read(self, *frame):
         if isinstance(self.block, RobStride):

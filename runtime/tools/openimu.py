@@ -24,6 +24,7 @@ class Node:
     function: int | None = None
     unique: str = ""
     firmware: str = ""
+    remarks: list = field(default_factory=list)
 
     @property
     def family(self):
@@ -61,6 +62,8 @@ def learn(found, frames):
             name = int.from_bytes(data, "little")
             node = found.setdefault(address, Node(address))
             node.manufacturer, node.function = name >> 21 & 0x7FF, name >> 40 & 0xFF
+            if node.unique not in ("", data.hex().upper()):
+                node.remarks.append(f"two nodes have address {address}: {node.unique} and {data.hex().upper()}; give one another")
             node.unique = data.hex().upper()
         elif pgn == VERSION and address in found:
             found[address].firmware = ".".join(map(str, data[:5]))

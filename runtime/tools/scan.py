@@ -13,13 +13,16 @@ from dataclasses import asdict, dataclass, field
 from blocks.actuators.asking import Answer
 from blocks.actuators.cubemars import asking as cubemars
 from blocks.actuators.robstride import asking as robstride
-from blocks.actuators.robstride import frames as private
+from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.parameters import PARAMETERS
+from runtime.errors import BadInput
 from runtime.tools import openimu
 from runtime.tools.bus import PAUSE
 
-SETTLE = 0.15                   # s after the last question of a round
-COMMANDS = (private.OPERATION, private.ENABLE, private.WRITE)
+LISTEN = 0.1                    # s before one drive is asked
+SETTLE = 0.08                   # s after the last question of a round
+COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
+SERVO_PACKETS = 8               # the last of a CubeMars in servo mode, force control of V3 boards
 CURE_OF_SILENCE = (
     "is its supply on, CAN_H to CAN_H, 120 Ω at both ends? At another bitrate nobody is heard: drives have 1 Mbit/s, an OpenIMU as it is "
     "sold has 250 kbit/s")
@@ -71,22 +74,32 @@ def scan(bus, ids, listen):
     return report
 
 
-def commanded(frames, ids):
-    """Ids that somebody sends commands to. In MIT mode what does not begin with the id is no answer."""
+def commanded(heard, ids):
+    """Ids that somebody sends commands to. In MIT mode what does not begin with the id is no answer; servo mode has packets 0 to 8."""
     found = set()
-    for identifier, extended, data in frames:
+    for identifier, extended, data in heard:
         if extended:
-            if identifier >> 24 in COMMANDS and identifier & 0xFF in ids and openimu.parts(identifier, extended)[0] not in openimu.DATA:
+            private = identifier >> 24 in COMMANDS and openimu.parts(identifier, extended)[0] not in openimu.DATA
+            if (private or identifier >> 8 <= SERVO_PACKETS) and identifier & 0xFF in ids:
                 found.add(identifier & 0xFF)
         elif identifier in ids and len(data) == 8 and data[0] != identifier:
             found.add(identifier)
     return sorted(found)
 
 
-def servo_drives(frames):
+def refuse_company(bus):
+    """BadInput where somebody else commands drives on a bus."""
+    others = commanded(bus.listen(LISTEN), range(1, 256))
+    if others:
+        raise BadInput(
+            f"somebody else commands id {', '.join(map(str, others))} on this bus: end that program first, since asking would take torque "
+            "away; nothing was sent")
+
+
+def servo_drives(heard):
     """The newest status of each drive that reports in servo mode."""
     found = {}
-    for frame in frames:
+    for frame in heard:
         answer = cubemars.servo_status(*frame)
         if answer is not None:
             found[answer.can_id] = answer
@@ -170,11 +183,11 @@ def two(count, can_id):
         f"MIT mode each takes the other's answers for commands")
 
 
-def others(frames, report):
+def others(heard, report):
     """Identifiers that were heard and are nobody's here."""
     known = {node.address for node in report.nodes}
     found = []
-    for identifier, extended, data in frames:
+    for identifier, extended, data in heard:
         ours = cubemars.servo_status(identifier, extended, data) is not None
         if extended and (identifier & 0xFF) in known:
             ours = True

@@ -20,7 +20,7 @@ def text(report, verbose=False):
         lines.append(f"  address {node.address:<4} {node.family}  {sends}{who}" + (f"  firmware {node.firmware}" if node.firmware else ""))
     for drive in report.drives:
         lines += [f"  ! id {drive.can_id}: {remark}" for remark in drive.remarks]
-    lines += [f"  ! {remark}" for remark in report.remarks]
+    lines += [f"  ! {remark}" for remark in [*(remark for node in report.nodes for remark in node.remarks), *report.remarks]]
     if report.others:
         lines.append(f"  also heard: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
     return lines + sent(report, verbose)

@@ -7,7 +7,7 @@ from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking, parameters
 from graph.block import suggestion
 from runtime.errors import BadInput
-from runtime.tools.scan import commanded, read
+from runtime.tools.scan import SETTLE, read, refuse_company
 
 STILL, IDLE = 0.1, 0.3          # rad/s and A, from which on a drive counts as running
 VENDOR_ONLY = (
@@ -20,9 +20,7 @@ class Drive:
 
     def __init__(self, bus, can_id):
         self.bus, self.can_id = bus, can_id
-        others = commanded(bus.listen(0.2), range(1, 256))
-        if others:
-            raise BadInput(f"somebody else commands id {', '.join(map(str, others))} on this bus: end that program first; nothing was sent")
+        refuse_company(bus)
         known = self.identities(can_id)
         if len(known) > 1:
             raise BadInput(f"{len(known)} drives have id {can_id}: {' and '.join(known)}; take all but one off the bus")
@@ -33,7 +31,7 @@ class Drive:
 
     def identities(self, can_id):
         self.bus.send(asking.get_id(can_id), "get id")
-        return [unique for frame in self.bus.listen(0.15) if (unique := asking.identity(*frame, can_id)) is not None]
+        return [unique for frame in self.bus.listen(SETTLE) if (unique := asking.identity(*frame, can_id)) is not None]
 
     def in_mit_mode(self, can_id):
         return self.bus.ask(mit.question(can_id), "disable", lambda *frame: mit.answer(*frame, can_id), attempts=1)

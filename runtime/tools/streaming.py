@@ -11,7 +11,7 @@ from runtime.errors import BadInput
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.terminal import tell
-from runtime.tools.scan import commanded
+from runtime.tools.scan import refuse_company
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
 ASCII = {"N·m": "N*m", "°C": "degC"}
@@ -38,9 +38,7 @@ class Watched:
 
     def __init__(self, bus, can_id, model=None):
         self.bus, self.can_id, self.model = bus, can_id, model
-        others = commanded(bus.listen(0.2), range(1, 256))
-        if others:
-            raise BadInput(f"somebody else commands id {', '.join(map(str, others))} on this bus: asking would take its torque away; nothing was sent")
+        refuse_company(bus)
         for question, read in (
                 (private.stop(can_id), lambda *frame: private.feedback(*frame, can_id, model)),
                 (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model))):

@@ -166,9 +166,9 @@ class OpenImu(Node):
 
     period = 0.01
 
-    def __init__(self, address=128):
+    def __init__(self, address=128, serial=4711):
         super().__init__()
-        self.address = address
+        self.address, self.serial = address, serial
 
     def speak(self):
         return [(3 << 26 | 61482 << 8 | self.address, True, bytes.fromhex("007d007d007dff00")),
@@ -179,7 +179,7 @@ class OpenImu(Node):
             return []
         wanted = int.from_bytes(data, "little")
         if wanted == 0xEE00:
-            name = 823 << 21 | 131 << 40 | 4711
+            name = 823 << 21 | 131 << 40 | self.serial
             return [(6 << 26 | 0xEEFF << 8 | self.address, True, name.to_bytes(8, "little"))]
         if wanted == 65242:
             return [(6 << 26 | 65242 << 8 | self.address, True, bytes([1, 1, 2, 0, 0]))]
@@ -191,12 +191,12 @@ class Commander(Node):
 
     period = 0.01
 
-    def __init__(self, can_id):
+    def __init__(self, identifier, extended=False):
         super().__init__()
-        self.can_id = can_id
+        self.identifier, self.extended = identifier, extended
 
     def speak(self):
-        return [(self.can_id, False, bytes.fromhex("7fff7ff000000900"))]
+        return [(self.identifier, self.extended, bytes.fromhex("7fff7ff000000900"))]
 
 
 class Nodes:

@@ -13,7 +13,7 @@ from runtime.rig import override, read
 from runtime.rig.file import parse
 from runtime.tools import rig_edit
 from tests.runtime.runs import environment, finished, knee, write
-from tests.runtime.tools.nodes import DISABLE, ENABLE, Mit, Nodes
+from tests.runtime.tools.nodes import DISABLE, ENABLE, Commander, Mit, Nodes
 
 RIG = '''# the lab's exo
 [bus.legs]      # both knees
@@ -79,6 +79,7 @@ def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path
     assert "can_id = 1      # the label says 1\noffset = -0." in text and "    # of last year\ninvert = true\nrange = [" in text
 
 
+@pytest.mark.soak
 def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_path):
     with Nodes(41, Mit(1, position=0.3)) as nodes:
         rig = write(tmp_path, RIG.format(channel=nodes.channel), "lab.toml")
@@ -88,6 +89,14 @@ def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_pat
             person.enter()
         code, _, err = person.end()
     assert code == 2 and "tells no sign; nothing was written" in err and rig.read_text() == RIG.format(channel=nodes.channel)
+
+
+def test_a_joint_that_somebody_else_drives_is_left_alone(command_line):
+    drive = Mit(1)
+    with Nodes(42, drive, Commander(1)) as nodes:
+        rig = write(command_line.folder, RIG.format(channel=nodes.channel), "lab.toml")
+        code, _, err = command_line("configure", "--joint", "knee", "--rig", rig, knee(command_line.folder))
+    assert code == 2 and "somebody else commands id 1 on this bus" in err and DISABLE not in [data for _, _, data in drive.heard]
 
 
 def test_the_tables_before_arming_compare_with_the_range_of_the_rig(tmp_path):

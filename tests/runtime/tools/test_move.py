@@ -2,10 +2,11 @@
 
 import pytest
 
+from blocks.actuators.robstride import models
 from runtime.errors import BAD_INPUT, FAULT, OK
-from tests.blocks.actuators import reference
+from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
-from tests.runtime.tools.nodes import Mit, Nodes
+from tests.runtime.tools.nodes import Mit, Nodes, Private
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 STEP = 36.0 / 4095              # N·m, a code of torque
@@ -38,6 +39,7 @@ def test_a_torque_rises_slowly_stays_within_a_tenth_of_the_rated_one_and_ends_in
     assert max(files.table["actuator.torque_sent [N*m]"]) == pytest.approx(0.6, abs=STEP)
 
 
+@pytest.mark.soak
 def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_path):
     drive = Mit(3, position=0.1)
     with Nodes(61, drive) as nodes:
@@ -49,6 +51,21 @@ def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_p
     positions = [order["position"] for order in held]
     assert max(positions) == pytest.approx(0.3, abs=1e-3) and all(after - before < 0.4 / 200 * 3 for before, after in zip(positions, positions[1:]))
     assert commands(drive)[-1] == DISABLE
+
+
+@pytest.mark.soak
+def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path):
+    drive = Private(9)
+    with Nodes(64, drive) as nodes:
+        process = finished(
+            "move", "9", "--model", "RS02", *nodes.words, "--realtime", "off", "--velocity", "1", "--duration", "1", "--yes", "--no-record", cwd=tmp_path)
+    assert process.returncode == OK, process.stderr
+    limits = robstride_reference.ranges(models.find("RS02"))
+    orders = [robstride_reference.read_command(limits, (0x80000000 | identifier, data)) for identifier, _, data in drive.heard if identifier >> 24 == 1]
+    assert max(order["velocity"] for order in orders) == pytest.approx(1.0, abs=0.01)
+    assert max(order["damping"] for order in orders) <= 0.6 and {order["stiffness"] for order in orders} == {0.0}
+    assert max(order["damping"] * abs(order["velocity"]) for order in orders) <= 0.6                 # a tenth of 6 N·m, from a joint that stands
+    assert "36 °C        none" in process.stderr and drive.mode == 0
 
 
 def test_a_motor_that_runs_away_ends_the_run(tmp_path):

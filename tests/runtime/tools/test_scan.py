@@ -67,13 +67,20 @@ def test_two_drives_with_one_id_are_told(command_line):
     assert "! id 9: 2 answers to one question: 2 drives have id 9" in out
 
 
-def test_where_somebody_else_commands_a_drive_nothing_is_asked(command_line):
+@pytest.mark.parametrize("identifier, extended", [(3, False), (0x01FFFF03, True), (0x0300FD03, True), (0x00000103, True), (0x00000803, True)])
+def test_where_somebody_else_commands_a_drive_nothing_is_asked(command_line, identifier, extended):
     drive = Mit(3)
-    with Nodes(4, drive, Commander(3)) as nodes:
+    with Nodes(4, drive, Commander(identifier, extended)) as nodes:
         code, report = found(command_line, nodes)
     assert code == CHECK_FAILED and report["commanded"] == [3] and report["sent"] == []
     assert report["remarks"][0].startswith("somebody else commands 3 here: nothing was asked")
     assert {data for _, _, data in drive.heard} == {bytes.fromhex("7fff7ff000000900")}
+
+
+def test_two_imus_with_one_address_are_told(command_line):
+    with Nodes(9, OpenImu(128), OpenImu(128, serial=4712)) as nodes:
+        code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "3")
+    assert code == CHECK_FAILED and "! two nodes have address 128: " in out
 
 
 def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_line):

@@ -37,7 +37,7 @@ def test_a_robstride_without_a_model_tells_its_position_alone(command_line):
 def test_nobody_and_somebody_elses_drive_are_told(command_line):
     with Nodes(82, Mit(3), Commander(3)) as nodes:
         code, _, err = command_line("stream", "actuator", "3", *nodes.words)
-    assert code == BAD_INPUT and "somebody else commands id 3 on this bus: asking would take its torque away; nothing was sent" in err
+    assert code == BAD_INPUT and "somebody else commands id 3 on this bus: end that program first, since asking would take torque away; nothing was sent" in err
     with Nodes(83) as nodes:
         assert f"nobody answers as id 3 on {nodes.channel}" in command_line("stream", "actuator", "3", *nodes.words)[2]
 
