@@ -161,6 +161,18 @@ class Servo(Node):
         return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", 900, 0, 12, 33, 4))]
 
 
+class V3(Node):
+    """A CubeMars with a V3.0 board that reports when it is asked."""
+
+    def __init__(self, can_id):
+        super().__init__()
+        self.can_id = can_id
+
+    def hear(self, identifier, extended, data):
+        disable = extended and identifier == 15 << 8 | self.can_id and not data
+        return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", 900, 0, 0, 33, 0x77))] if disable else []
+
+
 class OpenImu(Node):
     """An OpenIMU300RI: rate and acceleration at 100 Hz, its NAME and version when it is asked."""
 
