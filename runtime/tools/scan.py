@@ -62,13 +62,14 @@ def scan(bus, ids, listen):
     report.commanded = commanded(before, ids)
     if report.commanded:
         report.remarks.append(
-            f"somebody else commands {', '.join(map(str, report.commanded))} here: nothing was asked, since the question takes torque away; "
-            "end that program first")
+            f"somebody else commands {', '.join(map(str, report.commanded))} here: nothing was asked, since the question takes torque "
+            "away; end that program first")
     else:
         ask_nodes(bus, nodes)
         report.drives += private_drives(bus, ids)
         boards = servo_drives(before) | servo_drives(ask_all(bus, ids, cubemars.question_of_v3, "disable of V3.0 boards"))
-        report.drives = [drive for drive in report.drives if drive.family != cubemars.SERVO] + [*boards.values(), *mit_drives(bus, ids, before)]
+        report.drives = [drive for drive in report.drives if drive.can_id not in boards or drive.family != cubemars.SERVO]
+        report.drives += [*boards.values(), *mit_drives(bus, ids, before)]
     report.drives.sort(key=lambda drive: drive.can_id)
     report.nodes = [nodes[address] for address in sorted(nodes)]
     report.others = others(before, report)
@@ -183,8 +184,8 @@ def mit_drives(bus, ids, before):
 
 def two(count, can_id):
     return (
-        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give it another. Enable none: in "
-        f"MIT mode each takes the other's answers for commands")
+        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give it another. Enable none: "
+        f"in MIT mode each takes the other's answers for commands")
 
 
 def others(heard, report):

@@ -34,8 +34,8 @@ def state(drive):
         return [] if value is None else [f"{value:.{digits}f} {unit}"]
 
     words = [
-        *number(drive.position, 3, "rad"), *number(drive.velocity, 2, "rad/s"), *number(drive.torque, 2, "N·m"), *number(drive.current, 2, "A"),
-        *number(drive.temperature, 0, "°C"), *number(drive.voltage, 1, "V"), fault(drive),
+        *number(drive.position, 3, "rad"), *number(drive.velocity, 2, "rad/s"), *number(drive.torque, 2, "N·m"),
+        *number(drive.current, 2, "A"), *number(drive.temperature, 0, "°C"), *number(drive.voltage, 1, "V"), fault(drive),
         *([f"firmware {drive.firmware}"] if drive.firmware else []), *([f"unique {drive.unique}"] if drive.unique else [])]
     return "  " + ", ".join(words)
 

@@ -63,10 +63,12 @@ def servo_status(identifier, extended, data):
     if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None
     position, _, current, temperature, error = struct.unpack(">hhhbB", data)
-    found = Answer(SERVO, identifier & 0xFF, position=position * frames.POSITION_CODE, current=current * 0.01, temperature=float(temperature))
+    found = Answer(
+        SERVO, identifier & 0xFF, position=position * frames.POSITION_CODE, current=current * 0.01, temperature=float(temperature))
     if error == DISABLED:
         found.family = V3
     else:
         found.fault = frames.in_words(error) if error else ""
-        found.notes.append("its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the vendor's tool")
+        found.notes.append(
+            "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the vendor's tool")
     return found
