@@ -45,7 +45,8 @@ class Joint:
     invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
     offset = Param(
         0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
-    range = Param((), "rad", "(lowest, highest) angle that the joint's own motion reaches, for the table before arming; () where it is not known")
+    range = Param(
+        (), "rad", "(lowest, highest) angle that the joint's own motion reaches, for the table before arming; () where it is not known")
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
     safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
                       choices=("disable", "damp"))
@@ -176,6 +177,7 @@ def motion_of(limits):
     """(lowest, highest) of the parameter `range`, () where it is not known. ValueError"""
     if not isinstance(limits, (tuple, list)) or len(limits) not in (0, 2):
         raise ValueError(f"range is the lowest and the highest angle in rad, as in [-0.1, 2.0], got {limits!r}")
-    if any(isinstance(x, bool) or not isinstance(x, Real) or not math.isfinite(x) for x in limits) or (limits and not limits[0] < limits[1]):
+    finite = all(isinstance(x, Real) and not isinstance(x, bool) and math.isfinite(x) for x in limits)
+    if not finite or (limits and not limits[0] < limits[1]):
         raise ValueError(f"range is the lowest and the highest angle in rad, in this order, got {limits!r}")
     return tuple(map(float, limits))

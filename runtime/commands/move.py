@@ -42,7 +42,8 @@ def main(arguments):
     what.add_argument("--velocity", type=value("--velocity", "rad/s"), metavar="V", help="rad/s")
     parser.add_argument("--limit", type=number("--limit", "N·m"), metavar="T", help="torque at most (default: a tenth of the rated one)")
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S", help="default: 5")
-    parser.add_argument("--rise", type=number("--rise", "seconds"), default=1.0, metavar="S", help="to the target and back to zero (default: 1)")
+    parser.add_argument("--rise", type=number("--rise", "seconds"), default=1.0, metavar="S",
+                        help="to the target and back to zero (default: 1)")
     parser.add_argument("--speed", type=number("--speed", "rad/s"), default=0.5, metavar="V", help="toward a position (default: 0.5 rad/s)")
     parser.add_argument("--stiffness", type=number("--stiffness", "N·m/rad"), metavar="K", help="of a position (default: twice the limit)")
     parser.add_argument("--damping", type=number("--damping", "N·m·s/rad"), metavar="B",
@@ -95,7 +96,7 @@ def target_of(options):
 def model_of(options):
     """(family, model). BadInput"""
     if not options.model:
-        raise BadInput("which model? its ranges are what makes a torque of a frame, and a drive does not tell: --model AK80-9, --model RS02")
+        raise BadInput("which model? its ranges make a torque of a frame, and a drive does not tell: --model AK80-9, --model RS02")
     if options.mit:
         return "RobStrideMIT", found_in(mit.find, options.model)
     try:

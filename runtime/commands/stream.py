@@ -27,7 +27,8 @@ def main(arguments):
     parser.add_argument("--model", metavar="NAME", help="as in AK80-9 or RS02; without it velocity and torque cannot be told")
     parser.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
     parser.add_argument("--rate", type=number("--rate", "Hz", FASTEST), default=100.0, metavar="HZ", help="default: 100")
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="stop after S seconds (default: Ctrl-C)")
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
+                        help="stop after S seconds (default: Ctrl-C)")
     parser.add_argument("--record", type=folder, metavar="DIR", help="write a CSV file into this folder")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
     options = parser.parse_args(arguments)

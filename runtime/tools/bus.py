@@ -39,12 +39,14 @@ class ToolBus:
         self.remarks = []
         if bus.interface in ONE_PROCESS or bus.interface == UDP:
             raise Refused(Trouble(
-                "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no drives", "name a bus of CAN: socketcan, slcan, udp_multicast"))
+                "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
+                "name a bus of CAN: socketcan, slcan, udp_multicast"))
         try:
             self.lock = BusLock(bus.interface, bus.channel)
         except BusTaken as taken:
             raise Refused(Trouble(
-                "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}", "end that one first: a bus has one controller")) from None
+                "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
+                "end that one first: a bus has one controller")) from None
         try:
             self.wire = self.open(bus, machine or Machine())
         except CannotOpen as error:
@@ -123,7 +125,8 @@ def add_bus(parser):
     parser.add_argument("--bus", metavar="NAME", help="this bus of the rig alone")
     parser.add_argument("--interface", metavar="KIND", help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan")
     parser.add_argument("--channel", metavar="NAME", help="of the interface, such as can0 or /dev/ttyACM0")
-    parser.add_argument("--bitrate", type=count("--bitrate"), metavar="BPS", help="of the bus, in bit/s (default: the interface's own, or 1000000)")
+    parser.add_argument("--bitrate", type=count("--bitrate"), metavar="BPS",
+                        help="of the bus, in bit/s (default: the interface's own, or 1000000)")
 
 
 def named_buses(options, machine=None):
@@ -174,7 +177,9 @@ def quoted(text):
 
 def entry(bus, name=None):
     """Lines of a rig file that say a bus."""
-    lines = [f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}", f"bitrate = {bus.bitrate:_}"]
+    lines = [
+        f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}",
+        f"bitrate = {bus.bitrate:_}"]
     lines += ["fd = true"] * bus.fd
     if bus.options:
         lines.append("options = { " + ", ".join(f"{key} = {plain(value)}" for key, value in bus.options.items()) + " }")

@@ -63,7 +63,8 @@ def planned(drive, wanted, before, position):
     def now(value, parameter):
         return "not told" if value is None else parameter.text(value)
 
-    lines = [f"  {parameter.name}: {now(before[parameter.name], parameter)} -> {parameter.text(value)}" for parameter, value in wanted.writes]
+    lines = [
+        f"  {parameter.name}: {now(before[parameter.name], parameter)} -> {parameter.text(value)}" for parameter, value in wanted.writes]
     lines += [f"  position: {now(position, parameters.PARAMETERS['mechPos'])} -> 0 rad"] * bool(wanted.zero)
     lines += ["  saved: it is kept when its power goes"] * bool(wanted.save)
     lines += [f"  protocol: private -> {wanted.protocol}, from its next power on"] * bool(wanted.protocol)
@@ -92,7 +93,8 @@ def zero(drive, before):
 
 
 def save(drive):
-    answer = drive.bus.ask(asking.save(drive.can_id), "save", lambda *frame: asking.feedback(*frame, drive.can_id), patience=0.5, attempts=1)
+    answer = drive.bus.ask(
+        asking.save(drive.can_id), "save", lambda *frame: asking.feedback(*frame, drive.can_id), patience=0.5, attempts=1)
     tell(["done: saved" if answer else "saved, but the drive did not answer: turn its power off and on, and read again"])
     return answer is not None
 

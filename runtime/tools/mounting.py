@@ -43,7 +43,8 @@ class Motor:
 
     def answer(self):
         """The newest Answer. BadInput where it is silent."""
-        question = private.stop(self.block.can_id, self.block.host_id) if isinstance(self.block, RobStride) else mit.question(self.block.can_id)
+        block = self.block
+        question = private.stop(block.can_id, block.host_id) if isinstance(block, RobStride) else mit.question(block.can_id)
         found = self.bus.ask(question, "disable", self.read, patience=SILENT / 2)
         if found is None:
             raise BadInput(f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; `scan` tells who does")
@@ -78,7 +79,8 @@ def at_rest(motor, name):
         angles.append(motor.angle())
         time.sleep(PERIOD)
     if max(angles) - min(angles) > STILL:
-        raise BadInput(f"{name}: the joint moved by {max(angles) - min(angles):.2f} rad; hold it still, and begin again; nothing was written")
+        moved = max(angles) - min(angles)
+        raise BadInput(f"{name}: the joint moved by {moved:.2f} rad; hold it still, and begin again; nothing was written")
     return sum(angles) / len(angles)
 
 
@@ -92,7 +94,8 @@ def find(motor):
     if abs(bent - straight) < BENT:
         raise BadInput(f"the joint went {abs(bent - straight):.2f} rad, and less than {BENT:g} rad tells no sign; nothing was written")
     sign = 1.0 if bent > straight else -1.0
-    tell([f"  bent by {abs(bent - straight):.3f} rad; " + ("the motor turns with the joint" if sign > 0 else "the motor turns the other way")])
+    way = "with the joint" if sign > 0 else "the other way"
+    tell([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])
     seen = until_entered(motor, "3 of 3: move the joint through its full motion, to both ends")
     angles = [sign * (angle - straight) for _, angle in seen]
     low, high = min(angles), max(angles)

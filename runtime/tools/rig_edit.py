@@ -25,7 +25,7 @@ def changed(path, text, device, values):
         lines += [""] * bool(lines) + [f"[device.{quoted(device)}]", *(f"{name} = {plain(value)}" for name, value in values.items()), ""]
     else:
         end = next((place for place in range(start + 1, len(lines)) if HEADER.match(lines[place])), len(lines))
-        last = max((place for place in range(start, end) if lines[place].strip() and not lines[place].lstrip().startswith("#")), default=start)
+        last = max(place for place in range(start, end) if lines[place].strip() and not lines[place].lstrip().startswith("#"))
         new = []
         for name, value in values.items():
             pattern = re.compile(rf"^(\s*{re.escape(name)}\s*=\s*)([^#]*?)(\s*(?:#.*)?)$")
@@ -50,7 +50,8 @@ def header_of(line):
 def check(path, before, after, device, values):
     """BadInput where the change would break the file, or anything else in it."""
     old = parse(path, before)
-    refusal = f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was written. Write it yourself: "
+    refusal = (
+        f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was written. Write it yourself: ")
     wanted = ", ".join(f"{name} = {plain(value)}" for name, value in values.items())
     try:
         new = parse(path, after)

@@ -4,6 +4,7 @@ First it is only listened. Where somebody commands drives nothing is asked, sinc
 
     J1939 nodes         address claim, software version
     RobStride family    get id to each id; of those that answer stop and version (both take torque away), and readings
+    V3.0 boards         disable to each id
     MIT mode            disable to each id (blocks.actuators.cubemars.asking says why that)
 """
 
@@ -19,6 +20,7 @@ from runtime.errors import BadInput
 from runtime.tools import openimu
 from runtime.tools.bus import PAUSE
 
+NEWCOMER = robstride.NEWCOMER   # no id of a drive: what ends so is a RobStride's answer
 LISTEN = 0.1                    # s before one drive is asked
 SETTLE = 0.08                   # s after the last question of a round
 COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
@@ -56,15 +58,18 @@ def scan(bus, ids, listen):
     report = Report(about.name, about.interface, about.channel, about.bitrate, remarks=list(bus.remarks))
     before = bus.listen(listen)
     nodes = openimu.broadcasts(before, listen)
-    report.drives += servo_drives(before)
+    report.drives += servo_drives(before).values()
     report.commanded = commanded(before, ids)
     if report.commanded:
         report.remarks.append(
-            f"somebody else commands {', '.join(map(str, report.commanded))} here: nothing was asked, since the question takes torque away; "
-            "end that program first")
+            f"somebody else commands {', '.join(map(str, report.commanded))} here: nothing was asked, since the question takes torque "
+            "away; end that program first")
     else:
         ask_nodes(bus, nodes)
-        report.drives += private_drives(bus, ids) + mit_drives(bus, ids, before)
+        report.drives += private_drives(bus, ids)
+        boards = servo_drives(before) | servo_drives(ask_all(bus, ids, cubemars.question_of_v3, "disable of V3.0 boards"))
+        report.drives = [drive for drive in report.drives if drive.can_id not in boards or drive.family != cubemars.SERVO]
+        report.drives += [*boards.values(), *mit_drives(bus, ids, before)]
     report.drives.sort(key=lambda drive: drive.can_id)
     report.nodes = [nodes[address] for address in sorted(nodes)]
     report.others = others(before, report)
@@ -97,13 +102,13 @@ def refuse_company(bus):
 
 
 def servo_drives(heard):
-    """The newest status of each drive that reports in servo mode."""
+    """{id: the newest status} of drives in servo mode or with a V3.0 board, that to a disable before others."""
     found = {}
     for frame in heard:
         answer = cubemars.servo_status(*frame)
-        if answer is not None:
+        if answer is not None and answer.can_id != NEWCOMER and getattr(found.get(answer.can_id), "family", "") != cubemars.V3:
             found[answer.can_id] = answer
-    return list(found.values())
+    return found
 
 
 def ask_nodes(bus, nodes):
@@ -179,8 +184,8 @@ def mit_drives(bus, ids, before):
 
 def two(count, can_id):
     return (
-        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give it another. Enable none: in "
-        f"MIT mode each takes the other's answers for commands")
+        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give it another. Enable none: "
+        f"in MIT mode each takes the other's answers for commands")
 
 
 def others(heard, report):

@@ -6,7 +6,8 @@ from runtime.lines import count
 from runtime.tools import openimu
 from runtime.tools.bus import entry, in_candump
 
-BLOCKS = {cubemars.MIT: "CubeMars", cubemars.ROBSTRIDE_MIT: "RobStrideMIT", robstride.ROBSTRIDE: "RobStride",
+BLOCKS = {cubemars.MIT: "CubeMars", cubemars.V3: "CubeMarsV3", cubemars.SERVO: "CubeMarsServo",
+          cubemars.ROBSTRIDE_MIT: "RobStrideMIT", robstride.ROBSTRIDE: "RobStride",
           robstride.CYBERGEAR: "RobStride", robstride.EITHER: "RobStride"}
 
 
@@ -19,6 +20,7 @@ def text(report, verbose=False):
         who = f"  manufacturer {node.manufacturer}, function {node.function}, NAME {node.unique}" if node.manufacturer is not None else ""
         lines.append(f"  address {node.address:<4} {node.family}  {sends}{who}" + (f"  firmware {node.firmware}" if node.firmware else ""))
     for drive in report.drives:
+        lines += [f"  id {drive.can_id}: {note}" for note in drive.notes]
         lines += [f"  ! id {drive.can_id}: {remark}" for remark in drive.remarks]
     lines += [f"  ! {remark}" for remark in [*(remark for node in report.nodes for remark in node.remarks), *report.remarks]]
     if report.others:
@@ -32,8 +34,8 @@ def state(drive):
         return [] if value is None else [f"{value:.{digits}f} {unit}"]
 
     words = [
-        *number(drive.position, 3, "rad"), *number(drive.velocity, 2, "rad/s"), *number(drive.torque, 2, "N·m"), *number(drive.current, 2, "A"),
-        *number(drive.temperature, 0, "°C"), *number(drive.voltage, 1, "V"), fault(drive),
+        *number(drive.position, 3, "rad"), *number(drive.velocity, 2, "rad/s"), *number(drive.torque, 2, "N·m"),
+        *number(drive.current, 2, "A"), *number(drive.temperature, 0, "°C"), *number(drive.voltage, 1, "V"), fault(drive),
         *([f"firmware {drive.firmware}"] if drive.firmware else []), *([f"unique {drive.unique}"] if drive.unique else [])]
     return "  " + ", ".join(words)
 

@@ -12,7 +12,7 @@ from runtime.tools.scan import SETTLE, read, refuse_company
 STILL, IDLE = 0.1, 0.3          # rad/s and A, from which on a drive counts as running
 VENDOR_ONLY = (
     "it is a CubeMars, whose id, zero and limits are set in CubeMars' own program alone: connect its serial port with the vendor's R-Link "
-    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo mode is chosen there, too")
+    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo mode is chosen there")
 
 
 class Drive:
@@ -42,7 +42,8 @@ class Drive:
             return f"nobody answers as id {self.can_id}; the command `scan` tells who is on the bus"
         if answer.family == mit.MIT:
             return f"id {self.can_id}: {VENDOR_ONLY}"
-        return f"id {self.can_id} speaks RobStride's MIT protocol, which is set up in its private one: --protocol private, then its power off and on"
+        return (
+            f"id {self.can_id} speaks RobStride's MIT protocol, and is set up in its private one: --protocol private, then its power off and on")
 
     def read(self, name, is_cybergear=False):
         return read(self.bus, self.can_id, parameters.PARAMETERS[name], is_cybergear)
@@ -69,7 +70,7 @@ class Drive:
         if not self.is_robstride:
             raise BadInput(
                 f"{what}: id {self.can_id} has not told a RobStride's firmware, so it may be a CyberGear, to which such frames mean "
-                "other things (to save: another baud rate); nothing was changed. If it is a RobStride with old firmware, use the vendor's program")
+                "other things (to save: another baud rate); nothing was changed. For a RobStride with old firmware use the vendor's program")
 
     def check_free(self, new):
         if self.identities(new) or self.in_mit_mode(new) is not None:

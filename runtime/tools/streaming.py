@@ -56,7 +56,8 @@ class Watched:
 
 def columns(name):
     return [
-        {"path": f"{name}.{signal}", "unit": unit, "ascii_unit": ASCII.get(unit, unit), "dtype": "float"} for signal, unit in SIGNALS.items()]
+        {"path": f"{name}.{signal}", "unit": unit, "ascii_unit": ASCII.get(unit, unit), "dtype": "float"}
+        for signal, unit in SIGNALS.items()]
 
 
 def stream(drive, name, rate, duration, folder=None, plotjuggler=None, clock=time.monotonic):

@@ -13,12 +13,14 @@ The question is DISABLE. It is answered with the state, as every frame of MIT mo
 import struct
 
 from blocks.actuators.asking import Answer, symmetric
+from blocks.actuators.cubemars import frames
 from blocks.actuators.cubemars.mit import FAULTS
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
 
-MIT, SERVO, ROBSTRIDE_MIT = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3 board", "RobStride in its MIT protocol"
-STATUS = 0x29                   # packet of the servo mode's own reports
+MIT, SERVO, ROBSTRIDE_MIT = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3.0 board", "RobStride in its MIT protocol"
+V3 = "CubeMars with a V3.0 board"
+DISABLED = 0x77                 # error byte of a V3.0 board's answer to a disable
 ROBSTRIDE_POSITION = 12.57      # rad, half the wire range of every model with this protocol
 
 
@@ -48,12 +50,25 @@ def answer(identifier, extended, data, can_id, model=None):
     return found
 
 
+def question_of_v3(can_id):
+    """Disable, an empty frame: boards V1 and V2 have none, and a RobStride takes it for `get id`."""
+    return frames.frame(frames.DISABLE, can_id)
+
+
 def servo_status(identifier, extended, data):
-    """The Answer that a drive in servo mode gives without being asked, None for another frame. Its speed is that of the motor's field."""
-    if not extended or identifier >> 8 != STATUS or len(data) != 8:
+    """The Answer that a drive in servo mode or with a V3.0 board gives, mostly without being asked, None for another frame.
+
+    Its speed is that of the motor's field, and is left out.
+    """
+    if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None
     position, _, current, temperature, error = struct.unpack(">hhhbB", data)
-    fault = FAULTS.get(error, f"code {error}, which the manual does not know") if error else ""
-    return Answer(
-        SERVO, identifier & 0xFF, position=position * 0.1 * 0.017453292519943295, current=current * 0.01, temperature=float(temperature),
-        fault=fault, remarks=["a V3.0 board is driven by CubeMarsV3, a board V1 or V2 in servo mode by CubeMarsServo"])
+    found = Answer(
+        SERVO, identifier & 0xFF, position=position * frames.POSITION_CODE, current=current * 0.01, temperature=float(temperature))
+    if error == DISABLED:
+        found.family = V3
+    else:
+        found.fault = frames.in_words(error) if error else ""
+        found.notes.append(
+            "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the vendor's tool")
+    return found

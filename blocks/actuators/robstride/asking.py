@@ -36,7 +36,8 @@ def read(index, can_id, host=HOST):
 def write(parameter, value, can_id, is_cybergear=False, host=HOST):
     """parameter : of blocks.actuators.robstride.parameters"""
     value = int(value) if parameter.is_whole(is_cybergear) else float(value)
-    return frames.frame(frames.WRITE, host, can_id, struct.pack("<Hxx", parameter.index) + struct.pack(parameter.layout(is_cybergear), value))
+    data = struct.pack("<Hxx", parameter.index) + struct.pack(parameter.layout(is_cybergear), value)
+    return frames.frame(frames.WRITE, host, can_id, data)
 
 
 def stop(can_id, host=HOST):
@@ -95,8 +96,9 @@ def feedback(identifier, extended, data, can_id, model=None, host=HOST):
         return None
     position, velocity, torque, temperature = struct.unpack(">3Hh", data)
     meanings = frames.FAULTS_OF_CYBERGEAR if model is not None and model.is_cybergear else frames.FAULTS
+    half = model.wire_position if model is not None else POSITION
     found = Answer(
-        EITHER, can_id, position=symmetric(position, model.wire_position if model is not None else POSITION, 16), temperature=temperature / 10.0,
+        EITHER, can_id, position=symmetric(position, half, 16), temperature=temperature / 10.0,
         fault=", ".join(frames.names(identifier >> 16 & 0x3F, meanings)), enabled=identifier >> 22 & 3 == RUN)
     if model is not None:
         found.velocity, found.torque = symmetric(velocity, model.wire_velocity, 16), symmetric(torque, model.wire_torque, 16)

@@ -1,4 +1,4 @@
-"""Nodes of a bus on udp_multicast or SocketCAN, a thread and a socket each: drives and IMUs that speak as the manuals say, and note what they hear.
+"""Nodes of a bus on udp_multicast or SocketCAN, a thread and a socket each: drives and IMUs that speak as the manuals say.
 
 The answers are made by the references of tests/blocks/actuators, not by what is tested.
 """
@@ -84,7 +84,8 @@ class Mit(Node):
         if data in (ENABLE, DISABLE):
             self.enabled = data == ENABLE
         if self.host is None:
-            return [(self.can_id, False, reference.reply(AK10_9, self.can_id, self.position, self.velocity, 0.0, self.temperature, self.error))]
+            state = self.position, self.velocity, 0.0, self.temperature, self.error
+            return [(self.can_id, False, reference.reply(AK10_9, self.can_id, *state))]
         body = reference.reply(AK10_9 | {"position": (-12.57, 12.57)}, self.can_id, self.position, 0.0, 0.0, 0.0, 0)
         return [(self.host, False, body[:6] + struct.pack(">h", round(self.temperature * 10)))]
 
@@ -102,8 +103,8 @@ class Private(Node):
 
     def state(self, host):
         flagged, data = robstride_reference.reply(
-            RS02, self.can_id, position=self.values[0x7019], velocity=self.values[0x701B], temperature=36.5, faults=self.faults, mode=self.mode,
-            host=host)
+            RS02, self.can_id, position=self.values[0x7019], velocity=self.values[0x701B], temperature=36.5, faults=self.faults,
+            mode=self.mode, host=host)
         return flagged & 0x1FFFFFFF, True, data
 
     def hear(self, identifier, extended, data):
@@ -159,6 +160,18 @@ class Servo(Node):
 
     def speak(self):
         return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", 900, 0, 12, 33, 4))]
+
+
+class V3(Node):
+    """A CubeMars with a V3.0 board that reports when it is asked."""
+
+    def __init__(self, can_id):
+        super().__init__()
+        self.can_id = can_id
+
+    def hear(self, identifier, extended, data):
+        disable = extended and identifier == 15 << 8 | self.can_id and not data
+        return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", 900, 0, 0, 33, 0x77))] if disable else []
 
 
 class OpenImu(Node):

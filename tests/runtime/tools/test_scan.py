@@ -8,7 +8,7 @@ import pytest
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK
 from runtime.guardian.lock import BusLock
 from runtime.rig import read
-from tests.runtime.tools.nodes import DISABLE, ENABLE, Commander, Mit, Nodes, OpenImu, Private, Servo
+from tests.runtime.tools.nodes import DISABLE, ENABLE, Commander, Mit, Nodes, OpenImu, Private, Servo, V3
 
 QUICK = ("--listen", "0.1")
 GET_ID, STOP, READ = 0x0000FD00, 0x0400FD00, 0x1100FD00
@@ -22,16 +22,17 @@ def found(command_line, nodes, *more):
 
 
 def test_every_family_is_found_and_told(command_line):
-    with Nodes(1, Mit(3, position=0.5, error=5), Private(9), Mit(12, host=0xFD, temperature=28.4), OpenImu(), Servo(77)) as nodes:
+    with Nodes(1, Mit(3, position=0.5, error=5), Private(9), Mit(12, host=0xFD, temperature=28.4), OpenImu(), Servo(77), V3(78)) as nodes:
         code, report = found(command_line, nodes)
     by_id = {drive["can_id"]: drive for drive in report["drives"]}
-    assert code == CHECK_FAILED and sorted(by_id) == [3, 9, 12, 77]         # a drive in servo mode wants to be set
+    assert code == OK and sorted(by_id) == [3, 9, 12, 77, 78]
     assert by_id[3]["family"] == "CubeMars in MIT mode" and by_id[3]["temperature"] == 31.0 and by_id[3]["fault"] == "encoder"
     assert by_id[3]["position"] == pytest.approx(0.5, abs=4e-4) and by_id[3]["velocity"] is None
     assert by_id[9]["family"] == "RobStride" and by_id[9]["firmware"] == "0.3.1.7.0" and by_id[9]["unique"] == "1122334455667788"
     assert (by_id[9]["position"], by_id[9]["voltage"], by_id[9]["temperature"]) == (0.25, 47.5, 36.5)
     assert by_id[12]["family"] == "RobStride in its MIT protocol" and by_id[12]["temperature"] == 28.4 and by_id[12]["fault"] is None
-    assert by_id[77]["family"] == "CubeMars in servo mode, or a V3 board" and "driven by CubeMarsV3" in by_id[77]["remarks"][0]
+    assert by_id[77]["family"] == "CubeMars in servo mode, or a V3.0 board" and "CubeMars wants MIT mode" in by_id[77]["notes"][0]
+    assert by_id[78]["family"] == "CubeMars with a V3.0 board" and by_id[78]["fault"] == "" and by_id[78]["temperature"] == 33.0
     assert by_id[77]["position"] == pytest.approx(1.5708, abs=1e-3) and by_id[77]["fault"] == "under-voltage"
     [node] = report["nodes"]
     assert (node["family"], node["address"], node["manufacturer"], node["function"], node["firmware"]) == ("OpenIMU", 128, 823, 131, "1.1.2.0.0")
@@ -51,7 +52,8 @@ def test_what_is_sent_arms_nothing_frame_by_frame(command_line):
     extended = [frame for frame in heard if frame[1]]
     assert extended[0] == (0x18EAFFF9, True, bytes.fromhex("00EE00"))
     assert extended[1:21] == [(GET_ID | can_id, True, bytes(8)) for can_id in range(1, 21)]
-    assert extended[21:] == [
+    assert extended[26:] == [(0xF00 | can_id, True, b"") for can_id in range(1, 21)]
+    assert extended[21:26] == [
         (STOP | 9, True, bytes(8)), (STOP | 9, True, bytes.fromhex("00C4000000000000")), (READ | 9, True, bytes.fromhex("1970000000000000")),
         (READ | 9, True, bytes.fromhex("1B70000000000000")), (READ | 9, True, bytes.fromhex("1C70000000000000"))]
     assert ENABLE not in [data for _, _, data in heard] and not drive.enabled
