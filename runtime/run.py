@@ -106,7 +106,8 @@ class Result(Prepared):
     @property
     def failed_in_plant(self):
         outcome = self.outcome
-        return outcome.faulted and outcome.status != "overrun" and self.control.culprit is None and outcome.culprit is not None
+        there = self.simulation is not None and outcome.faulted and outcome.status != "overrun"
+        return there and self.control.culprit is None and outcome.culprit is not None
 
 
 def prepare(request):

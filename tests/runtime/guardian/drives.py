@@ -1,7 +1,7 @@
 """The drives of a robot on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.drives CHANNEL ID...`.
 
 Each answers every frame to its id as an AK10-9 would that stands still, unless that frame is its own. SIGUSR1 gives them a fault of
-their encoder, SIGUSR2 takes it back.
+their encoder, SIGUSR2 takes it back, SIGALRM makes them hotter than any may be.
 """
 
 import signal
@@ -24,9 +24,10 @@ def open_bus(channel):
 
 def main(channel, *identifiers):
     bus, sent = open_bus(channel), Counter()
-    motors, fault = set(map(int, identifiers)), [0]
+    motors, fault, temperature = set(map(int, identifiers)), [0], [30.0]
     signal.signal(signal.SIGUSR1, lambda *_: fault.__setitem__(0, 5))
     signal.signal(signal.SIGUSR2, lambda *_: fault.__setitem__(0, 0))
+    signal.signal(signal.SIGALRM, lambda *_: temperature.__setitem__(0, 105.0))
     print("ready", flush=True)
     while True:
         heard = bus.recv()
@@ -34,7 +35,7 @@ def main(channel, *identifiers):
         if sent[frame]:
             sent[frame] -= 1
         elif heard.arbitration_id in motors and not heard.is_extended_id and heard.dlc == 8:
-            answer = reference.reply(AK10_9, heard.arbitration_id, 0.1, 0.0, 0.0, 30.0, fault[0])
+            answer = reference.reply(AK10_9, heard.arbitration_id, 0.1, 0.0, 0.0, temperature[0], fault[0])
             sent[heard.arbitration_id, bytes(answer)] += 1
             bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=answer))
 

@@ -5,9 +5,12 @@ import time
 
 import pytest
 
+from blocks.limiters import TorqueLimiter
 from cext.page import Page
 from cext.rings import Line, Lines
+from graph import Block, Input, Output
 from runtime.guardian.process import Guardian, decoded
+from tests.cext.rigs import one_drive
 
 ENABLE, NOTHING, DISABLE, TORQUE = (bytes.fromhex(text) for text in (
     "FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E"))
@@ -35,8 +38,8 @@ class Log:
 class Carrying:
     """A guardian in this process, with two buses that it carries and a motor on each; and the loop's ends of them."""
 
-    def __init__(self):
-        self.page, self.lines = Page(1 << 12), Lines(2)
+    def __init__(self, page=None):
+        self.page, self.lines = page or Page(1 << 12), Lines(2)
         self.ends = [Line(self.lines, number).end for number in range(2)]
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
@@ -109,3 +112,70 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
     robot.wires[0].then = lambda data: fenced.append(robot.page.fenced)
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert fenced == [True, True]
+
+
+def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_came_before(robot):
+    answers = [(1, b"\1 answer")]
+    robot.wires[0].receive = lambda: answers * 2                    # they lie there when the stop begins: of the last torques
+    robot.guardian.begin_stop("died", 0, time.monotonic_ns())
+    assert robot.guardian.stop.report()["confirmed"] == []
+    robot.guardian.receive(0)
+    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 4, "took": 0}
+    robot.wires[1].receive = lambda: answers
+    robot.guardian.carry()
+    assert not robot.guardian.stop.over
+    robot.guardian.carry()
+    assert robot.guardian.stop.over
+    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2     # the loop hears them, too
+
+
+# Whether the loop is there
+
+class Tells(Block):
+    """Calls something in one tick."""
+
+    u = Input("any")
+    y = Output("N·m")
+
+    def __init__(self, action, **options):
+        self.action = action
+        super().__init__(**options)
+
+    def step(self, u, tick):
+        if tick == 20:
+            self.action()
+        return 1.0
+
+
+def judged(look):
+    """A guardian that looks at a real loop in the middle of its run: `look(guardian, page)`. Returns it."""
+    page = Page(1 << 20)
+    guardian = Carrying(page).guardian
+    rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page))(knee.position)), options={"page": page})
+    rig.run(40)
+    return guardian
+
+
+def test_a_loop_that_has_shown_itself_within_the_limit_is_there():
+    assert judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit)).verdict is None
+
+
+def test_a_loop_that_has_not_is_stopped_and_its_last_tick_told():
+    guardian = judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit + 1))
+    assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == ("stalled", "running", 19)
+    assert guardian.verdict["silent"] == pytest.approx(0.04, abs=1e-6) and guardian.stuck_at is None and guardian.page.fenced
+
+
+def test_a_process_that_is_gone_is_stopped_at_once():
+    def look(guardian, page):
+        guardian.gone = True
+        guardian.judge(page.beat)
+
+    assert judged(look).verdict["because"] == "died"
+
+
+def test_a_loop_that_has_come_to_its_end_is_left_alone():
+    guardian = judged(lambda guardian, page: None)
+    guardian.gone = True
+    guardian.judge(time.monotonic_ns() + 10 * guardian.limit)
+    assert guardian.page.state == "safe" and guardian.verdict is None

@@ -1,0 +1,128 @@
+"""A copy of the tree in which one mutant at a time is built and tried: `python -m tests.mutation.laboratory [SECONDS [SEED [WORD]]]`."""
+
+import importlib.util
+import os
+import random
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+from tests.house import ROOT, copy_rooms
+from tests.mutation.equivalent import EQUIVALENT
+from tests.mutation.mutants import mutants
+from tests.mutation.targets import TARGETS
+
+LONGEST = 120.0                 # s that the tests of a mutant may take, for one that hangs
+WORKERS = 2
+
+
+class Laboratory:
+    """A copy in a folder. `tried(target, mutant)`: "killed", "survived", or "no program" where it does not compile."""
+
+    def __init__(self, folder):
+        self.folder = copy_rooms(Path(folder), rooms=("cext", "graph", "blocks", "runtime", "diagrams", "tests"))
+        for name in ("setup.py", "pyproject.toml"):
+            (self.folder / name).write_bytes((ROOT / name).read_bytes())
+        self.suffix = sysconfig.get_config_var("EXT_SUFFIX")
+        specification = importlib.util.spec_from_file_location("build_of_tickwork", ROOT / "setup.py")
+        self.build_of = importlib.util.module_from_spec(specification)
+        specification.loader.exec_module(self.build_of)
+
+    def tried(self, target, mutant):
+        path = self.folder / target.file
+        original = path.read_text()
+        extension = self.folder / f"{target.module}{self.suffix}" if target.module else None
+        built = extension.read_bytes() if extension else b""
+        path.write_text(mutant.text)
+        try:
+            if target.module and not self.build(target.module):
+                return "no program"
+            return "survived" if self.passes(target.tests) else "killed"
+        finally:
+            path.write_text(original)
+            if extension:
+                extension.unlink()
+                extension.write_bytes(built)
+
+    def build(self, module):
+        """One extension, as setup.py builds it, but with less care for its speed. False where it cannot be."""
+        directives = [word for name, value in self.build_of.DIRECTIVES.items() for word in ("-X", f"{name}={value}")]
+        out = self.folder / f"{module}{self.suffix}"
+        out.unlink()
+        code = self.folder / "mutant.c"
+        translate = [sys.executable, "-m", "cython", "-3", *directives, f"{module}.pyx", "-o", str(code)]
+        compiler = sysconfig.get_config_var("CC").split()
+        flags = [flag for flag in self.build_of.FLAGS if not flag.startswith("-O")]
+        include = [f"-I{sysconfig.get_path('include')}", f"-I{sys.prefix}/include"]
+        compile = [*compiler, "-shared", "-fPIC", "-O1", "-w", *flags, *include, str(code), "-o", str(out), "-lm"]
+        return all(subprocess.run(words, cwd=self.folder, capture_output=True).returncode == 0 for words in (translate, compile))
+
+    def passes(self, tests):
+        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--basetemp", str(self.folder / "pytest"), *tests]
+        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+        process = subprocess.Popen(
+            words, cwd=self.folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            return process.wait(LONGEST) == 0
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            return False
+
+
+def all_mutants():
+    """(target, mutant) of all there are, without those that are known to be no different."""
+    return [
+        (target, mutant)
+        for target in TARGETS
+        for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)
+        if mutant.name not in EQUIVALENT]
+
+
+def sampled(seed, word=""):
+    """All of them in an order of chance, of each target in turn."""
+    chosen = [pair for pair in all_mutants() if word in pair[1].file]
+    random.Random(seed).shuffle(chosen)
+    seen = Counter()
+    return sorted(chosen, key=lambda pair: (seen.update([pair[0].file]) or seen[pair[0].file]))
+
+
+def experiment(seconds, seed, word="", say=lambda line: None):
+    """Try as many as time permits. Returns ({verdict: how many}, the mutants that survived)."""
+    waiting = sampled(seed, word)
+    deadline = time.monotonic() + seconds
+    verdicts, survivors, lock = Counter(made=len(waiting)), [], threading.Lock()
+
+    def work():
+        with tempfile.TemporaryDirectory(prefix="mutants") as folder:
+            laboratory = Laboratory(folder)
+            for tests in sorted({target.tests for target, _ in waiting}):
+                assert laboratory.passes(tests), f"{tests} fail without any mutant"
+            while time.monotonic() < deadline:
+                with lock:
+                    if not waiting:
+                        return
+                    target, mutant = waiting.pop(0)
+                verdict = laboratory.tried(target, mutant)
+                with lock:
+                    verdicts.update([verdict])
+                    if verdict == "survived":
+                        survivors.append(mutant)
+                        say(f"survived {mutant.line}: {mutant.name}")
+
+    threads = [threading.Thread(target=work) for _ in range(WORKERS)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return verdicts, survivors
+
+
+if __name__ == "__main__":
+    seconds, seed, word = [*sys.argv[1:], *("600", "1", "")[len(sys.argv) - 1 :]]
+    print(dict(experiment(float(seconds), int(seed), word, lambda line: print(line, flush=True))[0]))

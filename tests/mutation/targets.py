@@ -1,0 +1,34 @@
+"""What is mutated, and which tests have to notice."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Target:
+    """file : from the root; functions : of it; module : the extension that is built anew, None for Python; tests : files, the quickest first"""
+
+    file: str
+    functions: tuple
+    module: str | None
+    tests: tuple
+
+
+STOPS = tuple(f"tests/cext/test_{name}.py" for name in ("every_fault", "faults", "guarded", "life_cycle", "damping", "arming_again", "devices"))
+DRIVE = tuple(f"tests/blocks/actuators/test_cubemars_{name}.py" for name in ("bus", "felt", "wire"))
+
+TARGETS = (
+    Target("cext/kernels/limiters.pyx", (
+        "saturation_kernel", "slew_kernel", "slew_settle", "torque_limiter_kernel", "power_kernel", "soft_stop_kernel", "derating_kernel",
+        "soft_start_kernel", "remember", "rms_torque_kernel"),
+        "cext/kernels/limiters", ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
+    Target("cext/kernels/limits.pxd", ("clip", "toward"), "cext/kernels/limiters", ("tests/blocks/test_limiters.py",)),
+    Target("cext/kernels/drive_law.pxd", ("share_inside",), "cext/kernels/cubemars", DRIVE),
+    Target("cext/kernels/mit.pxd", ("felt_share", "encode_command"), "cext/kernels/cubemars", DRIVE),
+    Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
+           "want_replies", "is_like"), "cext/devices", STOPS),
+    Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), "cext/journal", STOPS),
+    Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), "cext/page", STOPS),
+    Target("cext/executor.pyx", ("stop", "halt", "is_survived"), "cext/executor", STOPS),
+    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), None, ("tests/runtime/guardian/test_stopping.py",)),
+    Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), None, ("tests/runtime/guardian/test_carrying.py",)),
+)
