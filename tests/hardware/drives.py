@@ -36,7 +36,10 @@ class Drives:
 
     def _answer(self):
         while self.powered:
-            heard = self.bus.recv(0.02)
+            try:
+                heard = self.bus.recv(0.02)
+            except can.CanError:                    # its interface was taken down
+                return
             if heard is not None and heard.arbitration_id in self.motors and not heard.is_extended_id and not heard.is_error_frame:
                 data = answer(heard.arbitration_id, self.motors[heard.arbitration_id])
                 self.bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=data))

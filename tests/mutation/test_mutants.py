@@ -1,0 +1,68 @@
+"""The tests of safety can fail: each of many small errors, in what limits and what stops, is noticed by one of them."""
+
+import os
+
+import pytest
+
+from tests.house import ROOT
+from tests.mutation.equivalent import EQUIVALENT
+from tests.mutation.laboratory import all_mutants, experiment, sampled
+from tests.mutation.mutants import mutants
+from tests.mutation.targets import TARGETS
+
+SECONDS = float(os.environ.get("TICKWORK_MUTATION_SECONDS", 480))
+SEED = int(os.environ.get("TICKWORK_MUTATION_SEED", 1))
+SOURCE = '''
+cdef int other(int a) noexcept nogil:
+    return a + 1
+
+
+cdef int limit(double x, bint on) noexcept nogil:
+    """Not 3 and not < that."""
+    cdef double high = 2.0      # 5 > 4
+    if not on and x > high:
+        x = (x -
+             high)
+    return <int>x
+'''
+
+
+def test_a_mutant_differs_from_its_source_in_one_small_error_of_the_function_that_was_named():
+    found = mutants("a.pyx", SOURCE, ["limit"])
+    assert [(mutant.line, mutant.before, mutant.after) for mutant in found] == [
+        (8, "cdef double high = 2.0      # 5 > 4", "cdef double high = 3.0      # 5 > 4"),
+        (9, "if not on and x > high:", "if not on and x >= high:"),
+        (9, "if not on and x > high:", "if on and x > high:"),
+        (9, "if not on and x > high:", "if not on or x > high:"),
+        (10, "x = (x - high)", "pass")]
+    assert all("return a + 1\n" in mutant.text and mutant.text != SOURCE for mutant in found)
+    changed = [line for line in found[1].diff(SOURCE).splitlines()[2:] if line[0] in "+-"]
+    assert changed == ["-    if not on and x > high:", "+    if not on and x >= high:"]
+
+
+def test_a_function_that_is_not_there_is_an_error():
+    with pytest.raises(KeyError, match="limits"):
+        mutants("a.pyx", SOURCE, ["limits"])
+
+
+def test_a_sample_has_some_of_every_file_first_and_another_seed_another_order():
+    chosen = sampled(1)
+    assert {mutant.file for _, mutant in chosen[: len(TARGETS)]} == {target.file for target in TARGETS}
+    assert sampled(1) == chosen != sampled(2) and len(chosen) == len(all_mutants())
+
+
+def test_every_mutant_that_is_known_to_be_no_different_is_still_one():
+    names = {mutant.name for target in TARGETS for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)}
+    assert not EQUIVALENT.keys() - names, "take out what is no mutant any more"
+    assert all(len(reason) > 10 for reason in EQUIVALENT.values())
+
+
+@pytest.mark.soak
+def test_every_mutant_is_killed(capsys):
+    verdicts, survivors = experiment(SECONDS, SEED)
+    tried = verdicts["killed"] + verdicts["survived"] + verdicts["no program"]
+    with capsys.disabled():
+        print(f"\nmutants: {verdicts['made']} there are, {tried} tried, {verdicts['killed']} killed, {verdicts['survived']} survived, "
+              f"{verdicts['no program']} no program")
+    assert verdicts["killed"] > 0
+    assert not survivors, "\n\n".join(mutant.diff((ROOT / mutant.file).read_text()) for mutant in survivors)
