@@ -7,6 +7,7 @@ import time
 import pytest
 
 from tests.hardware.drives import Drives, answer
+from tests.hardware.test_socketcan import spare                     # noqa: F401
 from tests.hardware.vcan import Node, ip, needs_own_kernel, needs_vcan
 from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.test_every_fault import ROBOT
@@ -93,28 +94,24 @@ def test_a_block_that_hangs(run):
 
 @needs_own_kernel
 @pytest.mark.parametrize("change, words", [(("set", "vcan9", "down"), "vcan9 was taken down"), (("del", "vcan9"), "vcan9 is gone")])
-def test_an_interface_that_goes_away_stops_the_drive_of_the_other(tmp_path, change, words):
-    ip("add", "vcan9", "type", "vcan")
-    ip("set", "vcan9", "up")
+def test_an_interface_that_goes_away_stops_the_drive_of_the_other(tmp_path, spare, change, words):
     rig = write(tmp_path, "".join(
         f'[bus.{side}]\ninterface = "socketcan"\nchannel = "{channel}"\n' for side, channel in (("left", "vcan0"), ("right", "vcan9"))), "lab.toml")
     robot = write(tmp_path, ROBOT.format(law="pass", torque="2.0", before="", options="", more="pass"))
-    with Drives(MOTOR), Drives({2: 0.3}, "vcan9"), Listener() as listener:
+    with Drives(MOTOR), Drives({2: 0.3}, spare), Listener() as listener:
         process = started(
             robot, "--rig", rig, "--yes", "--rate", "50", "--no-record", "--realtime", "off", "--set", "left/knee.timeout=0.5", "--set",
             "right/knee.timeout=0.5", cwd=tmp_path)
         assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
         listener.listen(0.5)
-        gone = time.monotonic()
         ip(*change)
+        gone = time.monotonic()
         listener.listen(1.0)
         out, err = process.communicate(timeout=30)
         listener.listen(0.1)
         listener.assert_stopped(gone)
     assert process.returncode == 3 and "FAULT at right, tick " in err and words in err, out + err
     assert "confirmed by left/knee" in out and "NOT confirmed by right/knee" in out
-    if change[0] == "set":
-        ip("del", "vcan9")
 
 
 def test_kill_9_of_the_guardian(run):

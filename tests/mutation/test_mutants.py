@@ -54,7 +54,7 @@ def test_a_sample_has_some_of_every_file_first_and_another_seed_another_order():
 def test_every_mutant_that_is_known_to_be_no_different_is_still_one():
     names = {mutant.name for target in TARGETS for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)}
     assert not EQUIVALENT.keys() - names, "take out what is no mutant any more"
-    assert all(len(reason) > 10 for reason in EQUIVALENT.values())
+    assert all(EQUIVALENT.values())
 
 
 @pytest.mark.soak
