@@ -29,6 +29,6 @@ TARGETS = (
     Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), "cext/journal", STOPS),
     Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), "cext/page", STOPS),
     Target("cext/executor.pyx", ("stop", "halt", "is_survived"), "cext/executor", STOPS),
-    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), None, ("tests/runtime/guardian/test_stopping.py",)),
+    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), None, ("tests/runtime/guardian/test_safe_stop.py",)),
     Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), None, ("tests/runtime/guardian/test_carrying.py",)),
 )
