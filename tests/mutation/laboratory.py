@@ -42,7 +42,7 @@ class Laboratory:
         try:
             if target.module and not self.build(target.module):
                 return "no program"
-            return "survived" if self.passes(target.tests) else "killed"
+            return "survived" if self.passes(target.tests, LONGEST, target.module is not None) else "killed"
         finally:
             path.write_text(original)
             if extension:
@@ -62,16 +62,18 @@ class Laboratory:
         compile = [*compiler, "-shared", "-fPIC", "-O1", "-w", *flags, *include, str(code), "-o", str(out), "-lm"]
         return all(subprocess.run(words, cwd=self.folder, capture_output=True).returncode == 0 for words in (translate, compile))
 
-    def passes(self, tests):
+    def passes(self, tests, longest, remembers):
+        """remembers : whether Python may keep its bytecode, which it tells from another by no more than time and size of the source"""
         words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--basetemp", str(self.folder / "pytest"), *tests]
-        environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = os.environ if remembers else {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         process = subprocess.Popen(
-            words, cwd=self.folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            words, cwd=self.folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         try:
-            return process.wait(LONGEST) == 0
+            self.said, _ = process.communicate(timeout=longest)
+            return process.returncode == 0
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            self.said, _ = process.communicate()
             return False
 
 
@@ -105,20 +107,20 @@ def experiment(seconds, seed, word="", say=lambda line: None):
             while unmutated:                        # each list of tests passes without a mutant, or killing one means nothing
                 with lock:
                     tests = unmutated.pop() if unmutated else None
-                if tests is not None and not laboratory.passes(tests):
+                if tests is not None and not laboratory.passes(tests, 5.0 * LONGEST, True):
                     waiting.clear()
-                    raise AssertionError(f"{tests} fail without any mutant")
+                    raise AssertionError(f"{tests} fail without any mutant:\n{laboratory.said}")
             while time.monotonic() < deadline:
                 with lock:
                     if not waiting:
                         return
                     target, mutant = waiting.pop(0)
                 verdict = laboratory.tried(target, mutant)
+                say(f"{verdict} {mutant.line}: {mutant.name}")
                 with lock:
                     verdicts.update([verdict])
                     if verdict == "survived":
                         survivors.append(mutant)
-                        say(f"survived {mutant.line}: {mutant.name}")
 
     threads = [threading.Thread(target=work) for _ in range(WORKERS)]
     for thread in threads:

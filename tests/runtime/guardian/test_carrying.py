@@ -137,21 +137,21 @@ class Tells(Block):
     u = Input("any")
     y = Output("N·m")
 
-    def __init__(self, action, **options):
-        self.action = action
+    def __init__(self, action, when, **options):
+        self.action, self.when = action, when
         super().__init__(**options)
 
     def step(self, u, tick):
-        if tick == 20:
+        if tick == self.when:
             self.action()
         return 1.0
 
 
-def judged(look):
+def judged(look, tick=20):
     """A guardian that looks at a real loop in the middle of its run: `look(guardian, page)`. Returns it."""
     page = Page(1 << 20)
     guardian = Carrying(page).guardian
-    rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page))(knee.position)), options={"page": page})
+    rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page), tick)(knee.position)), options={"page": page})
     rig.run(40)
     return guardian
 
@@ -164,6 +164,18 @@ def test_a_loop_that_has_not_is_stopped_and_its_last_tick_told():
     guardian = judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit + 1))
     assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == ("stalled", "running", 19)
     assert guardian.verdict["silent"] == pytest.approx(0.04, abs=1e-6) and guardian.stuck_at is None and guardian.page.fenced
+
+
+@pytest.mark.parametrize("tick, moving", [(0, False), (1, True)])
+def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
+    def look(guardian, page):
+        for device in guardian.devices:
+            device["damp"], device["damp_time"] = [(1, b"damp")], 0.1
+        guardian.judge(page.beat + guardian.limit + 1)
+
+    guardian = judged(look, tick)
+    assert guardian.verdict["last_tick"] == tick - 1
+    assert [wire.sent for wire in guardian.wires.values()] == [[b"damp"] if moving else STOP] * 2
 
 
 def test_a_process_that_is_gone_is_stopped_at_once():

@@ -2,7 +2,7 @@
 
 Every drive is told zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In virtual time, with more
 faults: tests/cext/test_every_fault.py. Elsewhere, with a third node that listens: a block that hangs (test_hang), a process that is
-stopped, a guardian that is gone (test_safe_stop), an adapter that is unplugged (tests/runtime/rig/test_slcan), a button over UDP
+stopped, a guardian that is gone (test_stopping), an adapter that is unplugged (tests/runtime/rig/test_slcan), a button over UDP
 (test_udp), bus-off and an interface that is taken down (tests/hardware).
 """
 

@@ -62,6 +62,15 @@ def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
 
 
+def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
+    wire = Log()
+    stop = SafeStop([device("left", 0, 1), device("twin", 0, 1)], {0: wire}, 0)
+    stop.step(0)
+    for _ in range(2):
+        stop.hear(0, 0x101, b"", 1)
+    assert stop.report()["confirmed"] == ["left"] and not stop.over
+
+
 def test_it_ends_when_all_have_confirmed(legs):
     stop, _ = legs
     stop.step(0)
