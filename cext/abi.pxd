@@ -96,6 +96,8 @@ cdef struct Bus:
     int (*send)(void *context, const Frame *frames, int count) noexcept nogil
     void (*begin)(void *context, int64_t began) noexcept nogil
     void *context
+    # at, which may be NULL, is told the time of the run in ns before anything is received: for buses that have a time of their own.
+    void (*at)(void *context, int64_t now) noexcept nogil
 
 # The names of capsules.
 cdef inline const char *KERNEL() noexcept nogil:

@@ -1,12 +1,13 @@
 # cython: freethreading_compatible=True
-"""What a bus costs a tick beside the system calls that it cannot do without. For `bench bus`."""
+"""What a bus costs a tick beside the system calls that it cannot do without, and what a tick of drives does. For `bench bus` and `bench can`."""
 
 from libc.stdint cimport int64_t
-from libc.string cimport memset
+from libc.string cimport memcpy, memset
 
-from cext.abi cimport FRAMES_PER_TICK, Frame
+from cext.abi cimport AUTHORITY, DT, FRAMES_PER_TICK, OK, PERIOD, TICK, TIME, Frame
 from cext.buses cimport BusEnd
 from cext.pace cimport monotonic
+from cext.program cimport Program
 from cext.posix cimport MSG_DONTWAIT, MSG_NOSIGNAL, iovec, mmsghdr, recvmmsg, sendmmsg
 from cext.socketcan cimport CAN_MTU, CONTROL_WORDS, canfd_frame
 
@@ -68,3 +69,51 @@ def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
         through.append(bus)
         alone.append(bare)
     return through, alone
+
+
+def time_of_control(Program control, BusEnd other, answers, int rounds, double rate=1000.0):
+    """ns of each of so many ticks of a robot on one bus: receive and decode, watch, steps, limits and encode, transmit.
+
+    other : the far end of its bus
+    answers : (id, data) of the frames that are there before every tick
+    """
+    cdef Frame[FRAMES_PER_TICK] said, heard
+    cdef int64_t zero, began, now
+    cdef int count = len(answers)
+    cdef int round, came, more, status
+    if not 0 < count <= FRAMES_PER_TICK:
+        raise ValueError("1 to %d frames, not %d" % (FRAMES_PER_TICK, count))
+    memset(said, 0, sizeof(said))
+    for index, (identifier, data) in enumerate(answers):
+        said[index].id, said[index].length = identifier, len(data)
+        memcpy(said[index].data, <const char *>data, len(data))
+    control.reset()
+    zero = monotonic()
+    control.devices.begin(zero)
+    control.arena[AUTHORITY], control.arena[DT], control.arena[PERIOD] = 1.0, 1.0 / rate, 1.0 / rate
+    took = []
+    for round in range(rounds):
+        for index in range(count):
+            said[index].time = monotonic() - zero
+        if other.bus.send(other.bus.context, said, count) != count:
+            raise OSError("the other end cannot send")
+        control.arena[TICK], control.arena[TIME] = round, round / rate
+        began = monotonic()
+        now = began - zero
+        status = control.devices.receive(now, NULL)
+        if status == OK:
+            status = control.devices.watch(now)
+        if status == OK:
+            status = control.run(&control.output, round, round - 1)
+        if status == OK:
+            status = control.devices.command()
+        if status == OK:
+            status = control.devices.transmit(now, NULL)
+        if status == OK:
+            status = control.run(&control.update, round, round - 1)
+        now = monotonic()
+        came = other.bus.receive(other.bus.context, heard, FRAMES_PER_TICK)
+        if status != OK or came < count:
+            raise OSError("tick %d: status %d, %d of %d frames came" % (round, status, came, count))
+        took.append(now - began)
+    return took

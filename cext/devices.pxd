@@ -29,6 +29,8 @@ cdef struct Device:
     int64_t heard                # ns, when the newest sample arrived
     int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
     Histogram *latency           # from a command to its answer; NULL where time is not real
+    bint owed                    # the newest command has not been answered
+    int64_t missed               # commands that were not, when the next went out
     int64_t replies
     int64_t rounds               # of arming so far
     int64_t replies_wanted       # before it counts as answered
@@ -58,6 +60,7 @@ cdef class Devices:
     cdef bint stopping           # replies are wanted to a safe stop
     cdef bint alone              # nobody else may command them
     cdef int64_t longest_damping # ns
+    cdef public double counted_from     # tick from which on answers that are missing are counted
 
     cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
     cdef int load(self) except -1

@@ -62,6 +62,7 @@ cdef class Devices:
         for index in range(self.count):
             self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
             self.devices[index].asked = -1
+            self.devices[index].owed, self.devices[index].missed = False, 0
             if self.devices[index].latency != NULL:
                 memset(self.devices[index].latency, 0, sizeof(Histogram))
         self.failed.device = self.failed.bus = -1
@@ -89,6 +90,12 @@ cdef class Devices:
             self.schedule.devices[index].name: summary(self.devices[index].latency)
             for index in range(self.count) if self.devices[index].latency != NULL
         }
+
+    @property
+    def missed(self):
+        """{path: commands that had not been answered when the next was sent, from tick `counted_from` on} of those that are commanded."""
+        return {
+            self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
 
     cdef int time_replies(self) except -1:
         """Time from now on how long every device takes to answer a command."""
@@ -147,6 +154,8 @@ cdef class Devices:
         if page != NULL and self.bus_count > 0:
             log_received(page, now)
         for bus in range(self.bus_count):
+            if (<BusEnd>self.bus_ends[bus]).bus.at != NULL:
+                (<BusEnd>self.bus_ends[bus]).bus.at((<BusEnd>self.bus_ends[bus]).bus.context, now)
             count = (<BusEnd>self.bus_ends[bus]).bus.receive(
                 (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
             if count < 0:
@@ -167,6 +176,7 @@ cdef class Devices:
                         status = ESTOP
                         answer = TAKEN
                     if answer == TAKEN or answer == MOVING:
+                        device.owed = False
                         device.heard = frame.time
                         device.replies += answer == TAKEN or not self.stopping
                         if device.asked >= 0:
@@ -257,6 +267,9 @@ cdef class Devices:
         cdef int number
         cdef int64_t now = -1
         for number in range(self.count):
+            if self.devices[number].bus == bus and self.devices[number].zero.count:
+                self.devices[number].missed += self.devices[number].owed and self.arena[TICK] >= self.counted_from
+                self.devices[number].owed = True
             if self.devices[number].bus == bus and self.devices[number].latency != NULL:
                 if now < 0:
                     now = monotonic() - self.began

@@ -152,6 +152,15 @@ cdef class Program:
         return self.devices.latencies
 
     @property
+    def missed(self):
+        """Commands that were not answered in time, as cext.devices.Devices.missed has it."""
+        return self.devices.missed
+
+    def count_from(self, int64_t tick):
+        """What is not answered in time before this tick, when arming may still fill the bus, is not counted."""
+        self.devices.counted_from = tick
+
+    @property
     def watched(self):
         """What was seen of each actuator, as cext.drive_watch.DriveWatch.found has it."""
         return self.devices.drives.found

@@ -16,6 +16,7 @@ COMMANDS = {
     "diff": "compare two recordings: a table and a picture",
     "blocks": "list the blocks that are installed, or tell all about one",
     "profile": "run a diagram and tell where the time of a tick goes, block by block",
+    "rate": "find the highest rate at which one to eight actuators miss no answer, simulated or on a rig",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
     "scan": "tell every drive and IMU that answers on a bus; arms nothing",
@@ -25,7 +26,8 @@ COMMANDS = {
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {                       # those of the others are in runtime.commands
-    "bench": "runtime.bench.command", "doctor": "runtime.doctor.command", "emulate": "runtime.emulation.command"}
+    "bench": "runtime.bench.command", "doctor": "runtime.doctor.command", "emulate": "runtime.emulation.command",
+    "rate": "runtime.rate.command"}
 INTERRUPTED = 130
 
 

@@ -55,6 +55,7 @@ class Request:
     profile: bool = False
     yes: bool = False                   # on a rig: arm without asking a person
     rearm: bool = False                 # after a fault, wait to be armed again
+    bitrate: float | None = None        # bit/s of the simulated buses; None: frames take no time
 
 
 @dataclass
@@ -125,13 +126,14 @@ def prepare(request):
         if not request.yes and not can_ask():
             raise BadInput(NOBODY)
         return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks)
-    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule), None, ticks)
+    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule, request.bitrate), None, ticks)
 
 
-def run(prepared, say=lambda lines: None):
+def run(prepared, say=lambda lines: None, count_from=0):
     """Carry out what `prepare` returned. Returns a Result; raises RecorderError or RealtimeRefused before anything is armed.
 
     say : called with the lines that a person should read before the run
+    count_from : tick from which on answers that are missing are counted
     """
     request, schedule, simulation, rig = prepared.request, prepared.schedule, prepared.simulation, prepared.rig
     page = Page(ring_bytes(schedule), live=describe(schedule))
@@ -144,6 +146,7 @@ def run(prepared, say=lambda lines: None):
         say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
+        control.count_from(count_from)
         again = Rearming(prepared, page, control, can_ask())
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,

@@ -4,6 +4,7 @@ from contextlib import ExitStack
 
 from cext.buses import MemoryBus
 from cext.program import Program
+from cext.timed_bus import TimedBus
 
 from graph import Actuator, Device, Diagram, subsystem
 from runtime.errors import BadInput
@@ -16,16 +17,17 @@ class Simulation:
     file : DiagramFile or None; without a `plant` in it, every device is emulated, each actuator on a free inertia
     robot : Diagram
     schedule : the robot's Schedule
+    bitrate : bit/s that the buses have, each; None, and frames take no time
 
     plant : the plant's Schedule, None for a robot without devices
     program : the plant's Program, likewise
     """
 
-    def __init__(self, file, robot, schedule):
+    def __init__(self, file, robot, schedule, bitrate=None):
         self.given = file is not None and file.has_plant
         self.diagram, self.plant = plant_of(file, robot)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
-        self.buses = {name: MemoryBus() for name in schedule.buses}
+        self.buses = {name: MemoryBus() if bitrate is None else TimedBus(bitrate) for name in schedule.buses}
         self.program = None
         if self.plant is not None:
             plant = self.plant

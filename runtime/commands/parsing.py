@@ -54,6 +54,10 @@ def add_rig(parser):
                         help="a rig file, such as lab.toml: the interface of each bus, and how this robot's devices are mounted")
 
 
+def add_bitrate(parser, help):
+    parser.add_argument("--bitrate", type=number("--bitrate", "bit/s", 1e9), metavar="N", help=help)
+
+
 def add_pace(parser):
     from runtime.timing import overrun_policy, spin_window
 

@@ -1,7 +1,7 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
 from runtime.commands.parsing import (
-    LONGEST, Parser, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, settings, trial,
+    LONGEST, Parser, add_bitrate, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, settings, trial,
 )
 from runtime.errors import BadInput
 from runtime.terminal import complain, program, tell
@@ -74,8 +74,11 @@ def parse_run(arguments):
     parser.add_argument("--rearm", action="store_true",
                         help="after a fault, wait in the safe stop until the key r arms again and nothing stands in the way")
     add_pace(parser)
+    add_bitrate(parser, "of the simulated buses: frames take the time that their bits take (default: they take none)")
     parser.add_argument("--profile", action="store_true", help="time every block, and tell at the end where the time of a tick goes")
     options = parser.parse_args(arguments)
+    if options.bitrate is not None and options.rig is not None:
+        raise BadInput("--bitrate and --rig exclude each other: the rig file says what a real bus runs at")
     if options.fast and options.rig is not None:
         raise BadInput("--fast and --rig exclude each other: on a rig time is real")
     options.realtime = options.realtime or ("off" if options.rig is None else "try")
@@ -92,4 +95,5 @@ def parse_run(arguments):
         file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
         settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
         trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
-        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm)
+        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm,
+        bitrate=options.bitrate)

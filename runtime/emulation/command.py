@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from runtime.commands.parsing import LONGEST, Parser, number, settings
+from runtime.commands.parsing import LONGEST, Parser, add_bitrate, number, settings
 from runtime.errors import FAULT, OK, BadInput
 from runtime.terminal import complain, program, tell
 
@@ -32,7 +32,7 @@ def main(arguments):
         complain(buses.remarks)
         consent(buses.real, options.yes)
         tell(introduction(options, diagram, schedule, rig, file.has_plant))
-        service = Service(schedule, buses.ends())
+        service = Service(schedule, buses.ends(), options.bitrate)
         outcome = service.run(options.duration)
         if outcome.faulted:
             complain(fault(outcome, buses))
@@ -48,6 +48,7 @@ def parse(arguments):
     parser.add_argument("--rig", type=Path, metavar="FILE", required=True, help="the rig file that the robot runs with")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`: mass=2.8")
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="end after S seconds (default: Ctrl-C)")
+    add_bitrate(parser, "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)")
     parser.add_argument("--yes", action="store_true", help="on real CAN: no real drive is there, do not ask")
     return parser.parse_args(arguments)
 

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from cext.executor import Executor
 from cext.page import Page
 from cext.program import Program
+from cext.timed_bus import SlowBus
 from runtime.recorder.terminal import Terminal
 
 REFRESH = 0.2                   # s
@@ -14,10 +15,12 @@ BEHIND = 100                    # steps that are made up for when the machine wa
 
 
 class Service:
-    """schedule : of the plant; ends : of its buses"""
+    """schedule : of the plant; ends : of its buses; bitrate : bit/s that they are slowed down to, or None"""
 
-    def __init__(self, schedule, ends):
+    def __init__(self, schedule, ends, bitrate=None):
         self.page = Page(ROOM)
+        self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
+        ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)
         self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{BEHIND}")       # time does not stand still
         self.rate = schedule.rate

@@ -1,0 +1,37 @@
+"""The robot of the search: so many actuators on one bus, commanded zero torque."""
+
+from graph import Diagram
+
+UNLIMITED = 1e12                # bit/s: the compiler is not to refuse what is to be tried
+CODES = 0.6                     # of a code: where the driver truncates zero to the code below the middle, this is the one above
+MOST = 8                        # actuators
+
+
+def robot(make, ids, rate, upper=False):
+    """The Diagram.
+
+    make : gives an actuator of an id, as `lambda can_id: CubeMars("AK80-9", ...)`
+    upper : whether zero is the code above the middle of its range, as Epically Powerful sends it
+    """
+    with Diagram("rate", rate=rate) as diagram:
+        for can_id in ids:
+            block = make(can_id)
+            block.bitrate = UNLIMITED
+            block(**(zero_from_above(block) if upper else {"torque_command": 0.0}))
+    return diagram
+
+
+def zero_from_above(block):
+    position, velocity, _, _, torque = block.wire
+    return {
+        "position_command": CODES * 2.0 * position / 0xFFFF, "velocity_command": CODES * 2.0 * velocity / 0xFFF,
+        "torque_command": CODES * 2.0 * torque / 0xFFF}
+
+
+def plant(diagram, rate):
+    """Its drives, emulated, held still. rate in Hz"""
+    with Diagram("drives", rate=rate) as drives:
+        for block in diagram:
+            if hasattr(block, "emulator") and block.addresses():
+                block.emulator()(position=0.0, velocity=0.0)
+    return drives
