@@ -49,7 +49,7 @@ def main(arguments):
         found.append(row)
         tell([f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} Hz{row.steps:>8}{validation(row)}"])
     if options.last == MOST:
-        tell(["paper, with 8: 470 Hz on a Jetson Orin Nano, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of silence alone"])
+        tell(["paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of silence alone"])
     picture(options, found)
     return CHECK_FAILED if any(row.validated is not None and not row.validated.passed for row in found) else OK
 

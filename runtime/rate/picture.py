@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from runtime.recorder.picture import FAINT, INK
 
-PAPER = {"Jetson Orin Nano": 470.0, "Raspberry Pi 3B+": 260.0}      # Hz, with eight actuators (Leestma et al. 2025)
+PAPER = {"Jetson": 470.0, "Raspberry Pi 3B+": 260.0}      # Hz, with eight actuators (Leestma et al. 2025)
 PAPER_COUNT = 8
 
 

@@ -11,8 +11,9 @@ from runtime.rate.robot import UNLIMITED, plant, robot
 from runtime.rate.search import Step
 
 SLOW = 50.0                     # Hz, at which any bus carries eight actuators
-RESOLUTION = 2e-6               # s between looks of the emulated drives: how long they take to answer, at most
-SETTLING = 0.2                  # s after arming in which nothing is counted on a rig: enable frames may still fill its bus
+RESOLUTION = 2e-6               # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
+ARMING = 0.1                    # s of virtual time: a bus that is too full to arm on has failed
+SETTLING = 0.5                  # s after arming in which nothing is counted: enable frames may still fill the bus
 
 
 class Simulated:
@@ -23,6 +24,8 @@ class Simulated:
 
     def __init__(self, make, ids, bitrate=1e6, seconds=2.0, upper=False):
         self.make, self.ids, self.bitrate, self.seconds, self.upper = make, ids, bitrate, seconds, upper
+        self.enables = False
+        self.enables = self.run(SLOW, 2)[1].status == "no answer"
 
     def __call__(self, rate):
         ticks = max(10, round(self.seconds * rate))
@@ -32,15 +35,19 @@ class Simulated:
 
     def run(self, rate, ticks):
         diagram = robot(self.make, self.ids, rate, self.upper)
-        substeps = max(1, round(1.0 / (rate * RESOLUTION)))
+        substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
         schedule = compile(diagram)
-        # Emulated drives answer without: two frames in a period would fill a bus that has room for one.
-        schedule.devices = [replace(device, enable=()) for device in schedule.devices]
+        if not self.enables:            # drives that answer without: enable frames would fill a bus that has room for the commands alone
+            schedule.devices = [replace(device, enable=()) for device in schedule.devices]
         bus = TimedBus(self.bitrate)
         program = Program(schedule, [bus.host])
+        if self.enables:
+            settling = round(SETTLING * rate)
+            ticks += settling
+            program.count_from(settling)
         drives = Program(compile(plant(diagram, substeps * rate)), [bus.device])
         executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True)
-        return program, executor.run(ticks, fade=0.0), bus
+        return program, executor.run(ticks, fade=0.0, arming_timeout=ARMING), bus
 
     def limit(self):
         """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones included."""
