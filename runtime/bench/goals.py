@@ -18,6 +18,8 @@ GROWTH = 1.0                                                # MiB
 KNEE_MINUTE = 0.2                                           # s
 BUS = 1.0                                                   # µs a tick beyond two system calls
 GUARDIAN = 100.0                                            # µs of a round trip, p99
+DRIVES = 5.0                                                # µs a tick of eight drives, beyond the system calls
+PYTHON_CAN = 0.1                                            # of what python-can takes
 STOP = 20.0                                                 # ms from kill -9, p99
 
 
@@ -103,4 +105,13 @@ def of_bus(found):
         Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN, "µs"),
         Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP, "ms"),
         Goal("kills that no stop frame followed", found["missed"], 0, ""),
+    ]
+
+
+def of_can(found):
+    return [
+        Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES, "µs a tick"),
+        Goal("the same over a socket, of python-can's time", found["share"], PYTHON_CAN, "times"),
+        Goal("answers missed beyond those of the C loop",
+             max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]), 0, ""),
     ]

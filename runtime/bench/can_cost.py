@@ -1,0 +1,178 @@
+"""What eight drives cost a tick, beside a program on python-can; and eight motors at 1000 Hz on two buses, beside a loop in C."""
+
+import ctypes
+import signal
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from blocks.sources import Sine
+from cext.buses import MemoryBus
+from cext.bus_cost import time_of_control, time_of_ticks
+from cext.executor import Executor
+from cext.page import Page
+from cext.program import Program
+from cext.socketcan import SocketCan
+from graph import Diagram, compile
+from runtime.bench.by_hand import build
+from runtime.rate.robot import UNLIMITED
+
+ROOT = Path(__file__).parents[2]
+SO_TIMESTAMPNS = 35
+DRIVES = 8
+ANSWERS = [(can_id, bytes([can_id]) + bytes.fromhex("7fff7ff7ff4600")) for can_id in range(1, DRIVES + 1)]      # at rest
+RATE, BUSES = 1000.0, 2
+STEPS = 4                       # of the motors' process in a period
+STARTING = 20                   # ticks that are not counted
+
+C_LOOP = r"""
+#include <errno.h>
+#include <stdint.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <time.h>
+
+/* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns how many commands had no
+   answer when the next went out, from tick room[15] on; room[14] becomes the number of grid points that were missed. */
+struct frame { uint32_t id; uint8_t length, spare[3], data[8]; };
+
+double run(long period, long ticks, double *room, double *unused)
+{
+    struct timespec now, next;
+    struct frame frame;
+    static const uint8_t zero[8] = {0x7f, 0xff, 0x7f, 0xf0, 0, 0, 7, 0xff};
+    int buses = (int)room[0], motors = (int)room[1], owed[8][16] = {{0}}, bus, id;
+    long long began, deadline, behind;
+    long k, missed = 0, lost = 0;
+    (void)unused;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    began = now.tv_sec * 1000000000LL + now.tv_nsec + period;
+    for (k = 0; k < ticks; k++) {
+        deadline = began + k * period;
+        next.tv_sec = deadline / 1000000000LL;
+        next.tv_nsec = deadline % 1000000000LL;
+        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
+            ;
+        clock_gettime(CLOCK_MONOTONIC, &now);
+        behind = now.tv_sec * 1000000000LL + now.tv_nsec - deadline;
+        for (; behind >= period && k < ticks - 1; behind -= period, k++)
+            lost++;
+        for (bus = 0; bus < buses; bus++) {
+            while (recv((int)room[2 + bus], &frame, sizeof frame, MSG_DONTWAIT) == sizeof frame)
+                if (frame.id <= 15)
+                    owed[bus][frame.id] = 0;
+            for (id = 1; id <= motors; id++) {
+                missed += k >= (long)room[15] && owed[bus][id];
+                owed[bus][id] = 1;
+                memset(&frame, 0, sizeof frame);
+                frame.id = id;
+                frame.length = 8;
+                memcpy(frame.data, zero, 8);
+                send((int)room[2 + bus], &frame, sizeof frame, MSG_DONTWAIT);
+            }
+        }
+    }
+    room[14] = (double)lost;
+    return (double)missed;
+}
+"""
+
+
+@contextmanager
+def ends():
+    """Two datagram sockets on loopback that are connected to each other; the first stamps what arrives."""
+    with ExitStack() as stack:
+        pair = [stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2)]
+        for end in pair:
+            end.bind(("127.0.0.1", 0))
+            end.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        pair[0].connect(pair[1].getsockname())
+        pair[1].connect(pair[0].getsockname())
+        yield pair
+
+
+def robot(buses=1, drives=DRIVES):
+    """Drives that follow a sine, behind limiters."""
+    with Diagram("drives", rate=RATE) as diagram:
+        torque = Sine(amplitude=3.0, frequency=1.0)()
+        for bus in range(buses):
+            for can_id in range(1, drives + 1):
+                drive = CubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id, name=f"drive{bus}{can_id}", timeout=0.5)
+                drive.bitrate = UNLIMITED
+                drive(torque_command=TorqueLimiter(limit=5.0, name=f"limiter{bus}{can_id}")(torque))
+    return diagram
+
+
+def native(rounds):
+    """ns of each tick: (on a bus without system calls, over a socket, the socket's two calls alone)"""
+    schedule = compile(robot())
+    bus = MemoryBus()
+    alone = time_of_control(Program(schedule, [bus.host]), bus.device, ANSWERS, rounds, RATE)
+    with ends() as (own, other):
+        can, far = SocketCan(own), SocketCan(other)
+        through = time_of_control(Program(schedule, [can.end]), far.end, ANSWERS, rounds, RATE)
+        _, calls = time_of_ticks(can.end, own.fileno(), other.fileno(), DRIVES, rounds)
+    return alone, through, calls
+
+
+def by_python_can(ticks):
+    """s of each tick, of python-can over the same kind of socket."""
+    from runtime.bench.python_can import time_of_ticks as time_of_python
+
+    with ends() as (own, other):
+        return time_of_python(own, SocketCan(other).end, ANSWERS, ticks)
+
+
+@contextmanager
+def motors(count):
+    """Sockets at whose far ends a process plays so many motors each."""
+    with ExitStack() as stack:
+        pairs = [stack.enter_context(ends()) for _ in range(BUSES)]
+        numbers = [pair[1].fileno() for pair in pairs]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "runtime.bench.motors", str(STEPS * RATE), str(count), *map(str, numbers)], cwd=ROOT, pass_fds=numbers,
+            stdout=subprocess.PIPE, text=True)
+        try:
+            if process.stdout.readline() != "ready\n":
+                raise OSError("the motors did not begin")
+            yield [pair[0] for pair in pairs]
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.wait()
+            process.stdout.close()
+
+
+def fast_motors(seconds, repeats):
+    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn. NoCompiler"""
+    loop = build(C_LOOP)
+    count = DRIVES // BUSES
+    ticks = max(2 * STARTING, round(seconds * RATE))
+    schedule = compile(robot(BUSES, count))
+    found = [[0, 0, 0], [0, 0, 0]]
+    with motors(count) as sockets:
+        for _ in range(repeats):
+            for which, chunk in enumerate((lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))):
+                for place, value in enumerate((*chunk(), DRIVES * (ticks - STARTING))):
+                    found[which][place] += value
+    return found
+
+
+def our_chunk(schedule, sockets, ticks):
+    """(answers missed, grid points missed)"""
+    page = Page(1 << 20)
+    program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
+    program.count_from(STARTING)
+    outcome = Executor(program, RATE, page=page).run(ticks, fade=0.0)
+    if outcome.status != "ok" or outcome.signal:
+        raise OSError(f"the motors ended: {outcome.status} at {outcome.culprit}")
+    return sum(program.missed.values()), page.statistics()["missed"]
+
+
+def c_chunk(loop, sockets, count, ticks):
+    room = (ctypes.c_double * 16)(BUSES, count, *(end.fileno() for end in sockets))
+    room[15] = STARTING
+    return int(loop(round(1e9 / RATE), ticks, room, room)), int(room[14])

@@ -1,0 +1,28 @@
+"""Emulated motors as a process of their own, at the far ends of sockets: `python -m runtime.bench.motors RATE COUNT DESCRIPTOR...`.
+
+On each bus COUNT drives with ids from 1 on, held still, at so many steps a second, until SIGTERM.
+"""
+
+import socket
+import sys
+
+from blocks.actuators import EmulatedCubeMars
+from cext.executor import Executor
+from cext.program import Program
+from cext.socketcan import SocketCan
+from graph import Diagram, compile
+
+
+def main(rate, count, *descriptors):
+    with Diagram("motors", rate=float(rate)) as motors:
+        for bus in range(len(descriptors)):
+            for can_id in range(1, int(count) + 1):
+                EmulatedCubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id)(position=0.0, velocity=0.0)
+    ends = [SocketCan(socket.socket(fileno=int(descriptor)), shared=True) for descriptor in descriptors]
+    executor = Executor(Program(compile(motors), [end.end for end in ends]), float(rate))
+    print("ready", flush=True)
+    executor.run()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
