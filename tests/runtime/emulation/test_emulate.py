@@ -8,9 +8,13 @@ import subprocess
 
 import pytest
 
+from blocks.actuators import EmulatedCubeMars
+from cext.buses import MemoryBus
+from graph import Diagram, compile
+from runtime.emulation.buses import PlantBuses
+from runtime.emulation.serving import Service
 from runtime.errors import OK
 from runtime.rig import RigError, read
-from runtime.emulation.buses import PlantBuses
 from tests.runtime.runs import Files, finished, knee, started, write
 
 
@@ -53,6 +57,26 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
     assert (plant.returncode, err) == (OK, "")
     heard, said = map(int, re.search(r"(\d+) frames heard, (\d+) sent", out).groups())
     assert heard == said >= 200                                         # each command was answered
+
+
+def test_at_a_bitrate_an_answer_comes_when_a_wire_would_have_brought_it():
+    """125 and some bits there, and as many back, at 10 kbit/s: 25 ms."""
+    with Diagram("drive", rate=1000) as drive:
+        EmulatedCubeMars("AK80-9", bus="can", can_id=1)(position=0.0, velocity=0.0)
+    for seconds, answers in ((0.015, 0), (0.1, 1)):
+        bus = MemoryBus()
+        bus.host.send(1, bytes.fromhex("7fff7ff0000007ff"))
+        assert Service(compile(drive), [bus.device], 10e3).run(seconds).status == "ok"
+        assert len(bus.host.receive()) == answers
+
+
+def test_a_simulated_bus_can_be_too_slow(command_line, tmp_path):
+    """Two frames of about 125 bits, 200 times a second, are 50 kbit/s."""
+    words = (knee(tmp_path), "--fast", "--duration", "1", "--no-record")
+    assert command_line(*words, "--bitrate", "1e6")[0] == OK
+    code, _, err = command_line(*words, "--bitrate", "20e3")
+    assert code == 3 and "knee" in err
+    assert "exclude each other" in command_line.refused(*words[:1], "--bitrate", "1e6", "--rig", "lab.toml")
 
 
 def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
