@@ -82,13 +82,9 @@ def title(block):
 
 
 def fault(outcome, buses):
-    where = outcome.culprit or schedule_name(buses)
+    where = outcome.culprit or ", ".join(buses.names)
     why = buses.explain(where) if where in buses.cans else str(outcome.error or "")
     return [f"tickwork: the emulation ended: {outcome.status} at {where}" + (f": {why}" if why else "")]
-
-
-def schedule_name(buses):
-    return ", ".join(buses.names)
 
 
 def summary(statistics, schedule):

@@ -43,7 +43,7 @@ class Service:
             before = self.page.statistics()
             while not over.wait(REFRESH):
                 now = self.page.statistics()
-                terminal.draw(line(before, now, self.rate))
+                terminal.draw(line(before, now, self.rate)[: terminal.columns - 1])
                 before = now
             terminal.erase()
 

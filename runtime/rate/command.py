@@ -17,13 +17,18 @@ SLOW = 50.0                     # Hz; any will do
 
 @dataclass(frozen=True)
 class Found:
-    """Of one number of actuators. rate, limit, worst in Hz; steps : how many rates were tried; validated : None, or the Step that did it"""
+    """Of one number of actuators.
+
+    rate, limit, worst in Hz; steps : how many rates were tried; why : what was wrong where none passed
+    validated : None, or the Step that did it
+    """
 
     actuators: int
     rate: float
     limit: float
     worst: float
     steps: int
+    why: str = ""
     validated: object = None
 
 
@@ -47,7 +52,7 @@ def main(arguments):
     for many in range(options.first, options.last + 1):
         row, confirmed = one(options, make, list(range(1, many + 1)), rig, bitrate, confirmed)
         found.append(row)
-        tell([f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} Hz{row.steps:>8}{validation(row)}"])
+        tell([f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} Hz{row.steps:>8}{validation(row)}{row.why}"])
     if options.last == MOST:
         tell(["paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of silence alone"])
     picture(options, found)
@@ -123,14 +128,18 @@ def one(options, make, ids, rig, bitrate, confirmed):
         attempt.seconds = PAPER_VALIDATION
         validated = attempt(rate)
     worst = bitrate / sum(frame_bits(*frame)[1] for block in robot(make, ids, SLOW) for frame in getattr(block, "traffic", list)())
-    return Found(len(ids), rate, simulated.limit(), worst, len(steps), validated), confirmed or rig is not None
+    why = "" if rate > 0.0 else f"  {options.low:g} Hz failed: {failure(steps[0])}"
+    return Found(len(ids), rate, simulated.limit(), worst, len(steps), why, validated), confirmed or rig is not None
+
+
+def failure(step):
+    return step.why or f"{step.missed} of {step.commands} commands unanswered, {step.lost} ticks lost"
 
 
 def validation(row):
     if row.validated is None:
         return ""
-    step = row.validated
-    return "  5 min: passed" if step.passed else f"  5 min: {step.missed} of {step.commands} missed {step.why}"
+    return "  5 min: passed" if row.validated.passed else f"  5 min: {failure(row.validated)}"
 
 
 def picture(options, found):

@@ -10,7 +10,7 @@ from graph import compile
 from runtime.rate.robot import UNLIMITED, plant, robot
 from runtime.rate.search import Step
 
-SLOW = 50.0                     # Hz, at which any bus carries eight actuators
+SLOW, FAST = 50.0, 1e9          # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
 RESOLUTION = 2e-6               # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
 ARMING = 0.1                    # s of virtual time: a bus that is too full to arm on has failed
 SETTLING = 0.5                  # s after arming in which nothing is counted: enable frames may still fill the bus
@@ -25,21 +25,21 @@ class Simulated:
     def __init__(self, make, ids, bitrate=1e6, seconds=2.0, upper=False):
         self.make, self.ids, self.bitrate, self.seconds, self.upper = make, ids, bitrate, seconds, upper
         self.enables = False
-        self.enables = self.run(SLOW, 2)[1].status == "no answer"
+        self.enables = self.run(SLOW, 2, FAST)[1].status == "no answer"
 
     def __call__(self, rate):
         ticks = max(10, round(self.seconds * rate))
-        program, outcome, _ = self.run(rate, ticks)
+        program, outcome, _ = self.run(rate, ticks, self.bitrate)
         why = "" if outcome.status == "ok" else outcome.status
         return Step(rate, ticks * len(self.ids), sum(program.missed.values()), 0, ticks, why)
 
-    def run(self, rate, ticks):
+    def run(self, rate, ticks, bitrate):
         diagram = robot(self.make, self.ids, rate, self.upper)
         substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
         schedule = compile(diagram)
         if not self.enables:            # drives that answer without: enable frames would fill a bus that has room for the commands alone
             schedule.devices = [replace(device, enable=()) for device in schedule.devices]
-        bus = TimedBus(self.bitrate)
+        bus = TimedBus(bitrate)
         program = Program(schedule, [bus.host])
         if self.enables:
             settling = round(SETTLING * rate)
@@ -52,8 +52,8 @@ class Simulated:
     def limit(self):
         """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones included."""
         few, many = 10, 20
-        busy = [self.run(SLOW, ticks)[2].busy for ticks in (few, many)]
-        return (many - few) / (busy[1] - busy[0])
+        bits = [self.run(SLOW, ticks, FAST)[2].busy * FAST for ticks in (few, many)]
+        return self.bitrate * (many - few) / (bits[1] - bits[0])
 
 
 class OnRig:

@@ -68,6 +68,12 @@ def test_the_command_prints_a_table_and_draws_a_picture(command_line, tmp_path):
     assert (tmp_path / "rate.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
+def test_where_no_rate_passes_it_says_why(command_line):
+    """1 kbit/s carries four frames a second."""
+    code, out, _ = command_line("rate", "--actuators", "1", "--high", "60", "--bitrate", "1e3", "--seconds", "0.1")
+    assert code == OK and re.search(r"^ +1 +0 Hz +4 Hz .* 50 Hz failed: no answer$", out, re.MULTILINE), out
+
+
 @pytest.mark.parametrize("words, said", [
     (("--actuators", "9"), "at most 8"), (("--actuators", "3..2"), "from the lower number"), (("--low", "500", "--high", "400"), "not below"),
     (("--model", "AK80-99"), "not a CubeMars model"), (("--picture", "nowhere/rate.png", "--actuators", "1", "--high", "60"), "No such file"),
