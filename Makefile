@@ -45,7 +45,9 @@ run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
 # What only computes goes side by side; what keeps time has the machine for itself.
-COMPUTING := tests/blocks tests/graph
+COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/test_actuators_page.py \
+	tests/runtime/test_catalog.py tests/runtime/test_check.py tests/runtime/test_documents.py tests/runtime/test_draw.py \
+	tests/runtime/test_library.py tests/test_packaging.py tests/test_wheel.py
 
 test: $(VENV)/installed-test
 	if [ -z "$(TESTS)" ]; then

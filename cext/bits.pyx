@@ -63,7 +63,7 @@ cdef int bits_of(const Frame *frame) noexcept nogil:
 
 
 def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
-    """(bits on the wire, how many of them are stuffed in) of a data frame. Of all the bits there are, three are the gap to the next frame."""
+    """(bits on the wire, the three of the gap to the next frame included; how many of them are stuffed in) of a data frame."""
     cdef Frame frame
     cdef Counter counter
     if len(data) > FRAME_BYTES:

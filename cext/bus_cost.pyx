@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What a bus costs a tick beside the system calls that it cannot do without, and what a tick of drives does. For `bench bus` and `bench can`."""
+"""What a bus costs a tick beside the system calls that it cannot do without, and what drives do. For `bench bus` and `bench can`."""
 
 from libc.stdint cimport int64_t
 from libc.string cimport memcpy, memset

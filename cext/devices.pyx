@@ -268,7 +268,8 @@ cdef class Devices:
         cdef int64_t now = -1
         for number in range(self.count):
             if self.devices[number].bus == bus and self.devices[number].zero.count:
-                self.devices[number].missed += self.devices[number].owed and self.arena[TICK] >= self.counted_from
+                if self.devices[number].owed and self.arena[TICK] >= self.counted_from:
+                    self.devices[number].missed += 1
                 self.devices[number].owed = True
             if self.devices[number].bus == bus and self.devices[number].latency != NULL:
                 if now < 0:

@@ -36,8 +36,8 @@ C_LOOP = r"""
 #include <sys/socket.h>
 #include <time.h>
 
-/* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns how many commands had no
-   answer when the next went out, from tick room[15] on; room[14] becomes the number of grid points that were missed. */
+/* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns how many commands had
+   no answer when the next went out, from tick room[15] on; room[14] becomes the number of grid points that were missed. */
 struct frame { uint32_t id; uint8_t length, spare[3], data[8]; };
 
 double run(long period, long ticks, double *room, double *unused)

@@ -47,7 +47,8 @@ def parse(arguments):
     parser.add_argument("file", type=Path, metavar="FILE", help="the robot's diagram file; its plant(), or every device emulated")
     parser.add_argument("--rig", type=Path, metavar="FILE", required=True, help="the rig file that the robot runs with")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`: mass=2.8")
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="end after S seconds (default: Ctrl-C)")
+    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
+                        help="end after S seconds (default: Ctrl-C)")
     add_bitrate(parser, "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)")
     parser.add_argument("--yes", action="store_true", help="on real CAN: no real drive is there, do not ask")
     return parser.parse_args(arguments)
@@ -88,8 +89,8 @@ def fault(outcome, buses):
 
 
 def summary(statistics, schedule):
-    frames = statistics["frames"]
+    frames, seconds = statistics["frames"], (statistics["last_tick"] + 1) / schedule.rate
     return [
-        f"{schedule.name}: {(statistics['last_tick'] + 1) / schedule.rate:.1f} s at {schedule.rate:g} Hz, {statistics['missed']} steps missed",
+        f"{schedule.name}: {seconds:.1f} s at {schedule.rate:g} Hz, {statistics['missed']} steps missed",
         f"  buses       {frames['received']} frames heard, {frames['sent']} sent",
     ]

@@ -22,7 +22,7 @@ class Service:
         self.slowed = [] if bitrate is None else [SlowBus(end, bitrate) for end in ends]
         ends = [slow.end for slow in self.slowed] or ends
         self.program = Program(schedule, ends)
-        self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{BEHIND}")       # time does not stand still
+        self.executor = Executor(self.program, schedule.rate, page=self.page, overrun=f"catch-up:{BEHIND}")
         self.rate = schedule.rate
 
     def run(self, duration=None):

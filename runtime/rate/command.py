@@ -63,14 +63,17 @@ def parse(arguments):
     parser = Parser("rate", "Find the highest rate at which actuators that are commanded zero torque miss no answer.")
     add_rig(parser)
     parser.add_argument("--model", default="AK80-9", metavar="M", help="CubeMars in MIT mode, or a RobStride (default: AK80-9)")
-    parser.add_argument("--actuators", type=span, default=(1, MOST), metavar="N", help="how many, or from how many to how many: 8, 1..8 (default: 1..8)")
-    parser.add_argument("--low", type=number("--low", "Hz"), default=LOWEST, metavar="HZ", help=f"begin of the search (default: {LOWEST:g})")
+    parser.add_argument("--actuators", type=span, default=(1, MOST), metavar="N",
+                        help="how many, or from how many to how many: 8, 1..8 (default: 1..8)")
+    parser.add_argument("--low", type=number("--low", "Hz"), default=LOWEST, metavar="HZ",
+                        help=f"begin of the search (default: {LOWEST:g})")
     parser.add_argument("--high", type=number("--high", "Hz", 1e5), default=HIGHEST, metavar="HZ", help=f"its end (default: {HIGHEST:g})")
     parser.add_argument("--resolution", type=number("--resolution", "Hz"), default=RESOLUTION, metavar="HZ",
                         help=f"how near the search comes (default: {RESOLUTION:g}, as in the paper)")
     parser.add_argument("--seconds", type=number("--seconds", "seconds", 3600.0), metavar="S", help=f"of each step (default: {SECONDS:g})")
     parser.add_argument("--paper", action="store_true", help="steps of 60 s, and 5 minutes at what was found, as in the paper")
-    parser.add_argument("--bitrate", type=number("--bitrate", "bit/s", 1e9), default=BITRATE, metavar="N", help="of the simulated bus (default: 1e6)")
+    parser.add_argument("--bitrate", type=number("--bitrate", "bit/s", 1e9), default=BITRATE, metavar="N",
+                        help="of the simulated bus (default: 1e6)")
     parser.add_argument("--upper-zero", action="store_true",
                         help="simulated: send zero as the codes above the middle, 8000 800 000 000 800, as Epically Powerful does")
     parser.add_argument("--picture", type=Path, default=Path("rate.png"), metavar="FILE", help="where the picture goes (default: rate.png)")

@@ -27,7 +27,8 @@ def draw(rows, title, file):
         axis.plot(x, bottom, color="#0072B2", linewidth=1.2, linestyle=":", label="bus full, with the worst stuffing")
     axis.plot(counts, [found for _, found, _, _ in rows], "o", color="#D55E00", markersize=7, label="no answer missed", zorder=4)
     for (name, rate), marker in zip(PAPER.items(), "sD"):
-        axis.plot([PAPER_COUNT], [rate], marker, color="none", markeredgecolor=INK, markersize=7, zorder=3, label=f"paper: {name}, {rate:.0f} Hz")
+        axis.plot([PAPER_COUNT], [rate], marker, color="none", markeredgecolor=INK, markersize=7, zorder=3,
+                  label=f"paper: {name}, {rate:.0f} Hz")
     for count, found, _, _ in rows:
         axis.annotate(f"{found:.0f}", (count, found), textcoords="offset points", xytext=(6, 6), fontsize=8, color=INK)
     axis.set_yscale("log")

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
+from blocks.actuators import CubeMars
 from blocks.actuators.cubemars.models import MODELS
 from blocks.limiters import TemperatureDerating
 from blocks.thermal import COPPER, RISE, ThermalModel, loss_of_rating
-from graph import DiagramError, Interval
+from graph import Actuator, Diagram, DiagramError, Input, Interval, Output, Param, compile
 from tests.blocks.playing import made, play
 
 RATE = 200.0
@@ -145,3 +146,25 @@ def test_with_derating_a_motor_that_is_asked_for_too_much_settles_below_its_limi
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
+
+
+class Winch(Actuator):
+    """A motor behind a board that tells no temperature."""
+
+    bus = Param("legs", "1", "its bus", dtype=str)
+    torque_command = Input("N·m", "torque", default=0.0)
+    torque = Output("N·m", "of the motor")
+    decode, encode = CubeMars.decode, CubeMars.encode
+
+
+def test_an_actuator_that_tells_no_temperature_wants_a_model_of_its_heat():
+    with Diagram("bare", rate=200) as bare:
+        Winch(name="winch")(torque_command=0.0)
+    [warning] = [warning for warning in compile(bare).warnings if warning.code == "TW024"]
+    assert warning.path == "winch" and "ThermalModel" in warning.hint
+    with Diagram("modelled", rate=200) as modelled:
+        winch = Winch(name="winch")
+        winch(torque_command=0.0)
+        ThermalModel(rated=10.0)(winch.torque)
+        CubeMars("AK80-9", bus="others", name="knee")(torque_command=0.0)
+    assert "TW024" not in [warning.code for warning in compile(modelled).warnings]

@@ -92,13 +92,15 @@ def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
 
 def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command_line, rig, tmp_path):
     assert "--rig" in command_line.refused("emulate", knee(tmp_path))
-    wave = write(tmp_path, "from blocks.sources import Sine\nfrom graph import Diagram\nwith Diagram('wave', rate=100) as diagram:\n    Sine()\n")
+    wave = write(tmp_path, "from blocks.sources import Sine\nfrom graph import Diagram\n"
+                 "with Diagram('wave', rate=100) as diagram:\n    Sine()\n")
     empty = write(tmp_path, "", "empty.toml")
     assert "nothing on a bus that could be emulated" in command_line.refused("emulate", wave, "--rig", empty)
 
 
 def test_an_interface_of_one_process_and_one_that_is_not_there_are_told_with_a_cure(tmp_path):
-    for interface, channel, code in (("virtual", "a", "TW105"), ("slcan", "/dev/ttyNONE9", "TW125"), ("udp_multicast", "10.0.0.1", "TW119")):
+    for interface, channel, code in (
+            ("virtual", "a", "TW105"), ("slcan", "/dev/ttyNONE9", "TW125"), ("udp_multicast", "10.0.0.1", "TW119")):
         path = write(tmp_path, f'[bus.legs]\ninterface = "{interface}"\nchannel = "{channel}"\n', "bad.toml")
         with pytest.raises(RigError, match=code):
             PlantBuses(read(path), ["legs"])
