@@ -36,7 +36,7 @@ from cext.tick cimport Tick
 from cext.waiting cimport ENDED, Waiting
 from cext.watchdog cimport Watchdog
 
-from cext.outcome import STATUS, Outcome, name_of
+from cext.outcome import name_of
 
 
 SWITCH = 1e-4                   # s after which another Python thread has to hand over the GIL: 5 ms without this, five ticks at 1000 Hz

@@ -10,3 +10,19 @@ def damped(share):
     """As NOTHING, with a share of the range of damping."""
     code = int(share * 0xFFF)
     return bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]])
+
+
+class StopInMitMode:
+    """How a drive in MIT mode is brought to rest, and what a tick puts on its bus."""
+
+    def traffic(self):
+        return [(8, False), (8, False)]
+
+    def zero_frames(self):
+        return [(self.can_id, False, NOTHING)]
+
+    def disable_frames(self):
+        return [(self.can_id, False, DISABLE)]
+
+    def damp_frames(self):
+        return [(self.can_id, False, damped(self.stop_damping / self.wire[3]))]

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.logic import Compare
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat

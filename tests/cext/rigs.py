@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.buses import MemoryBus

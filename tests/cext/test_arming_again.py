@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
 from cext.mailbox_writer import Writer

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.filters import Butterworth
 from blocks.limiters import RMSTorqueLimiter, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain

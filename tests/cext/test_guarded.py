@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from cext.page import Page
 from graph import Block, Input, Output

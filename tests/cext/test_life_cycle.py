@@ -5,7 +5,7 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.controllers import Impedance
 from blocks.filters import Butterworth
 from blocks.limiters import SlewRate, TorqueLimiter

@@ -3,7 +3,7 @@
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from cext.mailbox_writer import Writer
 from graph import Block, Diagram, Output

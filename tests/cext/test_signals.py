@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.page import Page
 
 ROOT = Path(__file__).parents[2]

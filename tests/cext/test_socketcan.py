@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
-from blocks.actuators.cubemars.mit import DISABLE, ENABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from cext.buses import MemoryBus
 from cext.executor import Executor
 from cext.page import RECORD_FRAME, Page

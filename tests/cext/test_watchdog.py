@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.actuators.cubemars.mit import DISABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from cext.page import Page
 from graph import Block, Diagram, Input, Output

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cext.executor import Outcome
+from cext.outcome import Outcome
 from runtime import fault, report, timing
 from runtime.recorder import RecorderProcess
 from runtime.recordings.trial import Trial

@@ -2,7 +2,7 @@
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.joint import Joint
-from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING, damped
+from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels import cubemars as kernels
 from graph import Actuator
 
@@ -13,7 +13,7 @@ FAULTS = {
 }
 
 
-class CubeMars(Joint, Actuator):
+class CubeMars(StopInMitMode, Joint, Actuator):
     """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end. Without
@@ -37,20 +37,8 @@ class CubeMars(Joint, Actuator):
     def replies(self):
         return [(*pattern, bytes([self.can_id])) for pattern in self.hears()]
 
-    def traffic(self):
-        return [(8, False), (8, False)]
-
     def enable_frames(self):
         return [(self.can_id, False, ENABLE)]
-
-    def zero_frames(self):
-        return [(self.can_id, False, NOTHING)]
-
-    def disable_frames(self):
-        return [(self.can_id, False, DISABLE)]
-
-    def damp_frames(self):
-        return [(self.can_id, False, damped(self.stop_damping / self.wire[3]))]
 
     def emulator(self, **parameters):
         from blocks.actuators.cubemars.emulator import EmulatedCubeMars

@@ -3,7 +3,7 @@
 import math
 
 from blocks.actuators.cubemars import frames, models_v3
-from blocks.actuators.cubemars.v3 import Reporting
+from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
 from cext.kernels import cubemars_servo as kernels
 from graph import Actuator, Input, Interval, Memory, Output, Param
@@ -27,7 +27,7 @@ COMMANDS = {
 }
 
 
-class CubeMarsServo(Actuator):
+class CubeMarsServo(ExtendedFrames, Actuator):
     """A CubeMars actuator in servo mode, with a board of any generation: the drive closes a loop of duty, current, velocity or position.
 
     (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be set to it with the
@@ -150,18 +150,6 @@ class CubeMarsServo(Actuator):
         most = feedback["position"].high if self.mode in POSITIONS else self.limits[1] * (1.0 + 1e-9)
         return feedback | {
             "fault": Interval(0.0, 255.0), "age": Interval(0.0), "rms_torque": Interval(0.0), self.sent_name: Interval(-most, most)}
-
-    def fault_in_words(self, code):
-        return frames.in_words(code)
-
-    def addresses(self):
-        return [(self.can_id, True)]
-
-    def hears(self):
-        return frames.hears(self.can_id)
-
-    def replies(self):
-        return frames.replies(self.can_id)
 
     def traffic(self):
         return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports

@@ -40,7 +40,23 @@ class Reporting:
         }
 
 
-class CubeMarsV3(Joint, Actuator):
+class ExtendedFrames:
+    """Who a drive in extended frames is on its bus, and what it says of its faults."""
+
+    def fault_in_words(self, code):
+        return frames.in_words(code)
+
+    def addresses(self):
+        return [(self.can_id, True)]
+
+    def hears(self):
+        return frames.hears(self.can_id)
+
+    def replies(self):
+        return frames.replies(self.can_id)
+
+
+class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     """A CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames, with another feedback:
@@ -69,18 +85,6 @@ class CubeMarsV3(Joint, Actuator):
 
     def output_range(self, **commands):
         return super().output_range() | self.feedback_range()
-
-    def fault_in_words(self, code):
-        return frames.in_words(code)
-
-    def addresses(self):
-        return [(self.can_id, True)]
-
-    def hears(self):
-        return frames.hears(self.can_id)
-
-    def replies(self):
-        return frames.replies(self.can_id)
 
     def traffic(self):
         return [(8, True)] * (1 + self.reports)

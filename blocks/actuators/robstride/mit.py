@@ -2,7 +2,7 @@
 
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
-from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING, damped
+from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import models
 from cext.kernels import robstride_mit as kernels
 from graph import Actuator, Device, Interval, Param
@@ -19,7 +19,7 @@ def find(name):
     return found
 
 
-class RobStrideMIT(Joint, Actuator):
+class RobStrideMIT(StopInMitMode, Joint, Actuator):
     """A RobStride actuator set to its MIT protocol: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with three costs: its replies tell no fault,
@@ -51,20 +51,8 @@ class RobStrideMIT(Joint, Actuator):
     def replies(self):
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
 
-    def traffic(self):
-        return [(8, False), (8, False)]
-
     def enable_frames(self):
         return [(self.can_id, False, DISABLE), (self.can_id, False, OPERATION), (self.can_id, False, ENABLE)]
-
-    def zero_frames(self):
-        return [(self.can_id, False, NOTHING)]
-
-    def disable_frames(self):
-        return [(self.can_id, False, DISABLE)]
-
-    def damp_frames(self):
-        return [(self.can_id, False, damped(self.stop_damping / self.wire[3]))]
 
     def emulator(self, **parameters):
         return EmulatedRobStrideMIT.of(self, host_id=self.host_id, **parameters)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars
-from blocks.actuators.cubemars.mit import DISABLE, NOTHING
+from blocks.actuators.mit_frames import DISABLE, NOTHING
 from blocks.discrete import UnitDelay
 from blocks.filters import Butterworth
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
