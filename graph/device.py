@@ -42,6 +42,8 @@ class Device(Block):
     """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at the end.
 
     decode, encode : native, cext.abi's decode_t and encode_t
+    medium : what its bus is: "can"; "stream", bytes as they come off a line, a socket or an input of the computer, in chunks of up to 64 a frame;
+        or "i2c", a frame for each answer to a transfer of registers
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
     damp_time : s for which a safe stop keeps it damped before it is disabled
@@ -50,6 +52,7 @@ class Device(Block):
     """
 
     decode = encode = None
+    medium = "can"
     bus = ""
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
