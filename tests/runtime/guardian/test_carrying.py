@@ -119,8 +119,11 @@ def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_cam
     robot.wires[0].receive = lambda: answers * 2                    # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
+    robot.guardian.receive(0)                                       # these were on their way
+    assert robot.guardian.stop.report()["confirmed"] == []
+    robot.guardian.stop.step(robot.guardian.stop.due)
     robot.guardian.receive(0)
-    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 4, "took": 0}
+    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 8, "took": 0}
     robot.wires[1].receive = lambda: answers
     robot.guardian.carry()
     assert not robot.guardian.stop.over
@@ -180,7 +183,7 @@ def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
 
 def test_a_process_that_is_gone_is_stopped_at_once():
     def look(guardian, page):
-        guardian.gone = True
+        guardian.dead = True
         guardian.judge(page.beat)
 
     assert judged(look).verdict["because"] == "died"
