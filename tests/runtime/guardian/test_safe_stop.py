@@ -62,6 +62,27 @@ def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
 
 
+def test_times_count_from_its_begin():
+    wire, began = Log(), 1_000_000_000
+    stop = SafeStop([device("knee", 0, 1, damp_time=0.01), device("hip", 0, 2)], {0: wire}, began)
+    stop.step(began)
+    assert wire.sent == [(1, b"damp"), (2, b"zero"), (2, b"disable")]
+    stop.step(began + 10_000_000)
+    assert wire.sent[3:] == [(1, b"zero"), (1, b"disable"), (2, b"zero"), (2, b"disable")]
+    stop.step(began + 209_000_000)
+    assert not stop.over
+    stop.step(began + 210_000_000)
+    assert stop.over and stop.report()["took"] == pytest.approx(0.21, abs=1e-9)
+
+
+@pytest.mark.parametrize("empty", ["zero", "disable"])
+def test_who_has_one_kind_of_frame_alone_is_stopped_with_it(empty):
+    wire = Log()
+    stop = SafeStop([device("knee", 0, 1) | {empty: []}], {0: wire}, 0)
+    stop.step(0)
+    assert wire.sent == [(1, b"disable" if empty == "zero" else b"zero")] and not stop.over
+
+
 def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothing(legs):
     stop, wires = legs
     stop.step(0)
