@@ -146,8 +146,8 @@ def ending(code):
 
 
 def plan(buses, schedule, diagram, priority):
-    """The guardian's plan. buses : as above, each with its `index` in the schedule; priority : of the loop's SCHED_FIFO, or None"""
-    place = {bus.get("index", number): number for number, bus in enumerate(buses)}          # what is not CAN has no guardian
+    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None"""
+    place = {bus: number for number, bus in enumerate(index for index, medium in enumerate(schedule.media) if medium == "can")}
     return {
         "buses": buses,
         "devices": [

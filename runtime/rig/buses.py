@@ -122,7 +122,7 @@ class RigBuses:
             {
                 "name": name, "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel,
                 "bitrate": bus.interface.bus.bitrate, "fd": bus.interface.bus.fd, "virtual": bus.interface.virtual,
-                "options": bus.interface.bus.options, "index": index, "line": index if isinstance(bus.can, Line) else None,
+                "options": bus.interface.bus.options, "line": index if isinstance(bus.can, Line) else None,
             }
             for index, (name, bus) in enumerate(self.buses.items()) if self.media[name] == "can"
         ]
