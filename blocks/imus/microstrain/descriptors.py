@@ -96,7 +96,7 @@ CHANNELS = {
     "sensor": {"quaternion": "sensor_quaternion", "euler": "sensor_euler"},
 }
 COMMON = {"accel": "accel", "gyro": "gyro", "mag": "mag", "temperature": "temperatures"}
-EXTRA = tuple(field.name for field in FIELDS if field.name not in (*COMMON.values(), *TIMES))
+EXTRA = tuple(field.name for field in FIELDS if field.name not in COMMON.values())
 
 
 def field_of(descriptor_set, descriptor):

@@ -17,7 +17,7 @@ class EmulatedMicroStrain(Device):
     the sensor is as it was saved. Every input of a fault at zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
     """
 
-    bus = Param("", "1", "logical name of its line", required=True, dtype=str)
+    bus = Param("imu", "1", "logical name of its line", dtype=str)
     model = Param("3DM-GX5-25", "1", f"one of {', '.join(models.MODELS)}", dtype=str)
     serial = Param("133931", "1", "its serial number", dtype=str)
     rate = Param(200.0, "Hz", "of its samples", above=0.0, max=1000.0, fixed=True)
