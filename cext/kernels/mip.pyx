@@ -16,7 +16,7 @@ from cext.streams cimport BACK, LOST
 cdef enum: # items, in the order of blocks.imus.microstrain.block.MicroStrain
     TARE
     ACCEL, GYRO, MAG, QUATERNION, EULER, ROTATION, RAW_QUATERNION, RAW_EULER, TEMPERATURE, AGE, SAMPLE_TIME, CLOCK_DRIFT, MEASURED_RATE
-    PACKETS, CORRUPT, LOST_PACKETS, VALID, TARED, CONNECTED
+    PACKETS, CORRUPT, LOST_PACKETS, VALID, TARED, TARE_ATTITUDE, CONNECTED
 
 cdef enum: # memories
     PENDING_MEMORY, INDEX, ROWS, SETTINGS, STATE
@@ -48,15 +48,13 @@ cdef struct Settings:
 
 cdef struct State:
     ClockMap clock
-    double heard                # good packets of data
+    double begun
     double last[2]              # newest time that each set has told, s; 0: none
     double counted              # packets of the present second,
     double since                # which began then
     double asked                # input `tare` of the tick before
     double taring               # s, when it began; WANTED: with the next sample; IDLE
     double sum[4]
-    double zero[4]              # attitude that counts as none
-    double tared
     double attitude             # of the packet: 0 none, 1 as angles, 2 as a quaternion
     double valid                # whether the filter says so of all that is in the packet; below 0: it says nothing
     double time                 # s that the packet tells, NaN: none
@@ -147,7 +145,7 @@ cdef bint take_packet(double *arena, const int32_t *slots, const int32_t *sizes,
     cdef int set_index = 0 if packet[2] == 0x80 else 1 if packet[2] == 0x82 else 2
     if packet[2] < 0x80 or packet[3] == 0 or not is_whole(packet):
         return False
-    if state.heard == 0.0:
+    if state.begun == 0.0:
         begin(arena, slots, sizes, came)
     state.attitude, state.time, state.valid = 0.0, NAN, -1.0
     while at < end:
@@ -155,8 +153,7 @@ cdef bint take_packet(double *arena, const int32_t *slots, const int32_t *sizes,
         at += packet[at]
     if state.valid >= 0.0:
         arena[slots[VALID]] = state.valid
-    state.heard += 1.0
-    arena[slots[PACKETS]] = state.heard
+    arena[slots[PACKETS]] += 1.0
     if set_index < 2:
         count_losses(arena, slots, state, set_index)
     if state.time == state.time:
@@ -173,12 +170,12 @@ cdef bint take_packet(double *arena, const int32_t *slots, const int32_t *sizes,
 cdef void begin(double *arena, const int32_t *slots, const int32_t *sizes, double came) noexcept nogil:
     cdef State *state = state_of(arena, slots)
     cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
-    state.zero[0] = 1.0
-    state.zero[1] = state.zero[2] = state.zero[3] = 0.0
+    state.begun = 1.0
     state.since, state.taring = came, IDLE
-    blank(arena, slots, sizes)
-    arena[slots[VALID]] = 1.0
-    if settings.tare_at_start != 0.0:
+    if arena[slots[PACKETS]] == 0.0:                # a start and a second arming make its state anew, and leave what it tells
+        blank(arena, slots, sizes)
+        arena[slots[VALID]] = (arena + slots[TARE_ATTITUDE])[0] = 1.0
+    if settings.tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
         state.taring = WANTED
 
 
@@ -277,12 +274,11 @@ cdef void turn(double *arena, const int32_t *slots, State *state, double came) n
         if came - state.taring >= settings.tare_time:
             norm = sqrt(state.sum[0] * state.sum[0] + state.sum[1] * state.sum[1] + state.sum[2] * state.sum[2] + state.sum[3] * state.sum[3])
             for index in range(4):
-                state.zero[index] = state.sum[index] / norm
-            state.taring, state.tared = IDLE, 1.0
-    product(state.zero, q, told)
+                (arena + slots[TARE_ATTITUDE])[index] = state.sum[index] / norm
+            state.taring, arena[slots[TARED]] = IDLE, 1.0
+    product(arena + slots[TARE_ATTITUDE], q, told)
     to_matrix(told, arena + slots[ROTATION])
     to_angles(arena + slots[ROTATION], arena + slots[EULER])
-    arena[slots[TARED]] = state.tared
 
 
 # The device
@@ -317,6 +313,8 @@ cdef int mip_decode(double *arena, const int32_t *slots, const int32_t *sizes, c
         pending.length -= at
         memmove(pending.bytes, pending.bytes + at, pending.length)
     arena[slots[CORRUPT]] += corrupt
+    if taken and (<const Settings *>(arena + slots[memory(slots) + SETTINGS])).tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
+        return NOTED                                # nothing is armed before it is tared
     return TAKEN if taken else MALFORMED if corrupt > 0 else NOTED
 
 
@@ -324,14 +322,14 @@ cdef int mip_encode(double *arena, const int32_t *slots, const int32_t *sizes, F
     """Nothing to send; at the end of the tick it is seen whether a tare is asked for."""
     cdef State *state = state_of(arena, slots)
     cdef double asked = 1.0 if arena[slots[TARE]] != 0.0 else 0.0
-    if asked != 0.0 and state.asked == 0.0 and state.heard > 0.0:
+    if asked != 0.0 and state.asked == 0.0 and state.begun != 0.0:
         state.taring = WANTED
     state.asked = asked
     return 0
 
 
 cdef int mip_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    if state_of(arena, slots).heard == 0.0:
+    if arena[slots[PACKETS]] == 0.0:
         blank(arena, slots, sizes)
     return OK
 

@@ -7,6 +7,7 @@ from cext.kernels import mip as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)       # roles of a field, in cext/kernels/mip.pyx
+LONGEST_START = 0.8             # s; arming waits one for an answer
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
 
 
@@ -30,8 +31,8 @@ class MicroStrain(StreamDevice):
     heading = Param("", "1", "what the filter takes its heading from; as the sensor is set by default", dtype=str,
                     choices=("", "none", "magnetometer"))
     low_pass = Param(0.0, "Hz", "cut-off of the filters of accel, gyro and mag; 0 as the sensor is set", min=0.0, max=1000.0, fixed=True)
-    tare_at_start = Param(False, "1", "whether its first samples say where it is tared", fixed=True)
-    tare_time = Param(1.0, "s", "over which a tare takes the mean", min=0.0, max=60.0, fixed=True)
+    tare_at_start = Param(False, "1", "whether its first samples say where it is tared; while they do, nothing is armed", fixed=True)
+    tare_time = Param(0.5, "s", "over which a tare takes the mean", min=0.0, max=60.0, fixed=True)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
 
     tare = Input("1", "where it rises, the mean attitude of the next `tare_time` becomes none", default=False, dtype=bool)
@@ -54,6 +55,7 @@ class MicroStrain(StreamDevice):
     lost = Output("1", "samples that it took, as its clock tells, and that never came", dtype=int)
     valid = Output("1", "whether the filter calls valid all that it told last", dtype=bool)
     tared = Output("1", "whether it has been tared", dtype=bool)
+    tare_attitude = Output("1", "attitude that counts as none, w first", shape=(4,))
     connected = Output("1", "whether its line is there", dtype=bool)
 
     pending = Memory((0.0,) * 65, "bytes that are no packet yet")
@@ -75,6 +77,8 @@ class MicroStrain(StreamDevice):
         strangers = [channel for channel in self.channels if channel not in known]
         if strangers or not self.channels:
             raise ValueError(f"channels are among {', '.join(known)}, got {strangers[0] if strangers else 'none'!r}")
+        if self.tare_at_start and self.timeout > 0.0 and self.tare_time > LONGEST_START:
+            raise ValueError(f"a tare at the start has to be over while the robot is armed: tare_time is {LONGEST_START:g} s at most, got {self.tare_time:g}")
         self.fields = wanted(self.channels, self.attitude)
         extra = [field for field in self.fields if field.name in EXTRA and field.name not in CHANNELS[self.attitude].values()]
         self.outputs = {**type(self).outputs, **{
