@@ -60,11 +60,11 @@ class Round:
 
 @dataclass(frozen=True)
 class Identity:
-    """What the register of a chip holds that says what it is. values : {byte: name}"""
+    """What the register of a chip holds that says what it is. values : {byte: name}, of the bits where the mask is 1"""
 
     register: int
     values: dict
-    address: int | None = None
+    mask: int = 0xFF
 
 
 class I2cDevice(Device):

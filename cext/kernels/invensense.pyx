@@ -15,7 +15,9 @@ from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport FOREIGN, MALFORMED, NOTED, NOT_FINITE, TAKEN, TIME, Frame, export_decode, export_encode
-from cext.kernels.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, little, put_big, put_little, transfer_of
+from cext.kernels.i2c_answers cimport (
+    TROUBLE, answer_id, big, code_of, deaf_decode, failures, little, put_big, put_little, silent_encode, transfer_of,
+)
 
 cdef enum: # of the driver: outputs, memory
     ACCEL, GYRO, MAG, TEMPERATURE, AGE, MAG_AGE, MAG_OVERFLOW, REPEATED, ERRORS
@@ -140,15 +142,7 @@ cdef int icm_decode_(double *arena, const int32_t *slots, const int32_t *sizes, 
     return take_field(arena, slots, frame, field, frame.data[8] & OVERFLOW != 0)
 
 
-cdef int silent_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    return 0                    # the thread of the bus asks, at its own time
-
-
 # The sensors that are not there
-
-cdef int deaf_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    return FOREIGN
-
 
 cdef inline bint is_finite(const double *x) noexcept nogil:
     return isfinite(x[0]) and isfinite(x[1]) and isfinite(x[2])
