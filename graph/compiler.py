@@ -59,6 +59,7 @@ def examine(diagram):
         compilation.check_heat,
         compilation.check_timeouts,
         compilation.check_addresses,
+        compilation.check_lines,
         compilation.check_buses,
         compilation.check_rates,
         compilation.sort,
@@ -249,6 +250,18 @@ class Compilation:
                     self.report("TW013", f"shares {what} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
                                 hint=block.address_hint)
                     break
+
+    def check_lines(self):
+        """A bus is of one kind, and a line that streams has one device."""
+        first = {}
+        for block in self.blocks:
+            if not isinstance(block, Device):
+                continue
+            other = first.setdefault(block.bus, block)
+            if other is not block and (block.medium, other.medium) != ("can", "can") and not block.medium == other.medium == "i2c":
+                what = "a line of its own" if block.medium == other.medium else f"{block.medium}, and what is there is {other.medium}"
+                self.report("TW013", f"is on bus {block.bus!r} with {other.path}, made at {other.location}, and needs {what}", block,
+                            hint="give it another `bus`, or leave that out: its path is then the name of its line")
 
     def check_buses(self):
         self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)
