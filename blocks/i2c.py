@@ -5,7 +5,7 @@ A thread of the bus carries the table out (cext/i2c.pyx); each answer becomes a 
 
 from dataclasses import dataclass
 
-from cext.kernels import invensense as kernels
+from cext.kernels import quiet
 from graph import Device, Param
 
 MUX, CHANNELS = 0x70, 8         # lowest address of a TCA9548A, and how many buses each makes
@@ -74,7 +74,7 @@ class I2cDevice(Device):
     kind = ""                   # what it is, in words
     known_addresses = ()        # that its pins can choose
     address_hint = "each chip on a piece of bus has an address of its own: choose another with its pins, or put one behind a multiplexer"
-    encode = kernels.silent
+    encode = quiet.mute
 
     bus = Param("i2c", "1", "logical name of its I2C bus", dtype=str)
     address = Param(0x08, "1", "its address, of seven bits", min=0x08, max=0x77, fixed=True, kernel=False)

@@ -2,6 +2,7 @@
 
 from blocks.i2c import I2cDevice, Read, Round, Transfer, Write
 from cext.kernels import converters as kernels
+from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param
 
 CONVERSION, CONFIG = 0x00, 0x01
@@ -112,7 +113,7 @@ class EmulatedADS1115(I2cDevice):
 
     kind, known_addresses, check_channels = ADS1115.kind, ADDRESSES, ADS1115.check_channels
     configuration, period = ADS1115.configuration, ADS1115.period
-    decode = kernels.deaf
+    decode = quiet.deaf
     encode = kernels.ads_answers
 
     @classmethod

@@ -2,6 +2,7 @@
 
 from blocks.i2c import I2cDevice, Identity, Read, Round, Transfer, Write
 from cext.kernels import converters as kernels
+from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param
 
 POWER, CONTROL_1, CONTROL_2, COUNTS, CONVERTER, POWER_2, REVISION = 0x00, 0x01, 0x02, 0x12, 0x15, 0x1C, 0x1F
@@ -114,7 +115,7 @@ class EmulatedNAU7802(I2cDevice):
     state = Memory((0.0,) * 4, "when the next answer is due, whether it is stuck, with what")
 
     kind, known_addresses = NAU7802.kind, NAU7802.known_addresses
-    decode = kernels.deaf
+    decode = quiet.deaf
     encode = kernels.nau_answers
 
     @classmethod

@@ -11,7 +11,7 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOTED, NOT_FINITE, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode, export_encode
-from cext.kernels.i2c_answers cimport TROUBLE, answer_id, big, code_of, deaf_decode, failures, put_big, transfer_of
+from cext.kernels.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, put_big, transfer_of
 from cext.kernels.taring cimport tared
 
 cdef enum: # memory of the driver of an ADS1115, behind its outputs: one a channel, then age and errors
@@ -166,7 +166,6 @@ cdef int nau_answers_(double *arena, const int32_t *slots, const int32_t *sizes,
 
 
 ads_decode = export_decode(ads_decode_)
-deaf = export_decode(deaf_decode)
 nau_decode = export_decode(nau_decode_)
 ads_answers = export_encode(ads_answers_)
 nau_answers = export_encode(nau_answers_)

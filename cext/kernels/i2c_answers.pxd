@@ -55,11 +55,3 @@ cdef inline void put_big(uint8_t *data, int16_t code) noexcept nogil:
 cdef inline void put_little(uint8_t *data, int16_t code) noexcept nogil:
     data[0] = <uint8_t>(<uint32_t>code & 0xFF)
     data[1] = <uint8_t>(<uint32_t>code >> 8 & 0xFF)
-
-
-cdef inline int silent_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
-    return 0                    # the thread of the bus asks, at its own time
-
-
-cdef inline int deaf_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    return 0                    # FOREIGN: what is not there hears nothing that the thread of the bus would write

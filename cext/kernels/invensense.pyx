@@ -15,9 +15,7 @@ from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport FOREIGN, MALFORMED, NOTED, NOT_FINITE, TAKEN, TIME, Frame, export_decode, export_encode
-from cext.kernels.i2c_answers cimport (
-    TROUBLE, answer_id, big, code_of, deaf_decode, failures, little, put_big, put_little, silent_encode, transfer_of,
-)
+from cext.kernels.i2c_answers cimport TROUBLE, answer_id, big, code_of, failures, little, put_big, put_little, transfer_of
 
 cdef enum: # of the driver: outputs, memory
     ACCEL, GYRO, MAG, TEMPERATURE, AGE, MAG_AGE, MAG_OVERFLOW, REPEATED, ERRORS
@@ -257,7 +255,5 @@ cdef int icm_answers_(double *arena, const int32_t *slots, const int32_t *sizes,
 
 mpu_decode = export_decode(mpu_decode_)
 icm_decode = export_decode(icm_decode_)
-silent = export_encode(silent_encode)
-deaf = export_decode(deaf_decode)
 mpu_answers = export_encode(mpu_answers_)
 icm_answers = export_encode(icm_answers_)
