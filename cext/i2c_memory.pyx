@@ -52,10 +52,13 @@ cdef int carry(void *context, uint8_t address, int register, bint reads, uint8_t
     cdef bint answered = False
     store_u64(&chips.exchanges, chips.exchanges + 1)
     if FIRST_MUX <= address < FIRST_MUX + MUXES and chips.muxes[address - FIRST_MUX]:
-        if reads or register >= 0 or count < 1:
+        if register >= 0:
             return EREMOTEIO
-        chips.masks[address - FIRST_MUX] = data[count - 1]          # of several bytes it keeps the last
-        store_u64(&chips.switches, chips.switches + 1)
+        if reads and count > 0:
+            data[0] = chips.masks[address - FIRST_MUX]
+        elif count > 0:
+            chips.masks[address - FIRST_MUX] = data[count - 1]      # of several bytes it keeps the last
+            store_u64(&chips.switches, chips.switches + 1)
         return 0
     for index in range(chips.count):
         chip = &chips.chip[index]

@@ -75,6 +75,10 @@ class Device(Block):
         """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
         return []
 
+    def told_addresses(self):
+        """Where it is on its bus, for people: numbers or words."""
+        return [identifier for identifier, _ in self.addresses()]
+
     def address_in_words(self, address):
         """One of its `addresses`."""
         return f"CAN id {address[0]}"

@@ -18,14 +18,14 @@ ADDRESSES = (0x48, 0x49, 0x4A, 0x4B)
 class ADS1115(I2cDevice):
     """An ADS1115 on I2C: voltages, single-ended or differential, 16 bits, converted one after the other.
 
-    u = code · range / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences; each is new
+    u = code · full_scale / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences; each is new
     at 0.86 of `rate` over the number of channels, 185 Hz with four at 860 a second. Every answer carries the configuration that it was
-    made with. No input may be below ground or above the chip's supply, whatever the range.   (SBAS444E)
+    made with. No input may be below ground or above the chip's supply, whatever the full scale.   (SBAS444E)
     """
 
     channels = Param(("a0", "a1", "a2", "a3"), "1", f"those that are converted, of {', '.join(INPUTS)}", dtype=tuple, fixed=True)
     address = Param(0x48, "1", "its address: 0x48 to 0x4b, by what its pin ADDR is tied to", min=0x08, max=0x77, fixed=True, kernel=False)
-    range = Param(4.096, "V", "that it measures at most, either way", choices=tuple(RANGES), fixed=True, kernel=False)
+    full_scale = Param(4.096, "V", "that it measures at most, either way", choices=tuple(RANGES), fixed=True, kernel=False)
     rate = Param(860, "1/s", "conversions", choices=tuple(RATES), fixed=True, kernel=False)
     timeout = Param(0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
 
@@ -39,7 +39,7 @@ class ADS1115(I2cDevice):
     identity = Memory(0.0, "place and address")
     layout = Memory((0.0,) * 10, "V of a code, code of the range, output of each input")
 
-    hardware = (*I2cDevice.hardware, "range")
+    hardware = (*I2cDevice.hardware, "full_scale")
     kind = "ADS1115"
     known_addresses = ADDRESSES
     decode = kernels.ads_decode
@@ -51,7 +51,7 @@ class ADS1115(I2cDevice):
         self.outputs = own | {name: type(self).outputs[name] for name in ("age", "errors")}
         self.identity = self.own_identity()
         places = [self.channels.index(name) if name in self.channels else -1 for name in sorted(INPUTS, key=INPUTS.get)]
-        self.layout = (self.range / 32768.0, RANGES[self.range], *places)
+        self.layout = (self.full_scale / 32768.0, RANGES[self.full_scale], *places)
 
     def check_channels(self):
         stranger = next((name for name in self.channels if name not in INPUTS), None)
@@ -61,12 +61,12 @@ class ADS1115(I2cDevice):
             raise ValueError("channels: one or more, each once")
 
     def output_range(self):
-        volts = Interval(-self.range, self.range)
+        volts = Interval(-self.full_scale, self.full_scale)
         return {name: volts for name in self.channels} | {"age": Interval(0.0), "errors": Interval(0.0)}
 
     def configuration(self, name):
         """What starts one conversion of a channel."""
-        return START | INPUTS[name] << 12 | RANGES[self.range] << 9 | SINGLE | RATES[self.rate] << 5 | NO_COMPARATOR
+        return START | INPUTS[name] << 12 | RANGES[self.full_scale] << 9 | SINGLE | RATES[self.rate] << 5 | NO_COMPARATOR
 
     @property
     def period(self):
@@ -96,7 +96,7 @@ class EmulatedADS1115(I2cDevice):
     `EmulatedADS1115.of(robot["insole"])` plays the converter of a robot, with an input for each of its channels, 0 V by default.
     """
 
-    channels, address, range, rate = (ADS1115.parameters[name] for name in ("channels", "address", "range", "rate"))
+    channels, address, full_scale, rate = (ADS1115.parameters[name] for name in ("channels", "address", "full_scale", "rate"))
 
     a0 = Input("V", "at input 0", default=0.0)
     a1 = Input("V", "at input 1", default=0.0)
@@ -126,7 +126,7 @@ class EmulatedADS1115(I2cDevice):
         own = {name: Input("V", told(name), default=0.0).named(name) for name in self.channels}
         self.inputs = own | {name: type(self).inputs[name] for name in ("silent", "stuck", "wrong_address", "not_ready")}
         self.identity = self.own_identity()
-        self.layout = (self.range / 32768.0, self.period, *(float(self.configuration(name)) for name in self.channels))
+        self.layout = (self.full_scale / 32768.0, self.period, *(float(self.configuration(name)) for name in self.channels))
 
 
 def told(name):

@@ -24,7 +24,7 @@ def identifier(transfer, address):
 
 @pytest.fixture(scope="module")
 def converters():
-    return {span: Wired(ADS1115, range=span) for span in RANGES.values()}
+    return {span: Wired(ADS1115, full_scale=span) for span in RANGES.values()}
 
 
 @pytest.fixture(scope="module")
@@ -45,10 +45,10 @@ def test_it_is_configured_as_by_another_implementation_and_its_code_reads_the_sa
             continue
         given, code = entry["inputs"], bytes.fromhex(entry["conversion_register_hex"])
         span, name = RANGES[given["gain"]], CHANNELS[given["mux"]]
-        converter = ADS1115(range=span, rate=given["data_rate_sps"], channels=(name,))
+        converter = ADS1115(full_scale=span, rate=given["data_rate_sps"], channels=(name,))
         written = bytes.fromhex(entry["i2c_write_hex"])
         assert bytes((converter.start(name).register,)) + converter.start(name).data == written
-        wired = Wired(ADS1115, range=span, channels=(name,)) if name == "a0_a1" else Wired.again(converters[span])
+        wired = Wired(ADS1115, full_scale=span, channels=(name,)) if name == "a0_a1" else Wired.again(converters[span])
         assert wired.hear(identifier(0, 0x48), code + written[1:]) == TAKEN
         assert wired[name] == pytest.approx(entry["decoded"]["volts"], rel=1e-12, abs=1e-12 * span)
         seen += 1
@@ -85,7 +85,7 @@ def test_each_conversion_is_read_when_the_slowest_clock_has_finished_it_and_the_
 
 @pytest.mark.parametrize("parameters, words", [
     ({"channels": ("a0", "a9")}, "there is no 'a9'"), ({"channels": ()}, "one or more"), ({"channels": ("a0", "a0")}, "each once"),
-    ({"range": 5.0}, "must be one of"), ({"address": 0x50}, "address 0x50: a ADS1115 has 0x48"),
+    ({"full_scale": 5.0}, "must be one of"), ({"address": 0x50}, "address 0x50: a ADS1115 has 0x48"),
 ])
 def test_channels_that_it_does_not_have_are_refused(parameters, words):
     with pytest.raises(DiagramError, match=words):
@@ -164,7 +164,7 @@ def test_any_frame_leaves_finite_numbers_within_what_is_promised(converters, amp
 def test_an_emulated_converter_is_read_to_half_a_code(converters, volts, span):
     wired = Wired.again(converters[span])
     if span not in PLAYED:
-        PLAYED[span] = Wired(EmulatedADS1115, range=span)
+        PLAYED[span] = Wired(EmulatedADS1115, full_scale=span)
     played = Wired.again(PLAYED[span])
     for k in range(4):
         played.arena[0] = 0.01 * k                                          # s
