@@ -7,6 +7,8 @@ cdef extern from *:
     #include <stdint.h>
     #define tw_load(pointer) __atomic_load_n((pointer), __ATOMIC_ACQUIRE)
     #define tw_store(pointer, value) __atomic_store_n((pointer), (value), __ATOMIC_RELEASE)
+    #define tw_fence_release() __atomic_thread_fence(__ATOMIC_RELEASE)
+    #define tw_fence_acquire() __atomic_thread_fence(__ATOMIC_ACQUIRE)
     #define tw_count(pointer) __atomic_add_fetch((pointer), 1, __ATOMIC_ACQ_REL)
     static inline int tw_swap(uint64_t *pointer, uint64_t old, uint64_t value) {
         return __atomic_compare_exchange_n(pointer, &old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE);
@@ -21,6 +23,8 @@ cdef extern from *:
     void store_u64 "tw_store"(uint64_t *pointer, uint64_t value) noexcept nogil
     void store_i64 "tw_store"(int64_t *pointer, int64_t value) noexcept nogil
     void store_i32 "tw_store"(int32_t *pointer, int32_t value) noexcept nogil
+    void fence_release "tw_fence_release"() noexcept nogil                                  # what is stored later is seen later
+    void fence_acquire "tw_fence_acquire"() noexcept nogil                                  # what is loaded later is not older
     uint64_t count_up "tw_count"(uint64_t *pointer) noexcept nogil                          # the new count
     bint swap "tw_swap"(uint64_t *pointer, uint64_t old, uint64_t value) noexcept nogil     # False: it was not `old`
     bint swap_i32 "tw_swap_32"(int32_t *pointer, int32_t old, int32_t value) noexcept nogil

@@ -7,6 +7,9 @@ from cext.histogram cimport Histogram
 from cext.page cimport PageLayout
 from cext.stopwatch cimport Laps
 
+cdef enum:
+    DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold so many times FRAMES_PER_TICK
+
 cdef struct Batch:               # frames encoded at compile time
     Frame frames[FRAMES_PER_BATCH]
     int count
@@ -47,6 +50,7 @@ cdef class Devices:
     cdef list ends               # BusEnd, one a bus
     cdef int bus_count
     cdef void **bus_ends         # the same, borrowed
+    cdef int32_t *rounds         # a bus: how often at most it is asked for FRAMES_PER_TICK in one drain
     cdef Device *devices
     cdef int count
     cdef Frame[FRAMES_PER_TICK] received
@@ -69,6 +73,7 @@ cdef class Devices:
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil
     cdef int commanded(self, const Frame *frame) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil

@@ -43,15 +43,17 @@ cdef class Devices:
         self.ends = list(ends)
         self.bus_count = len(ends)
         self.bus_ends = <void **>calloc(max(1, len(ends)), sizeof(void *))
-        for index, end in enumerate(self.ends):
+        self.rounds = <int32_t *>calloc(max(1, len(ends)), sizeof(int32_t))
+        for index, (end, medium) in enumerate(zip(self.ends, schedule.media)):
             self.bus_ends[index] = <void *>(<BusEnd?>end)
+            self.rounds[index] = 1 if medium == "can" else DEEPEST
         self.drives = DriveWatch(schedule)
         self.load()
 
     def __dealloc__(self):
         for index in range(self.count):
             free(self.devices[index].latency)
-        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends)
+        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
 
     cdef void reset(self):
         """As before the first arming. What buses heard in an earlier run is forgotten: an answer to that is none."""
@@ -142,63 +144,77 @@ cdef class Devices:
                 (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
 
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
-        """Drain every bus, at most FRAMES_PER_TICK each; offer each frame to the devices on it. `page` may be NULL.
+        """Drain every bus, CAN of at most FRAMES_PER_TICK; offer each frame to the devices on it. `page` may be NULL.
 
         A bus that fails does not keep the others from being heard.
         """
-        cdef int bus, count, index, number
+        cdef int bus, count, number, rounds
         cdef int status = OK
-        cdef Frame *frame
+        cdef int heard
         cdef Device *device
-        cdef int answer = FOREIGN
         if page != NULL and self.bus_count > 0:
             log_received(page, now)
         for bus in range(self.bus_count):
             if (<BusEnd>self.bus_ends[bus]).bus.at != NULL:
                 (<BusEnd>self.bus_ends[bus]).bus.at((<BusEnd>self.bus_ends[bus]).bus.context, now)
-            count = (<BusEnd>self.bus_ends[bus]).bus.receive(
-                (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
-            if count < 0:
-                self.failed.bus = bus
-                status = BUS_ERROR
-            for index in range(count):
-                frame = &self.received[index]
-                frame.bus = <uint8_t>bus
-                frame.sent = 0
-                answer = FOREIGN
-                for number in range(self.count):
-                    device = &self.devices[number]
-                    if device.bus != bus:
-                        continue
-                    answer = device.decode(self.arena, device.slots, device.sizes, frame)
-                    if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
-                        self.failed.device = number
-                        status = ESTOP
-                        answer = TAKEN
-                    if answer == TAKEN or answer == MOVING:
-                        device.owed = False
-                        device.heard = frame.time
-                        device.replies += answer == TAKEN or not self.stopping
-                        if device.asked >= 0:
-                            add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
-                            device.asked = -1
-                    if answer != FOREIGN:
-                        break
-                if self.alone and answer != TAKEN:
-                    if answer != COMMANDED:                        # else the device itself has seen it
-                        number = self.commanded(frame)
-                    if number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
-                        self.failed.device = number
-                        status = FOREIGN_COMMAND
-                if page != NULL:
-                    page.frames_received += 1
-                    page.frames_foreign += answer == FOREIGN or answer == COMMANDED
-                    page.frames_malformed += answer == MALFORMED
-                    log_frame(page, frame)
+            for rounds in range(self.rounds[bus]):
+                count = (<BusEnd>self.bus_ends[bus]).bus.receive(
+                    (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+                if count < 0:
+                    self.failed.bus = bus
+                    status = BUS_ERROR
+                heard = self.hear(bus, count, page)
+                if heard != OK:
+                    status = heard
+                if count < FRAMES_PER_TICK:
+                    break
         for number in range(self.count):
             device = &self.devices[number]
             if device.age >= 0:
                 self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
+        return status
+
+    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil:
+        """Offer what a bus has given to the devices on it. OK, or what one of these frames ends the run with."""
+        cdef int index, number
+        cdef int status = OK
+        cdef Frame *frame
+        cdef Device *device
+        cdef int answer = FOREIGN
+        for index in range(count):
+            frame = &self.received[index]
+            frame.bus = <uint8_t>bus
+            frame.sent = 0
+            answer = FOREIGN
+            for number in range(self.count):
+                device = &self.devices[number]
+                if device.bus != bus:
+                    continue
+                answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
+                    self.failed.device = number
+                    status = ESTOP
+                    answer = TAKEN
+                if answer == TAKEN or answer == MOVING:
+                    device.owed = False
+                    device.heard = frame.time
+                    device.replies += answer == TAKEN or not self.stopping
+                    if device.asked >= 0:
+                        add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
+                        device.asked = -1
+                if answer != FOREIGN:
+                    break
+            if self.alone and answer != TAKEN:
+                if answer != COMMANDED:                        # else the device itself has seen it
+                    number = self.commanded(frame)
+                if number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
+                    self.failed.device = number
+                    status = FOREIGN_COMMAND
+            if page != NULL:
+                page.frames_received += 1
+                page.frames_foreign += answer == FOREIGN or answer == COMMANDED
+                page.frames_malformed += answer == MALFORMED
+                log_frame(page, frame)
         return status
 
     cdef int commanded(self, const Frame *frame) noexcept nogil:

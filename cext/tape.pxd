@@ -8,6 +8,8 @@ cdef struct Reel:                # what one bus received, drain by drain
     int64_t *ends                # index of the frame behind the last one of each drain
     int64_t count                # drains
     int64_t next
+    int64_t place                # of the next frame of the drain that is open,
+    int64_t stop                 # and where it ends
 
 cdef class TapeBus:
     cdef Reel reel

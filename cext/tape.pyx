@@ -7,16 +7,21 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
+
+cdef void tape_at(void *context, int64_t now) noexcept nogil:
+    """The next drain begins."""
+    cdef Reel *reel = <Reel *>context
+    reel.place = reel.ends[reel.next - 1] if reel.next > 0 else 0
+    if reel.next < reel.count:                                 # else the recording had ended by now
+        reel.next += 1
+    reel.stop = reel.ends[reel.next - 1] if reel.next > 0 else 0
+
+
 cdef int tape_receive(void *context, Frame *frames, int capacity) noexcept nogil:
     cdef Reel *reel = <Reel *>context
-    cdef int64_t first
-    cdef int64_t count
-    if reel.next == reel.count:                                # the recording had ended by now
-        return 0
-    first = reel.ends[reel.next - 1] if reel.next > 0 else 0
-    count = min(reel.ends[reel.next] - first, capacity)
-    reel.next += 1
-    memcpy(frames, reel.frames + first, count * sizeof(Frame))
+    cdef int64_t count = min(reel.stop - reel.place, capacity)
+    memcpy(frames, reel.frames + reel.place, count * sizeof(Frame))
+    reel.place += count
     return <int>count
 
 
@@ -46,7 +51,8 @@ cdef class TapeBus:
                 number += 1
             self.reel.ends[index] = number
         self.host = BusEnd()
-        self.host.bus.receive, self.host.bus.send, self.host.bus.context = tape_receive, tape_send, &self.reel
+        self.host.bus.receive, self.host.bus.send, self.host.bus.at = tape_receive, tape_send, tape_at
+        self.host.bus.context = &self.reel
         self.host.owner = self
 
     def __dealloc__(self):

@@ -13,9 +13,10 @@ from graph.diagram import Diagram, Signal, subsystem
 from graph.function import block
 from graph.interval import Interval
 from graph.schedule import Schedule
+from graph.stream import StreamDevice
 from graph.units import deg
 
 __all__ = [
     "Actuator", "Block", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Output", "Param",
-    "Schedule", "Signal", "Sink", "Watch", "block", "compile", "deg", "stack", "subsystem",
+    "Schedule", "Signal", "Sink", "StreamDevice", "Watch", "block", "compile", "deg", "stack", "subsystem",
 ]

@@ -119,6 +119,7 @@ class Assembly:
             update=self.update_steps(),
             devices=sorted((self.device_steps(block, buses) for block in self.blocks if isinstance(block, Device)), key=lambda d: d.bus),
             buses=buses,
+            media=[next(block.medium for block in self.blocks if isinstance(block, Device) and block.bus == bus) for bus in buses],
             signals={place.path: place for place in self.places.values()},
             columns=columns,
             recorded=recorded,

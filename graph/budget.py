@@ -28,6 +28,7 @@ def frame_bits(length, extended):
 def bus_loads(devices, rate):
     """One BusLoad for each bus that has traffic, by name. rate : ticks a second."""
     loads = []
+    devices = [device for device in devices if device.medium == "can"]
     for bus in sorted({device.bus for device in devices}):
         here = [device for device in devices if device.bus == bus]
         frames = [(rate, *frame) for device in here for frame in device.traffic()] + [report for device in here for report in device.reports()]

@@ -60,6 +60,7 @@ def examine(diagram):
         compilation.check_timeouts,
         compilation.check_addresses,
         compilation.check_bitrates,
+        compilation.check_lines,
         compilation.check_buses,
         compilation.check_rates,
         compilation.sort,
@@ -258,6 +259,18 @@ class Compilation:
                 self.report("TW025", f"is set to {block.bitrate / 1e3:g} kbit/s, and {other.path}, on the same bus {block.bus!r}, to "
                             f"{other.bitrate / 1e3:g} kbit/s", block,
                             hint=f"give it a bus of its own, or set the device to {other.bitrate / 1e3:g} kbit/s and say bitrate={other.bitrate:.0f}")
+
+    def check_lines(self):
+        """A bus is of one kind, and a line that streams has one device."""
+        first = {}
+        for block in self.blocks:
+            if not isinstance(block, Device):
+                continue
+            other = first.setdefault(block.bus, block)
+            if other is not block and (block.medium, other.medium) != ("can", "can") and not block.medium == other.medium == "i2c":
+                what = "a line of its own" if block.medium == other.medium else f"{block.medium}, and what is there is {other.medium}"
+                self.report("TW013", f"is on bus {block.bus!r} with {other.path}, made at {other.location}, and needs {what}", block,
+                            hint="give it another `bus`, or leave that out: its path is then the name of its line")
 
     def check_buses(self):
         self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)

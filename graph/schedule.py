@@ -137,6 +137,7 @@ class Schedule:
     update: list
     devices: list
     buses: list
+    media: list                 # of each bus: graph.Device.medium of what is on it
     signals: dict               # path: SignalPlace
     columns: np.ndarray         # slots of the recorded numbers
     recorded: list              # Column of each of them, by the path of its signal

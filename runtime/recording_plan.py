@@ -10,12 +10,15 @@ from graph.store import to_json
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
 FRAME_BYTES = 88                # of a frame in the ring
+FRAMES = {"can": 4}             # that a device has in a tick; of another medium OTHERS
+OTHERS = 16
 LONGEST_WORD = 40               # characters of a trial's field in the names of files
 
 
 def ring_bytes(schedule):
     """Room for ROW_SECONDS of rows and frames, and 1 MiB at least."""
-    a_tick = 8 * (3 + len(schedule.columns)) + 4 * FRAME_BYTES * len(schedule.devices)
+    frames = sum(FRAMES.get(schedule.media[device.bus], OTHERS) for device in schedule.devices)
+    a_tick = 8 * (3 + len(schedule.columns)) + FRAME_BYTES * frames
     return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
 
 
@@ -45,6 +48,7 @@ def plan(prepared, realtime):
         "simulated": prepared.plant is not None,
         "signals": [vars(column) for column in schedule.recorded],
         "buses": schedule.buses,
+        "media": schedule.media,
         "sinks": sinks,
         "status_line": True,
         "diagram_json": to_json(prepared.diagram) if records else None,

@@ -27,7 +27,8 @@ class Simulation:
         self.given = file is not None and file.has_plant
         self.diagram, self.plant = plant_of(file, robot)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
-        self.buses = {name: MemoryBus() if bitrate is None else TimedBus(bitrate) for name in schedule.buses}
+        self.buses = {
+            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate) for name, medium in zip(schedule.buses, schedule.media)}
         self.program = None
         if self.plant is not None:
             plant = self.plant

@@ -146,18 +146,19 @@ def ending(code):
 
 
 def plan(buses, schedule, diagram, priority):
-    """The guardian's plan. buses : as above; priority : of the loop's SCHED_FIFO, or None"""
+    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None"""
+    place = {bus: number for number, bus in enumerate(index for index, medium in enumerate(schedule.media) if medium == "can")}
     return {
         "buses": buses,
         "devices": [
             {
-                "name": device.name, "bus": device.bus, "zero": told(device.zero), "disable": told(device.disable),
+                "name": device.name, "bus": place[device.bus], "zero": told(device.zero), "disable": told(device.disable),
                 "damp": told(device.damp), "damp_time": device.damp_time if device.damp else 0.0,
                 "unanswered": device.unanswered,
                 "replies": [[flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
                             for wanted, mask, extended, begin in diagram[device.name].replies()],
             }
-            for device in schedule.devices
+            for device in schedule.devices if device.bus in place
         ],
         "items": names(schedule),
         "limit": max(PERIODS / schedule.rate, STALL),

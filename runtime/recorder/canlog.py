@@ -1,4 +1,4 @@
-"""The CAN log: every frame of every bus, in the format of `candump -L`, by python-can's own writer.
+"""The CAN log: every frame of every CAN bus, in the format of `candump -L`, by python-can's own writer.
 
     (1763683200.004512) legs 001#7FFF7FF0000007FF T
 
@@ -19,10 +19,15 @@ CLASSIC_BYTES = 8
 FLUSH_FRAMES = 1000
 
 
+def on_can(plan):
+    """Whether each bus is CAN."""
+    return [medium == "can" for medium in plan.get("media", ["can"] * len(plan["buses"]))]
+
+
 class CanLog(Service):
     def __init__(self, plan, page):
         super().__init__(plan, {"path": "CAN log", "columns": [], "parameters": {}})
-        self.page = page
+        self.page, self.on_can = page, on_can(plan)
 
     def open(self):
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
@@ -40,6 +45,8 @@ class CanLog(Service):
 
     def frame(self, payload):
         time, identifier, length, flags, bus, sent, data = FRAME.unpack(payload)
+        if not self.on_can[bus]:
+            return
         if self.began is None:
             self.began = 0 if self.plan["virtual"] else self.page.wall
         message = self.message

@@ -18,7 +18,7 @@ from runtime import preflight_text
 from runtime.lines import Paper
 from runtime.live import table
 from runtime.recorder import about, files
-from runtime.recorder.canlog import CanLog
+from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
 from runtime.recorder.service import find
@@ -71,7 +71,7 @@ class Recording:
                 self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
             if self.plan["folder"] is not None:
                 self.flight_log = FlightLog(self.plan, self.page)
-                self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if self.plan["buses"] else [])]
+                self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if any(on_can(self.plan)) else [])]
             for log in self.logs:
                 doing = f"the {log.sink['path']} cannot start"
                 self.services.append((log.sink["path"], log))

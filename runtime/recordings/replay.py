@@ -229,7 +229,8 @@ def run(trial, diagram, schedule, ends, changes, folder):
 def plan(trial, diagram, schedule, folder):
     return {
         "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "duration": None, "virtual": True,
-        "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses, "sinks": [],
+        "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses,
+        "media": schedule.media, "sinks": [],
         "status_line": False, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
     }
 

@@ -15,6 +15,7 @@ from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.fitness import WIRING, again, take_up
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
+from runtime.rig.streams import StreamLines
 from runtime.rig.troubles import Refused, RigError, Trouble
 from runtime.rig.udp import UdpInterface, failed
 
@@ -59,11 +60,18 @@ class RigBuses:
         self.rig, self.buses, troubles = rig, {}, []
         self.locks, self.guardian, self.report = [], None, None
         self.lines, self.bell = None, -1
-        kinds = [rig.buses[name].interface for name in names]
+        devices = [block for block in robot if isinstance(block, Device)]
+        self.media = {block.bus: block.medium for block in devices}
+        kinds = [rig.buses[name].interface for name in names if self.media[name] == "can"]
         if any(kind not in NATIVE for kind in kinds):
             self.lines, self.bell = Lines(len(names)), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        devices = [block for block in robot if isinstance(block, Device)]
+        self.streams = StreamLines([block for block in devices if block.medium == "stream"])
+        troubles += self.streams.troubles
         for index, name in enumerate(names):
+            if self.media[name] == "stream":
+                if name in self.streams.lines:
+                    self.buses[name] = OpenBus(*self.streams.lines[name])
+                continue
             try:
                 self.buses[name] = self.open(index, name, [block for block in devices if block.bus == name], machine or Machine())
             except Refused as refused:
@@ -116,8 +124,9 @@ class RigBuses:
                 "bitrate": bus.interface.bus.bitrate, "fd": bus.interface.bus.fd, "virtual": bus.interface.virtual,
                 "options": bus.interface.bus.options, "line": index if isinstance(bus.can, Line) else None,
             }
-            for index, (name, bus) in enumerate(self.buses.items())
+            for index, (name, bus) in enumerate(self.buses.items()) if self.media[name] == "can"
         ]
+        self.streams.start(max(priority - 1, 0) if priority else 0)
         try:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority))
         except GuardianError as error:
@@ -139,6 +148,7 @@ class RigBuses:
     def close(self):
         if self.guardian is not None:
             self.guardian.kill()
+        self.streams.close()
         for bus in self.buses.values():
             bus.interface.close()
         for lock in self.locks:
@@ -164,7 +174,8 @@ class RigBuses:
     def correct(self, frames):
         """Frames as a run's statistics count them, with what did not reach the robot: {kind: number}. To be asked after `finish`."""
         kinds = ("errors", "strangers", "refused", "echoes", "corrupt", "overflows")
-        total = {kind: sum(bus[kind] for bus in self.after.values()) for kind in kinds}
+        can = [bus for name, bus in self.after.items() if self.media[name] == "can"]
+        total = {kind: sum(bus[kind] for bus in can) for kind in kinds}
         strangers = total.pop("strangers")
         corrected = frames | total
         corrected["received"] += strangers - total["errors"]
@@ -177,7 +188,9 @@ class RigBuses:
 
     def unheard(self):
         """Channels on which nobody has acknowledged our frames."""
-        return [bus["channel"] for bus in self.after.values() if bus["worst_state"] in ("passive", "off") or bus["refused"]]
+        return [
+            bus["channel"] for name, bus in self.after.items()
+            if self.media[name] == "can" and (bus["worst_state"] in ("passive", "off") or bus["refused"])]
 
     def explain(self, name):
         """Why a bus failed, and the cure: two lines."""

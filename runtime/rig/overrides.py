@@ -11,7 +11,7 @@ def override(rig, diagram):
     rig : RigFile
     """
     devices = {block.path: block for block in diagram if isinstance(block, Device)}
-    troubles = list(unmapped(rig, {block.bus for block in devices.values()}))
+    troubles = list(unmapped(rig, {block.bus for block in devices.values() if block.medium != "stream"}))
     for path, values in rig.devices.items():
         if path in devices:
             troubles += changed(devices[path], values)
@@ -21,7 +21,8 @@ def override(rig, diagram):
     if troubles:
         raise RigError(rig.path, troubles)
     for block in devices.values():
-        block.bitrate = float(rig.buses[block.bus].bitrate)
+        if block.medium == "can":
+            block.bitrate = float(rig.buses[block.bus].bitrate)
 
 
 def other_bitrates(rig, devices):

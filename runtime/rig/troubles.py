@@ -28,6 +28,9 @@ CODES = {
     "TW124": "serial port without permission",
     "TW125": "no such serial port",
     "TW126": "serial port in use",
+    "TW127": "sensor that is not found",
+    "TW128": "sensor that does not answer",
+    "TW129": "sensor that refuses its set-up",
 }
 
 

@@ -1,0 +1,68 @@
+from libc.stdint cimport int32_t, int64_t, uint8_t, uint64_t
+
+from cext.abi cimport FRAME_BYTES
+from cext.buses cimport BusEnd
+from cext.newest_ring cimport NewestRing
+from cext.posix cimport pthread_t
+
+cdef extern from "<termios.h>" nogil:
+    cdef struct termios:
+        unsigned char c_cc[19]
+    int tcgetattr(int fd, termios *settings)
+    int tcsetattr(int fd, int when, const termios *settings)
+    int tcflush(int fd, int queue)
+    const int TCSANOW, TCIFLUSH, VMIN, VTIME
+
+cdef enum: # id of a frame
+    BYTES = 0                       # its data
+    LOST = 1                        # the line is gone: unplugged, hung up
+    BACK = 2                        # and there again
+
+cdef enum:
+    LONGEST_PATH = 512
+    SETUP_BYTES = 2048
+    SETUP_MESSAGES = 64
+
+cdef struct Source:
+    int fd                          # keeps its number: what is opened anew is put in its place
+    int record                      # bytes that belong together: no frame ends within
+    bint is_tty
+    bint datagrams                  # one of which may be empty
+    char path[LONGEST_PATH]         # "": what is gone stays away
+    termios settings                # of a tty
+    uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message
+    int ends[SETUP_MESSAGES]        # where each ends
+    int messages
+    int64_t pause                   # ns in front of each
+    int said                        # of them so far
+    int64_t due                     # ns, CLOCK_MONOTONIC: when the next of them, or the next attempt to open it, is due
+    int32_t gone
+    uint64_t bytes                  # that were read
+    uint64_t losses                 # times that it was gone
+    uint64_t returns
+    int error                       # errno that it went with
+    NewestRing ring
+    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times; the reader's
+    uint64_t refused                # messages of the tick that it did not take
+
+cdef class Stream:
+    cdef Source *source
+    cdef int own
+    cdef readonly str name
+    cdef readonly BusEnd end
+
+cdef class Streams:
+    cdef list streams
+    cdef Source **sources
+    cdef int count
+    cdef int epoll, bell, nothing
+    cdef uint8_t *buffer
+    cdef pthread_t thread
+    cdef bint running
+    cdef int32_t leave
+    cdef int priority
+    cdef void serve(self) noexcept nogil
+    cdef int look_after(self, int64_t now) noexcept nogil
+    cdef bint take(self, Source *source) noexcept nogil
+    cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
+    cdef bint reopen(self, Source *source, int index, int64_t now) noexcept nogil

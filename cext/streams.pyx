@@ -1,0 +1,384 @@
+# cython: freethreading_compatible=True
+"""Streams: everything with a file descriptor that is no CAN bus, a tty, a socket, an input of the computer, behind the `Bus` struct.
+
+One native thread reads them all, whatever comes, stamps each read, and cuts it into frames, which wait in a ring of each stream for the tick
+to drain. It never takes the GIL, never waits for one of them, and sleeps while there is nothing to read.
+
+    BYTES    up to 64 bytes as they came; flags START on the first of a read, GAP where frames before it were written over unread
+    LOST     the line is gone: nothing more comes
+    BACK     it is there again, set up as it was
+
+A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told.
+What the tick sends goes out at once, as far as the line takes it without waiting.
+"""
+
+import fcntl
+import os
+import socket
+import stat
+
+from libc.errno cimport EAGAIN, ECONNREFUSED, EHOSTUNREACH, EINTR, ENETDOWN, ENETUNREACH, errno
+from libc.stdint cimport uint32_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+from posix.unistd cimport close, read, write
+
+from cext.abi cimport Frame
+from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
+from cext.newest_ring cimport NEWEST, START, forget, pull, push
+from cext.pace cimport monotonic
+from cext.posix cimport (
+    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
+    pthread_attr_t, pthread_create, pthread_join, pthread_sigmask, sched_param, sched_setscheduler, sigfillset, sigset_t,
+)
+
+cdef extern from "<sys/epoll.h>" nogil:
+    ctypedef union epoll_data_t:
+        uint32_t u32
+    cdef struct epoll_event:
+        uint32_t events
+        epoll_data_t data
+    int epoll_create1(int flags)
+    int epoll_ctl(int epoll, int operation, int fd, epoll_event *event)
+    int epoll_wait(int epoll, epoll_event *events, int most, int timeout)
+    const int EPOLL_CLOEXEC, EPOLL_CTL_ADD, EPOLL_CTL_DEL
+    const uint32_t EPOLLIN, EPOLLHUP, EPOLLERR
+
+cdef extern from *:
+    """
+    #ifndef _GNU_SOURCE
+    #define _GNU_SOURCE
+    #endif
+    #include <fcntl.h>
+    #include <sys/file.h>
+    #include <unistd.h>
+    /* Open a line that is back, ours alone; -1 where it is not to be had. */
+    static int tw_open_line(const char *path, int mine) {
+        int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
+        if (fd >= 0 && mine && flock(fd, LOCK_EX | LOCK_NB) != 0) {
+            close(fd);
+            return -1;
+        }
+        return fd;
+    }
+    static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
+    int dup3(int, int, int);
+    """
+    int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
+    int put_in_place "tw_dup3"(int one, int other) noexcept nogil
+
+cdef enum:
+    ROOM = 1 << 16                      # bytes of one read: the longest datagram
+    BELL = 0xFFFFFFFF
+    EVENTS = 32
+
+cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
+cdef size_t STACK = 256 << 10           # bytes
+
+
+cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nogil:
+    cdef Source *source = <Source *>context
+    cdef int count = 0
+    while count < capacity and pull(&source.ring, &frames[count]):
+        frames[count].time = max(frames[count].time - source.began, 0)
+        count += 1
+    return count
+
+
+cdef int stream_send(void *context, const Frame *frames, int count) noexcept nogil:
+    cdef Source *source = <Source *>context
+    cdef int index
+    for index in range(count):
+        if load_i32(&source.gone) or write(source.fd, frames[index].data, frames[index].length) != frames[index].length:
+            source.refused += 1
+    return count
+
+
+cdef void stream_begin(void *context, int64_t began) noexcept nogil:
+    cdef Source *source = <Source *>context
+    forget(&source.ring)
+    source.began = began
+
+
+cdef class Stream:
+    """One of them, made by `Streams.add`. end : its BusEnd"""
+
+    def __cinit__(self):
+        self.own = -1
+        self.source = <Source *>calloc(1, sizeof(Source))
+        if self.source == NULL:
+            raise MemoryError
+        memset(self.source, 0, sizeof(Source))                      # the tick is not to be the first to touch it
+        self.end = BusEnd()
+        self.end.bus.receive, self.end.bus.send, self.end.bus.begin = stream_receive, stream_send, stream_begin
+        self.end.bus.context = self.source
+        self.end.owner = self
+
+    def __dealloc__(self):
+        if self.own >= 0:
+            close(self.own)
+        free(self.source)
+
+    def begin(self, int64_t began):
+        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
+        stream_begin(self.source, began)
+
+    @property
+    def gone(self):
+        return bool(load_i32(&self.source.gone))
+
+    @property
+    def trouble(self):
+        """errno that it went with, None while it is there."""
+        return (self.source.error or None) if self.gone else None
+
+    @property
+    def counts(self):
+        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, and came back."""
+        return {
+            "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
+            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns)}
+
+
+cdef class Streams:
+    """All streams of a run, and the thread that reads them: started before arming, ended after the safe stop."""
+
+    def __cinit__(self):
+        self.epoll = self.bell = self.nothing = -1
+
+    def __init__(self):
+        cdef epoll_event event
+        self.streams = []
+        self.buffer = <uint8_t *>calloc(ROOM, 1)
+        if self.buffer == NULL:
+            raise MemoryError
+        memset(self.buffer, 0, ROOM)
+        self.epoll = epoll_create1(EPOLL_CLOEXEC)
+        self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.nothing = os.open("/dev/null", os.O_RDWR | os.O_CLOEXEC)
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLIN, <uint32_t>BELL
+        if self.epoll < 0 or epoll_ctl(self.epoll, EPOLL_CTL_ADD, self.bell, &event) != 0:
+            raise OSError(errno, os.strerror(errno))
+
+    def __dealloc__(self):
+        self.end()
+        for descriptor in (self.epoll, self.bell, self.nothing):
+            if descriptor >= 0:
+                close(descriptor)
+        free(self.buffer)
+        free(self.sources)
+
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1):
+        """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
+
+        path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
+            whatever port it returns
+        setup : messages, as bytes, that are then written to it, `pause` s before each
+        record : bytes that belong together, 1 to 64; then a frame holds whole records
+        """
+        cdef Stream stream = Stream()
+        cdef Source *source = stream.source
+        cdef bytes message
+        cdef epoll_event event
+        cdef int at = 0
+        if self.running:
+            raise ValueError("streams are added before they are read")
+        if not 1 <= record <= FRAME_BYTES:
+            raise ValueError("a record has 1 to %d bytes, not %d" % (FRAME_BYTES, record))
+        encoded = os.fsencode(path)
+        if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
+            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
+        stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
+        source.fd, source.record, source.pause = stream.own, record, round(pause * 1e9)
+        memcpy(source.path, <const char *>encoded, len(encoded))
+        for message in setup:
+            memcpy(source.setup + at, <const char *>message, len(message))
+            at += len(message)
+            source.ends[source.messages] = at
+            source.messages += 1
+        source.said = source.messages                               # it has been set up by who opened it
+        os.set_blocking(fd, False)
+        source.is_tty = os.isatty(fd) and stat.S_ISCHR(os.fstat(fd).st_mode)
+        source.datagrams = is_datagram_socket(fd)
+        if source.is_tty:
+            if tcgetattr(fd, &source.settings) != 0:
+                raise OSError(errno, os.strerror(errno))
+            source.settings.c_cc[VMIN], source.settings.c_cc[VTIME] = 1, 0      # with 0 an empty line would read as one that hung up
+            tcsetattr(fd, TCSANOW, &source.settings)
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLIN, <uint32_t>len(self.streams)
+        if epoll_ctl(self.epoll, EPOLL_CTL_ADD, source.fd, &event) != 0:
+            raise OSError(errno, os.strerror(errno))
+        self.streams.append(stream)
+        return stream
+
+    def start(self, int priority=0):
+        """Read from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
+        cdef pthread_attr_t attributes
+        cdef sigset_t everything, mine
+        cdef int failed
+        if self.running:
+            return
+        free(self.sources)
+        self.count = len(self.streams)
+        self.sources = <Source **>calloc(max(1, self.count), sizeof(Source *))
+        if self.sources == NULL:
+            raise MemoryError
+        for index, stream in enumerate(self.streams):
+            self.sources[index] = (<Stream>stream).source
+        self.leave, self.priority = 0, priority
+        pthread_attr_init(&attributes)
+        pthread_attr_setstacksize(&attributes, STACK)               # all of it is locked in memory where memory is
+        sigfillset(&everything)
+        pthread_sigmask(SIG_SETMASK, &everything, &mine)            # signals are the loop's: the new thread inherits the mask
+        failed = pthread_create(&self.thread, &attributes, enter, <void *>self)
+        pthread_sigmask(SIG_SETMASK, &mine, NULL)
+        pthread_attr_destroy(&attributes)
+        if failed:
+            raise OSError(failed, "there is no thread to read streams")
+        self.running = True
+
+    def end(self):
+        """Read no longer. What has been read can still be received."""
+        if not self.running:
+            return
+        self.running = False
+        store_i32(&self.leave, 1)
+        os.eventfd_write(self.bell, 1)
+        with nogil:
+            pthread_join(self.thread, NULL)
+        os.eventfd_read(self.bell)
+
+    cdef void serve(self) noexcept nogil:
+        cdef epoll_event[EVENTS] events
+        cdef int count, index
+        cdef int64_t now
+        cdef int timeout = -1
+        cdef Source *source
+        be_someone(self.priority)
+        while not load_i32(&self.leave):
+            count = epoll_wait(self.epoll, events, EVENTS, timeout)
+            for index in range(count):
+                if events[index].data.u32 != <uint32_t>BELL:
+                    source = self.sources[events[index].data.u32]
+                    if not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
+                        self.lose(source, 0, monotonic())
+            now = monotonic()
+            timeout = self.look_after(now)
+
+    cdef bint take(self, Source *source) noexcept nogil:
+        """What there is to read, into frames. False where there was nothing, and the line is no longer read if it is gone."""
+        cdef Frame frame
+        cdef int64_t now
+        cdef int at = 0
+        cdef int part = FRAME_BYTES // source.record * source.record
+        cdef ssize_t count = read(source.fd, self.buffer, ROOM)
+        cdef int why = errno
+        now = monotonic()
+        if count < 0:
+            if why == EAGAIN or why == EINTR:
+                return False
+            if why == ECONNREFUSED or why == EHOSTUNREACH or why == ENETUNREACH or why == ENETDOWN:     # of a datagram that we sent
+                return True
+            self.lose(source, why, now)
+            return True
+        if count == 0 and not source.datagrams:
+            self.lose(source, 0, now)
+            return True
+        store_u64(&source.bytes, source.bytes + count)
+        memset(&frame, 0, sizeof(Frame))
+        frame.time, frame.flags = now, START
+        while at < count:
+            frame.length = <uint8_t>min(part, count - at)
+            memcpy(frame.data, self.buffer + at, frame.length)
+            push(&source.ring, &frame)
+            at += frame.length
+            frame.flags = 0
+        return True
+
+    cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil:
+        """The line is gone. Its number stays, with nothing behind it, so that whoever writes to it meets nobody else's file."""
+        cdef Frame frame
+        if load_i32(&source.gone):
+            return
+        source.error = error
+        store_i32(&source.gone, 1)
+        epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.fd, NULL)
+        put_in_place(self.nothing, source.fd)
+        store_u64(&source.losses, source.losses + 1)
+        source.due = now + RETRY
+        memset(&frame, 0, sizeof(Frame))
+        frame.time, frame.id = now, LOST
+        push(&source.ring, &frame)
+
+    cdef int look_after(self, int64_t now) noexcept nogil:
+        """Try to open what is gone; tell what is back how to be. Returns the ms until something is due, -1 for never."""
+        cdef int index
+        cdef int64_t due = -1
+        cdef Source *source
+        for index in range(self.count):
+            source = self.sources[index]
+            if load_i32(&source.gone):
+                if source.path[0] == 0:
+                    continue
+                if now >= source.due and not self.reopen(source, index, now):
+                    source.due = now + RETRY
+            elif source.said < source.messages and now >= source.due:
+                tell(source)
+                source.due = now + source.pause
+            if (load_i32(&source.gone) or source.said < source.messages) and (due < 0 or source.due < due):
+                due = source.due
+        return -1 if due < 0 else <int>(max(due - now, 0) // 1000000 + 1)
+
+    cdef bint reopen(self, Source *source, int index, int64_t now) noexcept nogil:
+        cdef Frame frame
+        cdef epoll_event event
+        cdef int found = open_line(source.path, source.is_tty)
+        if found < 0:
+            return False
+        if source.is_tty and tcsetattr(found, TCSANOW, &source.settings) != 0:
+            close(found)
+            return False
+        put_in_place(found, source.fd)
+        close(found)
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLIN, <uint32_t>index
+        if epoll_ctl(self.epoll, EPOLL_CTL_ADD, source.fd, &event) != 0:
+            put_in_place(self.nothing, source.fd)
+            return False
+        memset(&frame, 0, sizeof(Frame))
+        frame.time, frame.id = now, BACK
+        push(&source.ring, &frame)
+        source.said, source.due = 0, now + source.pause
+        store_u64(&source.returns, source.returns + 1)
+        store_i32(&source.gone, 0)
+        return True
+
+
+cdef void *enter(void *context) noexcept nogil:
+    (<Streams>context).serve()
+    return NULL
+
+
+cdef void tell(Source *source) noexcept nogil:
+    """The next message of its set-up."""
+    cdef int begin = source.ends[source.said - 1] if source.said > 0 else 0
+    write(source.fd, source.setup + begin, source.ends[source.said] - begin)
+    source.said += 1
+
+
+cdef void be_someone(int priority) noexcept nogil:
+    cdef sched_param parameters
+    prctl(PR_SET_NAME, <unsigned long><const char *>"tickwork-read")
+    if priority > 0:
+        parameters.sched_priority = priority
+        sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters)
+
+
+def is_datagram_socket(fd):
+    """Whether what a descriptor gives are datagrams, of which one may be empty."""
+    if not stat.S_ISSOCK(os.fstat(fd).st_mode):
+        return False
+    with socket.socket(fileno=os.dup(fd)) as copy:
+        return copy.type == socket.SOCK_DGRAM

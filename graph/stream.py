@@ -1,0 +1,31 @@
+"""Devices at the end of a line of their own: a tty, a socket, an input of the computer. What they say is a stream of bytes."""
+
+from cext.kernels import quiet
+from graph.declarations import Param
+from graph.device import Device
+
+
+class StreamDevice(Device):
+    """A device that has a line for itself. Its `decode` is the parser: a frame holds up to 64 bytes as they came, cut anywhere.
+
+    frame.id : 0 bytes; 1 the line is gone; 2 it is back
+    frame.flags : bit 0, bytes before this frame were lost; bit 1, the first bytes of one read, of a datagram its beginning
+    `decode` returns TAKEN where a whole sample was among them, NOTED where not, MALFORMED where what was among them was corrupt.
+
+    line : kind of its line, a key of runtime.rig.streams.KINDS, whose module opens it on a rig
+    opening : what that is told
+    """
+
+    bus = Param("", "1", "logical name of its line; its path by default", dtype=str)
+
+    medium = "stream"
+    line = "serial"
+    encode = quiet.mute
+
+    def configure(self):
+        if not self.bus:
+            self.bus = self.path
+
+    def opening(self):
+        """What a rig needs to know to open its line, by name; runtime.rig.streams.KINDS says which kind takes what."""
+        return {}
