@@ -71,5 +71,6 @@ def rig(reports, buses, when):
             lines += [f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]', f"# can_id = {drive.can_id}", ""]
         for node in report.nodes:
             lines += [f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")]
-            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]', ""]
+            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']
+            lines += [f"# address = {node.address}", f"# bitrate = {report.bitrate}", ""] if node.family == openimu.OPENIMU else [""]
     return "\n".join(lines)
