@@ -48,7 +48,8 @@ def interpolate(kind, time, values, at):
     share = ((at - time[left]) / (time[left + 1] - time[left]))[:, None]
     share = np.where(np.abs(share) < 1e-9, 0.0, np.where(np.abs(share - 1.0) < 1e-9, 1.0, share))
     before, after = values[left], values[left + 1]
-    between = turned(before, after, share) if kind == "turning" else before + share * (after - before)
+    with np.errstate(invalid="ignore", over="ignore"):
+        between = turned(before, after, share) if kind == "turning" else before + share * (after - before)
     return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
 
 

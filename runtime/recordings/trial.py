@@ -10,6 +10,7 @@ A file that was cut off anywhere is read up to the last complete row; `complete`
 
 import difflib
 import json
+import os
 import re
 import struct
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     
 FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
+LOOK = 4096                     # records between two looks at how far the reading is
 TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
 
 
@@ -62,9 +64,10 @@ class Trial:
     BadInput if the file is no recording, or one of a newer Tickwork.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, progress=lambda share: None):
+        """progress : called with the share of the file that has been read"""
         self.path = Path(path)
-        reader = Reader(self.path)
+        reader = Reader(self.path, progress)
         self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
         self.events, self.complete = reader.events, reader.finished
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
@@ -160,7 +163,7 @@ class Trial:
 class Reader:
     """The records of a file, sorted by what they are."""
 
-    def __init__(self, path):
+    def __init__(self, path, progress):
         self.about = self.end = self.diagram = None
         self.events, self.frames = [], []
         self.began = 0              # ns of the wall clock; in virtual time the file's times begin at 0
@@ -168,7 +171,8 @@ class Reader:
         self.finished = False
         try:
             with open(path, "rb") as stream:
-                self.read(stream)
+                size = max(1, os.fstat(stream.fileno()).st_size)
+                self.read(stream, lambda: progress(stream.tell() / size))
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if self.about is None:
@@ -176,13 +180,15 @@ class Reader:
         if self.about.get("format") not in FORMATS:
             raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
 
-    def read(self, stream):
+    def read(self, stream, look):
         from mcap.exceptions import McapError
         from mcap.records import Attachment, Channel, Footer, Message
         from mcap.stream_reader import StreamReader
 
         try:
-            for record in StreamReader(stream, record_size_limit=None).records:
+            for number, record in enumerate(StreamReader(stream, record_size_limit=None).records):
+                if number % LOOK == 0:
+                    look()
                 if isinstance(record, Message):
                     self.take(record)
                 elif isinstance(record, Attachment):
