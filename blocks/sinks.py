@@ -13,3 +13,16 @@ class PlotJuggler(Sink):
     port = Param(9870, "1", "its UDP port", min=1, max=65535, fixed=True)
 
     service = "runtime.recorder.plotjuggler:PlotJugglerSender"
+
+
+class Rerun(Sink):
+    """Shows its signals in Rerun: a plot a subsystem with its limits, limbs in 3-D, faults as text. Needs rerun-sdk: pip install 'tickwork[rerun]'.
+
+    A limb is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle`.
+    """
+
+    target = Param("", "1", "a file.rrd; serve, or serve:ADDRESS, for a browser; HOST:PORT of a viewer; or nothing, for one on this machine")
+    port = Param(9876, "1", "of the viewer, or of the server", min=1, max=65535, fixed=True)
+    web_port = Param(9090, "1", "of the page that the server has for browsers", min=1, max=65535, fixed=True)
+
+    service = "runtime.rerun.sender:RerunSender"

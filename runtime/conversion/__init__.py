@@ -3,6 +3,7 @@
     csv         as the recorder writes it
     parquet     a column a number, in its own type, units as metadata
     mat         MATLAB: a nested struct with units and time
+    rrd         Rerun, with a blueprint made from the recording
     sto, mot    OpenSim: all signals; joint angles
 """
 
@@ -13,7 +14,7 @@ from runtime.recorder.files import create
 
 FORMATS = {
     "csv": "runtime.conversion.csv", "parquet": "runtime.conversion.parquet", "mat": "runtime.conversion.matlab",
-    "sto": "runtime.conversion.opensim", "mot": "runtime.conversion.opensim"}
+    "rrd": "runtime.rerun.conversion", "sto": "runtime.conversion.opensim", "mot": "runtime.conversion.opensim"}
 OPENSIM = ("sto", "mot")
 
 

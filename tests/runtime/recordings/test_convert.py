@@ -126,7 +126,7 @@ def test_at_another_rate(command_line, recording):
     assert len(open(path).readlines()) == 1 + len(runtime.load(recording).resample(50))
 
 
-@pytest.mark.parametrize("kind, module, extra", [("parquet", "pyarrow", "parquet"), ("mat", "scipy", "matlab")])
+@pytest.mark.parametrize("kind, module, extra", [("parquet", "pyarrow", "parquet"), ("mat", "scipy", "matlab"), ("rrd", "rerun", "rerun")])
 def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command_line, recording, monkeypatch, kind, module, extra):
     for name in [name for name in sys.modules if name.partition(".")[0] == module]:
         monkeypatch.delitem(sys.modules, name)
@@ -135,7 +135,7 @@ def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command
 
 
 def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
-    assert command_line.refused("convert", recording) == "to which format? --to csv|parquet|mat|sto|mot, or --opensim"
+    assert command_line.refused("convert", recording) == "to which format? --to csv|parquet|mat|rrd|sto|mot, or --opensim"
     assert command_line.refused("convert", recording, "--to", "cvs") == "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
     assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
     (tmp_path / "file").write_text("")
