@@ -4,13 +4,17 @@ from graph import Param, Sink
 
 
 class PlotJuggler(Sink):
-    """Streams its signals to PlotJuggler: one UDP datagram a tick, JSON nested by block path, with a `timestamp` in s.
+    """Streams its signals to PlotJuggler over UDP: JSON nested by block path, with a `timestamp` in s in every message.
 
     In PlotJuggler: Streaming, UDP Server, port 9870, JSON; tick "use field as timestamp" and enter `timestamp`.
+    `python -m runtime plotjuggler FILE` makes a layout with its plots.
     """
 
     host = Param("127.0.0.1", "1", "where PlotJuggler runs")
     port = Param(9870, "1", "its UDP port", min=1, max=65535, fixed=True)
+
+    decimation = Param(1, "1", "one tick of so many is sent", min=1, max=10_000, fixed=True)
+    batch = Param(1, "1", "samples in a datagram; more than 1 needs PlotJuggler 3.16", min=1, max=1000, fixed=True)
 
     service = "runtime.recorder.plotjuggler:PlotJugglerSender"
 
