@@ -70,6 +70,7 @@ class Identity:
 class I2cDevice(Device):
     """A device on an I2C bus, or behind a multiplexer on it."""
 
+    abstract = True
     medium = "i2c"
     kind = ""                   # what it is, in words
     known_addresses = ()        # that its pins can choose

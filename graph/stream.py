@@ -18,9 +18,14 @@ class StreamDevice(Device):
 
     bus = Param("", "1", "logical name of its line; its path by default", dtype=str)
 
+    abstract = True
     medium = "stream"
     line = "serial"
     encode = quiet.mute
+
+    def __init_subclass__(cls, **options):
+        super().__init_subclass__(**options)
+        cls.parameters = {name: param for name, param in cls.parameters.items() if name != "bus"} | {"bus": cls.parameters["bus"]}
 
     def configure(self):
         if not self.bus:

@@ -72,7 +72,7 @@ def read(name, places):
 
 def offers(module, kind):
     """Whether a module is where a block is to be had: it defines it, or is ours and offers what the language defines, such as sums."""
-    if not (isinstance(kind, type) and issubclass(kind, Block)) or kind.__name__.startswith("_"):
+    if not (isinstance(kind, type) and issubclass(kind, Block)) or kind.__name__.startswith("_") or vars(kind).get("abstract"):
         return False
     ours = module.__name__.split(".")[0] == OWN and kind.__module__.startswith("graph.") and kind.__module__ not in BASES
     return kind.__module__ == module.__name__ or ours

@@ -17,6 +17,7 @@ MAG_RATE = 100.0                # Hz, the fastest of both magnetometers
 class InvenSense(I2cDevice):
     """Ports and parameters of an IMU with a burst of accelerometer, gyroscope and temperature, and a magnetometer beside it."""
 
+    abstract = True
     address = Param(0x68, "1", "its address: 0x69 where its pin AD0 is high", min=0x08, max=0x77, fixed=True, kernel=False)
     rate = Param(200.0, "Hz", "at which it is read; the magnetometer at 100 Hz at most", above=0.0, max=1000.0, fixed=True, kernel=False)
     accel_range = Param(8, "1", "g that it measures at most", choices=ACCEL_RANGES, fixed=True, kernel=False)

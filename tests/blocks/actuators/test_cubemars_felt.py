@@ -96,15 +96,15 @@ def test_a_damper_alone_has_the_whole_limit_wherever_the_spring_would_rest():
     assert law(understood, -10.0, 0.0) == pytest.approx(9.0, abs=0.2)
 
 
-@pytest.mark.parametrize("velocity, position, moving", [(-5.0, 1.0, 0.0), (-5.0, 1.0, 20.0)])
-def test_where_spring_and_damper_pull_against_each_other_neither_counts_on_the_other(velocity, position, moving):
+@pytest.mark.parametrize("position, velocity, damping, moving", [(1.0, -5.0, 1.0, 0.0), (1.0, -5.0, 1.0, 20.0), (0.3, 0.0, 1.5, 20.0)])
+def test_where_spring_and_damper_pull_against_each_other_neither_counts_on_the_other(position, velocity, damping, moving):
     """By how much a code of stiffness is less, over where the joint may be by then, is taken from the limit."""
     wired = drive(limit=1.0)
     wired["velocity"], wired["age"] = moving, PERIOD
-    understood = said(wired, "AK80-9", position=position, velocity=velocity, stiffness=100.0, damping=1.0)
+    understood = said(wired, "AK80-9", position=position, velocity=velocity, stiffness=100.0, damping=damping)
     moves = moving * 2.0 * PERIOD
-    error = 100.0 * position + velocity - moving
-    spread = 100.0 * (moves + 2.0 * 25.0 / 65535) + 2.0 * 100.0 / 4095
+    error = 100.0 * position + damping * (velocity - moving)
+    spread = 100.0 * (moves + 2.0 * 25.0 / 65535) + damping * 2.0 * 100.0 / 4095
     limit = 1.0 - max(500.0 / 4095 * (position + moves), 5.0 / 4095 * abs(velocity - moving))
     assert understood["stiffness"] == pytest.approx(100.0 * limit / (error + spread), abs=500.0 / 4095)
 
