@@ -21,10 +21,10 @@ COMMANDS = {
     "rate": "find the highest rate at which one to eight actuators miss no answer, simulated or on a rig",
     "bench": "measure ticks and blocks on this machine",
     "doctor": "look whether this machine is fit to run a robot, and what to change",
-    "scan": "tell every drive and IMU that answers on a bus; arms nothing",
+    "scan": "tell every drive and IMU that answers on a bus or a port; arms nothing",
     "configure": "set up a drive (id, zero, protocol, parameters), or find how a motor sits at its joint",
     "move": "move one actuator of a bus, within small limits",
-    "stream": "show one drive live, without torque",
+    "stream": "show one drive live, without torque, or inertial sensors",
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {                       # those of the others are in runtime.commands
