@@ -4,9 +4,10 @@
 import numpy as np
 
 from cpython.pycapsule cimport PyCapsule_CheckExact, PyCapsule_GetPointer
-from libc.stdint cimport int32_t, uintptr_t
+from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uintptr_t
+from libc.string cimport memcpy, memset
 
-from cext.abi cimport DECODE, ENCODE, KERNEL, kernel_t
+from cext.abi cimport DECODE, ENCODE, KERNEL, Frame, decode_t, kernel_t
 
 
 def address(kernel, kind="kernel"):
@@ -53,3 +54,34 @@ def words(values):
 def slot_words(table):
     """The counts of a KernelTable, then its slots: a kernel is given the address behind the counts."""
     return words(table.counts + table.slots + (0,))
+
+
+def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, int identifier=0, int flags=0):
+    """Offer a stream of bytes to a device's decode, cut into frames of `chunk` bytes: {answer of cext.abi: how often}.
+
+    For tests, tools and measurements, not for the tick. time : ns, of all frames
+    """
+    cdef decode_t function = <decode_t><uintptr_t>address(decode, "decode")
+    cdef int32_t[::1] slots = slot_words(table)
+    cdef int32_t[::1] sizes = words(table.sizes)
+    cdef int64_t counts[16]
+    cdef Frame frame
+    cdef Py_ssize_t at = 0
+    cdef Py_ssize_t length = len(data)
+    cdef int size, answer
+    memset(counts, 0, sizeof(counts))
+    memset(&frame, 0, sizeof(Frame))
+    frame.time, frame.id, frame.flags = time, <uint32_t>identifier, <uint8_t>flags
+    with nogil:
+        while True:
+            size = <int>min(<Py_ssize_t>chunk, length - at)
+            if size > 0:
+                memcpy(frame.data, &data[at], size)
+            frame.length = <uint8_t>size
+            answer = function(&arena[0], &slots[0] + 4, &sizes[0], &frame)
+            counts[(answer + 1) & 15] += 1
+            at += size
+            frame.flags = 0
+            if at >= length:
+                break
+    return {answer - 1: counts[answer] for answer in range(16) if counts[answer]}

@@ -1,0 +1,6 @@
+"""MicroStrain's sensors, 3DM-GX5, CX5, CV5, CV7, GV7 and their kin: over a serial line, in MIP."""
+
+from blocks.imus.microstrain.block import MicroStrain
+from blocks.imus.microstrain.emulator import EmulatedMicroStrain
+
+__all__ = ["EmulatedMicroStrain", "MicroStrain"]

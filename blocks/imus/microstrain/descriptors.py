@@ -1,0 +1,110 @@
+"""What the fields of MIP's data packets hold: the one table that the block, the emulator, the set-up and the tools read.
+
+Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3DM-GX5. Often mistaken: 80 10 and 80 11 are the stabilised
+vectors; the time since power-on of newer devices is D5.
+"""
+
+import struct
+from dataclasses import dataclass
+
+SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100      # sets; a shared field may stand in any
+STANDARD_GRAVITY = 9.80665      # m/s²
+KINDS = {"f": 0, "d": 1, "B": 2, "H": 3, "I": 4, "Q": 5}        # of a value, as cext/kernels/mip.pyx numbers them
+SIZES = {"f": 4, "d": 8, "B": 1, "H": 2, "I": 4, "Q": 8}
+
+
+@dataclass(frozen=True)
+class Field:
+    """
+    set, descriptor : which
+    name : of its values
+    layout : of its data, as struct has it without the byte order
+    unit : of the values in SI; scale : from the wire to it
+    flagged : whether its last word says that the filter calls it valid
+    """
+
+    set: int
+    descriptor: int
+    name: str
+    layout: str
+    unit: str = "1"
+    scale: float = 1.0
+    flagged: bool = False
+
+    @property
+    def values(self):
+        """How many there are, flags and what else stands behind them left out."""
+        return len(self.layout) - len(self.layout.lstrip(self.layout[0])) - (self.flagged and self.layout[0] == "H")
+
+    @property
+    def kind(self):
+        return KINDS[self.layout[0]]
+
+    def decode(self, data):
+        """Values in SI, None if the field is too short. Of a field that the filter calls invalid they are none."""
+        form = struct.Struct(">" + self.layout)
+        if len(data) < form.size:
+            return None
+        found = form.unpack_from(data)
+        if self.flagged and not found[-1]:
+            return [float("nan")] * self.values
+        return [value * self.scale for value in found[: self.values]]
+
+
+FIELDS = (
+    Field(SENSOR, 0x04, "accel", "fff", "m/s²", STANDARD_GRAVITY),
+    Field(SENSOR, 0x05, "gyro", "fff", "rad/s"),
+    Field(SENSOR, 0x06, "mag", "fff", "µT", 100.0),
+    Field(SENSOR, 0x07, "delta_angle", "fff", "rad"),
+    Field(SENSOR, 0x08, "delta_velocity", "fff", "m/s", STANDARD_GRAVITY),
+    Field(SENSOR, 0x09, "sensor_matrix", "fffffffff"),
+    Field(SENSOR, 0x0A, "sensor_quaternion", "ffff"),
+    Field(SENSOR, 0x0C, "sensor_euler", "fff", "rad"),
+    Field(SENSOR, 0x0E, "internal_ticks", "I"),
+    Field(SENSOR, 0x10, "stabilised_mag", "fff", "µT", 100.0),
+    Field(SENSOR, 0x11, "stabilised_accel", "fff", "m/s²", STANDARD_GRAVITY),
+    Field(SENSOR, 0x12, "sensor_time", "dHH", "s"),
+    Field(SENSOR, 0x14, "temperatures", "fff", "°C"),
+    Field(SENSOR, 0x17, "pressure", "f", "Pa", 100.0),
+    Field(FILTER, 0x03, "filter_quaternion", "ffffH", flagged=True),
+    Field(FILTER, 0x04, "filter_matrix", "fffffffffH", flagged=True),
+    Field(FILTER, 0x05, "filter_euler", "fffH", "rad", flagged=True),
+    Field(FILTER, 0x06, "gyro_bias", "fffH", "rad/s", flagged=True),
+    Field(FILTER, 0x0D, "linear_accel", "fffH", "m/s²", flagged=True),
+    Field(FILTER, 0x0E, "compensated_gyro", "fffH", "rad/s", flagged=True),
+    Field(FILTER, 0x10, "filter_status", "HHH"),
+    Field(FILTER, 0x11, "filter_time", "dHH", "s"),
+    Field(FILTER, 0x13, "gravity", "fffH", "m/s²", flagged=True),
+    Field(FILTER, 0x1C, "compensated_accel", "fffH", "m/s²", flagged=True),
+    Field(SHARED, 0xD0, "event", "B"),
+    Field(SHARED, 0xD1, "ticks", "I"),
+    Field(SHARED, 0xD2, "delta_ticks", "I"),
+    Field(SHARED, 0xD3, "gps_time", "dHH", "s"),
+    Field(SHARED, 0xD4, "delta_time", "d", "s"),
+    Field(SHARED, 0xD5, "reference_time", "Q", "s", 1e-9),
+    Field(SHARED, 0xD6, "delta_reference_time", "Q", "s", 1e-9),
+    Field(SHARED, 0xD7, "external_time", "QH", "s", 1e-9, flagged=True),
+    Field(SHARED, 0xD8, "delta_external_time", "QH", "s", 1e-9, flagged=True),
+)
+BY_NAME = {field.name: field for field in FIELDS}
+BY_KEY = {(field.set, field.descriptor): field for field in FIELDS}
+TIMES = ("reference_time", "gps_time", "sensor_time", "filter_time")        # that tell when a sample was taken
+
+# What a block's channel is on the wire, by where its attitude comes from.
+CHANNELS = {
+    "filter": {"quaternion": "filter_quaternion", "euler": "filter_euler"},
+    "sensor": {"quaternion": "sensor_quaternion", "euler": "sensor_euler"},
+}
+COMMON = {"accel": "accel", "gyro": "gyro", "mag": "mag", "temperature": "temperatures"}
+EXTRA = tuple(field.name for field in FIELDS if field.name not in COMMON.values())
+
+
+def field_of(descriptor_set, descriptor):
+    """The Field, None if it is not known."""
+    return BY_KEY.get((descriptor_set, descriptor)) or BY_KEY.get((SHARED, descriptor))
+
+
+def wanted(channels, attitude):
+    """The Fields of a block's channels, in the order of the table."""
+    names = {(COMMON | CHANNELS[attitude]).get(channel, channel) for channel in channels}
+    return [field for field in FIELDS if field.name in names]

@@ -1,0 +1,75 @@
+"""MIP in Python: packets made and read one at a time, for the set-up and the tools. A run reads them natively (cext/kernels/mip.pyx)."""
+
+import struct
+
+from blocks.imus.microstrain.descriptors import field_of
+
+SYNC = b"\x75\x65"
+BASE, COMMAND_3DM, COMMAND_FILTER = 0x01, 0x0C, 0x0D                # sets of commands
+PING, IDLE, INFO, DESCRIPTORS, RESUME, MORE_DESCRIPTORS, ACKNOWLEDGE = 0x01, 0x02, 0x03, 0x04, 0x06, 0x07, 0xF1
+WRITE, READ = 1, 2
+
+
+def fletcher(data):
+    one = two = 0
+    for byte in data:
+        one = one + byte & 0xFF
+        two = two + one & 0xFF
+    return bytes((one, two))
+
+
+def packet(descriptor_set, *fields):
+    """fields : (descriptor, data)"""
+    payload = b"".join(bytes((len(data) + 2, descriptor)) + data for descriptor, data in fields)
+    head = SYNC + bytes((descriptor_set, len(payload))) + payload
+    return head + fletcher(head)
+
+
+def fields(packet):
+    """(descriptor, data) of each field; [] where they do not fill the packet."""
+    found, at, end = [], 4, 4 + packet[3]
+    while at < end:
+        length = packet[at]
+        if length < 2 or at + length > end:
+            return []
+        found.append((packet[at + 1], packet[at + 2 : at + length]))
+        at += length
+    return found
+
+
+def split(data):
+    """(packets whose checksum is right, what is left and may be the beginning of another, how many were corrupt)"""
+    found, at, corrupt = [], 0, 0
+    while True:
+        begin = data.find(SYNC[:1], at)
+        if begin < 0:
+            return found, b"", corrupt
+        at = begin
+        if data[at : at + 2] not in (SYNC, SYNC[:1]):
+            at += 1
+            continue
+        if len(data) < at + 4 or len(data) < at + 6 + data[at + 3]:
+            return found, data[at:], corrupt
+        whole = data[at : at + 6 + data[at + 3]]
+        if fletcher(whole[:-2]) == whole[-2:]:
+            found.append(whole)
+            at += len(whole)
+        else:
+            corrupt += 1
+            at += 1
+
+
+def decode(packet):
+    """{name: list of values in SI} of what a packet of data holds, as blocks.imus.microstrain.descriptors names it."""
+    found = {}
+    for descriptor, data in fields(packet):
+        field = field_of(packet[2], descriptor)
+        values = field.decode(data) if field is not None else None
+        if values is not None:
+            found[field.name] = values
+    return found
+
+
+def command(descriptor_set, descriptor, form="", *values):
+    """A packet with one command. form : of its values, as struct has it"""
+    return packet(descriptor_set, (descriptor, struct.pack(">" + form, *values)))
