@@ -21,9 +21,9 @@ COMMANDS = {
     "doctor": "look whether this machine is fit to run a robot, and what to change",
     "scan": "tell every drive and IMU that answers on a bus; arms nothing",
     "configure": "set up a drive (id, zero, protocol, parameters), or find how a motor sits at its joint",
-    "calibrate": "find bias, offset and scale of an IMU while somebody turns it, and keep them in a file",
     "move": "move one actuator of a bus, within small limits",
     "stream": "show one drive live, without torque",
+    "calibrate": "find bias, offset and scale of an IMU while somebody turns it, and keep them in a file",
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {                       # those of the others are in runtime.commands
