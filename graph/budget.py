@@ -31,9 +31,10 @@ def bus_loads(devices, rate):
     devices = [device for device in devices if device.medium == "can"]
     for bus in sorted({device.bus for device in devices}):
         here = [device for device in devices if device.bus == bus]
-        frames = [frame for device in here for frame in device.traffic()]
+        frames = [(rate, *frame) for device in here for frame in device.traffic()] + [report for device in here for report in device.reports()]
         if frames:
             bitrate = min(device.bitrate for device in here)
-            typical, worst = (sum(bits) * rate / bitrate for bits in zip(*(frame_bits(*frame) for frame in frames)))
-            loads.append(BusLoad(bus, bitrate, len(frames) * rate, typical, worst))
+            bits = [(often, *frame_bits(*frame)) for often, *frame in frames]
+            typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
+            loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst))
     return loads

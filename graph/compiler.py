@@ -59,6 +59,7 @@ def examine(diagram):
         compilation.check_heat,
         compilation.check_timeouts,
         compilation.check_addresses,
+        compilation.check_bitrates,
         compilation.check_lines,
         compilation.check_buses,
         compilation.check_rates,
@@ -250,6 +251,16 @@ class Compilation:
                     self.report("TW013", f"shares {what} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
                                 hint=block.address_hint)
                     break
+
+    def check_bitrates(self):
+        """One CAN bus has one bitrate: that of the drives, and of devices that say what they are set to."""
+        devices = [block for block in self.blocks if isinstance(block, Actuator) or "bitrate" in block.parameters]
+        for block in devices:
+            other = next((other for other in devices if other.bus == block.bus and other.bitrate > block.bitrate), None)
+            if other is not None:
+                self.report("TW025", f"is set to {block.bitrate / 1e3:g} kbit/s, and {other.path}, on the same bus {block.bus!r}, to "
+                            f"{other.bitrate / 1e3:g} kbit/s", block,
+                            hint=f"give it a bus of its own, or set the device to {other.bitrate / 1e3:g} kbit/s and say bitrate={other.bitrate:.0f}")
 
     def check_lines(self):
         """A bus is of one kind, and a line that streams has one device."""

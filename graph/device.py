@@ -103,6 +103,10 @@ class Device(Block):
         """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""
         return []
 
+    def reports(self):
+        """Frames that it sends by itself, as (how many a second, data bytes, is extended)."""
+        return []
+
     def enable_frames(self):
         """Frames, (arbitration id, is extended, data), that make the device ready without moving it."""
         return []

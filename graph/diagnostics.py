@@ -28,6 +28,7 @@ CODES = {
     "TW022": "busy bus",
     "TW023": "not compiled",
     "TW024": "actuator whose heat nobody knows",
+    "TW025": "two bitrates on one bus",
     "TW030": "format of a newer Tickwork",
     "TW031": "missing library",
     "TW032": "block of a local file",

@@ -42,6 +42,8 @@ def what(result, block, program):
     """The fault in words."""
     outcome = result.outcome
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
+    if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
+        timeout += f"; {result.rig.line(block.bus)}"
     return {
         "not finite": "a command is NaN or infinite" if not result.failed_in_plant else "what it would answer is NaN or infinite",
         "out of limits": "a command has left the interval that was proved",
@@ -75,13 +77,16 @@ def seen(program, block, what, unit):
 def unanswered(result):
     """Who did not answer, and what was heard instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
-    names = ", ".join(f"{block.path} ({where_it_is(block)})" for block in silent)
+    names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
     return f"no answer from {names}; {frames}" + (on_the_rig(result.rig) if result.rig is not None else "")
 
 
-def where_it_is(block):
+def where_it_is(block, rig):
+    """On which bus a device is, and as whom; of one with a line of its own, which that is and whether it is there."""
+    if block.medium == "stream":
+        return f"on {block.bus}" + (f", {rig.line(block.bus)}" if rig is not None else "")
     what = "id" if block.medium == "can" else "address"
     return ", ".join(f"{what} {each} on bus {block.bus}" for each in block.told_addresses()) or f"on bus {block.bus}"
 

@@ -8,7 +8,7 @@ from runtime.errors import CHECK_FAILED, OK, BadInput
 from runtime.rig.file import I2C
 from runtime.rig.troubles import Refused
 from runtime.terminal import complain, tell
-from runtime.tools import scan_text
+from runtime.tools import imus, scan_text
 from runtime.tools.bus import ToolBus, add_bus, named_buses
 from runtime.tools.chips import look
 from runtime.tools.scan import clock, plain, scan
@@ -18,7 +18,7 @@ HIGHEST = 255
 
 def main(arguments):
     parser = Parser(
-        "scan", "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces of this machine.",
+        "scan", "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces and serial ports here.",
         "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and leaves them without\n"
         "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be looked at, nobody\n"
         "answers, or something is wrong.")
@@ -34,7 +34,8 @@ def main(arguments):
         raise BadInput(f"--write-rig {options.write_rig}: it is there already, and is not overwritten")
     wanted = ids(options.ids) if isinstance(options.ids, str) else options.ids
     reports, buses, refused = [], [], []
-    for about in named_buses(options):
+    sensors, unasked = imus.look() if not (options.channel or options.interface or options.bus) else ([], [])
+    for about in on_can(options, sensors or unasked):
         try:
             if about.interface == I2C:
                 reports.append(look(about))
@@ -44,18 +45,29 @@ def main(arguments):
             buses.append(about)
         except Refused as trouble:
             refused.append(trouble.trouble)
-    complain(map(str, refused))
+    complain([*map(str, refused), *unasked])
     if options.json:
         troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
-        tell([json.dumps({"buses": [plain(report) for report in reports], "troubles": troubles}, indent=2, ensure_ascii=False)])
+        told = {"buses": [plain(report) for report in reports], "sensors": [imus.plain(each) for each in sensors], "troubles": troubles}
+        tell([json.dumps(told, indent=2, ensure_ascii=False)])
     else:
-        tell([line for report in reports for line in scan_text.text(report, options.verbose)])
+        tell([*(line for report in reports for line in scan_text.text(report, options.verbose)), *imus.text(sensors)])
     if options.write_rig is not None and reports:
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
         complain([f"written: {options.write_rig}"])
     found = all(report.drives or report.nodes or report.chips for report in reports)
     strange = any(report.remarks or any(found.remarks for found in [*report.drives, *report.nodes]) for report in reports)
-    return OK if reports and found and not refused and not strange else CHECK_FAILED
+    return OK if (reports or sensors) and found and not (refused or strange or unasked) else CHECK_FAILED
+
+
+def on_can(options, others):
+    """The buses to look at. others : what else there is to tell, so that it is no mistake to have none"""
+    try:
+        return named_buses(options)
+    except BadInput:
+        if others and options.rig is None:
+            return []
+        raise
 
 
 def write(path, text):

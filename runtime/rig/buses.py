@@ -214,6 +214,14 @@ class RigBuses:
             bus["channel"] for name, bus in self.after.items()
             if self.media[name] == "can" and (bus["worst_state"] in ("passive", "off") or bus["refused"])]
 
+    def line(self, name):
+        """Where a line that streams leads, and whether it is there, in words."""
+        bus = self.buses[name]
+        counts = self.after[name] if hasattr(self, "after") else bus.can.counts
+        lost, back = counts["losses"], counts["returns"]
+        gone = f", which was lost {lost} time{'s' * (lost > 1)}" + (" and is gone" if lost > back else " and is back") if lost else ", which is there"
+        return f"{bus.interface.bus.channel}{gone}"
+
     def explain(self, name):
         """Why a bus failed, and the cure: two lines."""
         bus = self.buses[name].interface.bus

@@ -17,11 +17,23 @@ def override(rig, diagram):
             troubles += changed(devices[path], values)
         else:
             troubles.append(stranger(path, diagram, devices))
+    troubles += other_bitrates(rig, devices.values())
     if troubles:
         raise RigError(rig.path, troubles)
     for block in devices.values():
         if block.medium == "can":
             block.bitrate = float(rig.buses[block.bus].bitrate)
+
+
+def other_bitrates(rig, devices):
+    """Devices that are set to another bitrate than their bus has, where they know theirs."""
+    for device in devices:
+        bus = rig.buses.get(device.bus)
+        if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
+            yield Trouble(
+                "TW103", f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, and {device.path} is set to {device.bitrate / 1e3:g} kbit/s",
+                f'give it a bus of its own, or set the device itself to {bus.bitrate / 1e3:g} kbit/s and say so: [device."{device.path}"] '
+                f"bitrate = {bus.bitrate}")
 
 
 def unmapped(rig, wanted):

@@ -15,6 +15,7 @@ from cext.streams import Streams
 KINDS = {                       # kind of line: the module that opens it
     "serial": "runtime.rig.serial_line",
     "microstrain": "runtime.rig.microstrain",
+    "net": "runtime.rig.net_line",
 }
 
 

@@ -25,6 +25,11 @@ class Chip:
     block: str
 
     @property
+    def path(self):
+        """A name for the device in a rig."""
+        return f"{self.block}_{self.mux:x}_{self.channel}" if self.mux else f"{self.block}_{self.address:x}"
+
+    @property
     def where(self):
         return f"{self.mux:#04x}.{self.channel} {self.address:#04x}" if self.mux else f"{self.address:#04x}"
 

@@ -6,9 +6,10 @@ identifiers end in a byte that is no drive's id. (SAE J1939-21, J1939-81; Aceinn
 
 from dataclasses import dataclass, field
 
-OURS, EVERYBODY = 0xF9, 0xFF
-REQUEST, CLAIM, VERSION, ECU = 0xEA00, 0xEE00, 65242, 64965
-DATA = {61481: "slope", 61482: "angular rate", 61485: "acceleration", 65386: "magnetic field", 61459: "slope"}
+from blocks.imus.openimu.frames import ACCELERATION, ANGULAR_RATE, CLAIM, EVERYBODY, MAGNETIC_FIELD, OURS, REQUEST, SLOPE
+
+VERSION, ECU = 65242, 64965
+DATA = {SLOPE: "slope", ANGULAR_RATE: "angular rate", ACCELERATION: "acceleration", MAGNETIC_FIELD: "magnetic field", 61459: "slope"}
 ACEINNA, INERTIAL = 823, 131    # manufacturer and function of a NAME
 OPENIMU, NODE = "OpenIMU", "J1939 node"
 LOWEST = 128                    # address that an OpenIMU may have, and its default

@@ -33,7 +33,8 @@ def text(report, verbose=False):
 
 def chips(report):
     lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
-    lines += [f"  {chip.where:<12}{chip.name or 'a chip that is not known here'}" + (f"  ({chip.how})" if chip.how else "") for chip in report.chips]
+    for chip in report.chips:
+        lines.append(f"  {chip.where:<12}{chip.name or 'a chip that is not known here'}" + (f"  ({chip.how})" if chip.how else ""))
     return lines + [f"  ! {remark}" for remark in report.remarks]
 
 
@@ -80,10 +81,11 @@ def rig(reports, buses, when):
             lines += [f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]', f"# can_id = {drive.can_id}", ""]
         for node in report.nodes:
             lines += [f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")]
-            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]', ""]
+            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']
+            lines += [f"# address = {node.address}", f"# bitrate = {report.bitrate}", ""] if node.family == openimu.OPENIMU else [""]
         for chip in report.chips:
             lines += [f"# {chip.where}: {chip.name or 'a chip that is not known here'}"]
             if chip.block:
                 where = [f"# mux = {chip.mux:#04x}", f"# channel = {chip.channel}"] if chip.mux else []
-                lines += [f'# [device."{chip.block}_{f"{chip.mux:x}_{chip.channel}" if chip.mux else f"{chip.address:x}"}"]', f"# address = {chip.address:#04x}", *where, ""]
+                lines += [f'# [device."{chip.path}"]', f"# address = {chip.address:#04x}", *where, ""]
     return "\n".join(lines)

@@ -3,6 +3,7 @@
 import pytest
 
 from blocks.actuators import CubeMars
+from blocks.imus import OpenImu
 from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
 from runtime.rig import RigError, override, read
@@ -61,6 +62,23 @@ def test_the_load_of_a_bus_is_that_of_the_rigs_bitrate(fitted):
     with pytest.raises(DiagramError) as caught:
         compile(slow)
     assert [d.code for d in caught.value.diagnostics] == ["TW016"]
+
+
+def test_a_device_that_is_set_to_a_bitrate_of_its_own_is_told_from_a_bus_with_another(fitted):
+    def with_imu(bitrate=250_000.0):
+        diagram = robot()
+        with diagram:
+            OpenImu(bus="legs", bitrate=bitrate, name="imu")
+        return diagram
+
+    legs = LEGS.replace("500_000", "1_000_000")
+    with pytest.raises(RigError) as caught:
+        fitted(legs, with_imu())
+    [trouble] = caught.value.troubles
+    assert trouble.code == "TW103" and trouble.message == "[bus.legs] has 1000 kbit/s, and imu is set to 250 kbit/s"
+    assert trouble.hint.endswith('say so: [device."imu"] bitrate = 1000000')
+    fitted(legs + '[device."imu"]\nbitrate = 1_000_000\n', with_imu())
+    compile(fitted(LEGS.replace("500_000", "250_000"), with_imu()))
 
 
 def test_two_drives_that_the_rig_gives_one_id_are_told_by_the_compiler(fitted):

@@ -1,0 +1,228 @@
+"""OpenIMU over CAN: its axes, its settings, what it does when it is lost, and the unit that is not there."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from blocks.actuators import CubeMars
+from blocks.imus import EmulatedOpenImu, OpenImu
+from blocks.imus.openimu import frames
+from blocks.limiters import TorqueLimiter
+from graph import Diagram, DiagramError, compile
+from graph.compiler import examine
+from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, REMOTE, TAKEN, Wired
+from tests.blocks.running import player, run
+
+NOTED = 2
+PRIORITIES = {frames.ACCELERATION: 2, frames.ANGULAR_RATE: 3, frames.SLOPE: 3, frames.MAGNETIC_FIELD: 6}
+
+
+def identifier(group, address=128):
+    return EXTENDED | PRIORITIES.get(group, 6) << 26 | group << 8 | address
+
+
+@pytest.fixture(scope="module")
+def listener():
+    """An OpenImu at an address that takes everything without having been told anything."""
+    made = {}
+
+    def listener(address, **more):
+        key = (address, *more.items())
+        if key not in made:
+            made[key] = Wired(OpenImu, address=address, told=False, slope=True, **more)
+        return Wired.again(made[key])
+
+    return listener
+
+
+def robot(**parameters):
+    with Diagram("robot", rate=200) as diagram:
+        OpenImu(name="imu", **parameters)
+    return diagram
+
+
+def plant(diagram, imu="imu", **inputs):
+    """Its unit alone. inputs : arrays over the ticks of the plant"""
+    with Diagram("plant", rate=1000) as made:
+        unit = EmulatedOpenImu.of(diagram[imu], name="unit")
+        for name, value in inputs.items():
+            port = unit.inputs[name]
+            played = np.ndim(value) > len(port.shape)
+            unit(**{name: player(value, port.unit, bool if port.dtype == "bool" else float) if played else value})
+    return made
+
+
+def together(ticks, faults=None, **parameters):
+    diagram = robot(**parameters)
+    return run(diagram, ticks, plant=plant(diagram, **(faults or {})), substeps=5)
+
+
+def vector(recording, port):
+    return np.stack([recording[f"imu.{port}[{i}]"] for i in range(3)], axis=-1)
+
+
+def test_a_unit_as_it_is_sold_is_told_its_axes_at_arming_and_then_measures_in_one_right_handed_frame():
+    """Three axes in turn: what is put in comes out, and the triple product of accel, gyro and mag keeps its sign."""
+    given = {"accel": (3.0, -2.0, -9.0), "gyro": (0.5, 1.5, -1.0), "mag": (20.0, -10.0, 40.0)}
+    for model in ("300RI", "335RI"):
+        recording = together(60, given, model=model)
+        assert recording.outcome.status == "ok"
+        assert vector(recording, "accel")[-1] == pytest.approx(given["accel"], abs=0.011)
+        assert vector(recording, "gyro")[-1] == pytest.approx(given["gyro"], abs=math.radians(1.01 / 128))
+        assert recording["imu.settings"][-1] == 31.0 if model == "300RI" else recording["imu.settings"][-1] >= 7.0
+        assert recording["imu.age"].max() < 0.02 and recording["imu.invalid"][-1] == 0.0
+        if model == "300RI":
+            assert vector(recording, "mag")[-1] == pytest.approx(given["mag"], abs=0.026)
+            handed = np.linalg.det([vector(recording, port)[-1] for port in ("accel", "gyro", "mag")])
+            assert handed == pytest.approx(np.linalg.det(list(given.values())), rel=0.01)
+        else:
+            assert np.isnan(vector(recording, "mag")).all()
+
+
+def test_the_stock_axes_are_not_one_frame_which_is_why():
+    """The same unit, read without having been told: no rotation brings acceleration and angular rate back together."""
+    unit = Wired(EmulatedOpenImu)
+    sent = np.eye(3)
+    seen = {"accel": [], "gyro": []}
+    for axis in sent:
+        unit["accel"], unit["gyro"], reader = 5.0 * axis, axis, Wired(OpenImu, told=False)
+        state = unit["state"]
+        state[7] = 0.0
+        unit["state"] = state
+        for name, data in unit.say():
+            reader.hear(name, data)
+        seen["accel"].append(reader["accel"] / 5.0)
+        seen["gyro"].append(reader["gyro"])
+    turn = {port: np.round(np.array(columns).T) for port, columns in seen.items()}
+    assert np.linalg.det(turn["accel"]) == pytest.approx(-1.0) and np.linalg.det(turn["gyro"]) == pytest.approx(-1.0)
+    assert not np.array_equal(turn["accel"], turn["gyro"])
+
+
+def test_z_up_is_the_printed_frame_turned_about_x():
+    given = {"accel": (1.0, 2.0, -9.5), "gyro": (0.1, 0.2, 0.3), "mag": (20.0, 5.0, 40.0), "pitch": 0.2, "roll": -0.1}
+    printed, up = (together(60, given, axes=axes, slope=True) for axes in ("printed", "z up"))
+    for port in ("accel", "gyro", "mag"):
+        assert vector(up, port)[-1] == pytest.approx(vector(printed, port)[-1] * (1.0, -1.0, -1.0))
+    assert printed["imu.pitch"][-1] == pytest.approx(0.2, abs=1e-5) and up["imu.pitch"][-1] == pytest.approx(-0.2, abs=1e-5)
+    assert printed["imu.roll"][-1] == up["imu.roll"][-1] == pytest.approx(-0.1, abs=1e-5)
+
+
+def test_a_slower_rate_is_set_and_seen():
+    recording = together(200, rate=20.0, timeout=0.2)
+    assert recording["imu.age"].max() == pytest.approx(0.05, abs=0.006)
+
+
+def test_several_by_source_address_share_a_bus():
+    with Diagram("robot", rate=200) as diagram:
+        OpenImu(address=130, name="shank")
+        OpenImu(address=131, name="thigh")
+    with Diagram("plant", rate=1000) as made:
+        for name, turn in (("shank", 0.5), ("thigh", -1.5)):
+            EmulatedOpenImu.of(diagram[name], name=name)(gyro=(turn, 0.0, 0.0))
+    recording = run(diagram, 60, plant=made, substeps=5)
+    assert recording["shank.gyro[0]"][-1] == pytest.approx(0.5, abs=2e-4) and recording["thigh.gyro[0]"][-1] == pytest.approx(-1.5, abs=2e-4)
+    with Diagram("twice", rate=200) as diagram:
+        OpenImu(name="a"), OpenImu(name="b")
+    with pytest.raises(DiagramError) as caught:
+        compile(diagram)
+    assert [d.code for d in caught.value.diagnostics] == ["TW013"]
+
+
+def test_one_that_does_not_take_its_settings_never_counts_as_answered():
+    """It speaks all the while: but in which axes?"""
+    wired, unit = Wired(OpenImu), Wired(EmulatedOpenImu)
+    for name, data in unit.say():
+        assert wired.hear(name, data) == NOTED
+    assert np.isnan(wired["accel"]).all() and np.isnan(wired["gyro"]).all()
+    diagram = robot()
+    recording = run(diagram, 20, plant=plant(diagram, dropped=1.0), substeps=5)
+    assert recording.outcome.status == "no answer" and recording.outcome.unanswered == ("imu",)
+
+
+def test_one_that_falls_silent_ends_the_run_past_its_timeout():
+    silent = np.zeros(2000, bool)
+    silent[700:] = True
+    recording = together(200, {"silent": silent})
+    assert recording.outcome.status == "silent" and recording.outcome.culprit == "imu"
+    assert 0.09 < recording["imu.age"][-1] <= 0.12
+
+
+def test_one_that_loses_its_power_gives_nothing_until_it_has_been_told_again():
+    """Back, it has the axes as it was sold, for some milliseconds: none of that comes out."""
+    lost = np.zeros(3000, bool)
+    lost[500:600] = True
+    given = {"accel": (3.0, -2.0, -9.0), "gyro": (0.5, 1.5, -1.0)}
+    recording = together(300, {"power_lost": lost, **given}, timeout=0.0)        # arming does not wait for it: it is told while running
+    accel, gyro = (vector(recording, port)[20:] for port in ("accel", "gyro"))
+    assert recording["imu.age"].max() >= 0.1 and recording["imu.age"][-1] < 0.02
+    assert np.abs(accel - given["accel"]).max() < 0.011 and np.abs(gyro - given["gyro"]).max() < 0.0002
+    assert 0.0 in recording["imu.settings"] and recording["imu.settings"][-1] == 31.0
+
+
+def test_after_a_silence_in_which_it_may_have_lost_its_power_it_must_tell_its_settings_again():
+    """Its claim of its address may have been lost with all the rest."""
+    silent = np.zeros(2000, bool)
+    silent[500:570] = True
+    recording = together(200, {"silent": silent}, timeout=0.2)
+    told = recording["imu.settings"]
+    assert recording.outcome.status == "ok" and told[90] == told[-1] == 31.0
+    assert 0.0 in told[100:] and recording["imu.age"].max() < 0.12
+    silent[530:] = False                                            # three samples late: no power is lost and back so soon
+    assert (together(200, {"silent": silent})["imu.settings"] == 31.0).all()
+
+
+def test_drives_and_a_unit_as_it_is_sold_on_one_bus_are_refused():
+    for bitrate, codes in ((250_000.0, {"TW025"}), (1e6, set())):
+        with Diagram("robot", rate=100) as diagram:
+            knee = CubeMars("AK80-9", bus="legs", name="knee")
+            knee(torque_command=TorqueLimiter(limit=5.0)(knee.torque))
+            OpenImu(bus="legs", bitrate=bitrate, name="imu")
+        assert {d.code for d in examine(diagram).errors} == codes
+
+
+def test_a_sample_is_whole_before_it_counts(listener):
+    wired = listener(128)
+    rest = bytes.fromhex("007d007d007d0000")
+    answers = [wired.hear(identifier(group), rest) for group in (
+        frames.ACCELERATION, frames.ANGULAR_RATE, frames.ANGULAR_RATE, frames.SLOPE, frames.MAGNETIC_FIELD, frames.ACCELERATION)]
+    assert answers == [NOTED, NOTED, NOTED, NOTED, TAKEN, NOTED]
+
+
+def test_values_that_are_marked_as_missing_are_counted(listener):
+    wired = listener(128)
+    wired.hear(identifier(frames.ANGULAR_RATE), b"\xff\xff\x00\x7d\x00\xfe\x00\x00")
+    wired.hear(identifier(frames.ACCELERATION), b"\xff\xfd\x00\x7d\x00\x7d\x00\x00")
+    assert wired["invalid"] == 2.0
+
+
+@given(name=st.integers(0, 0xFFFFFFFF), data=st.binary(max_size=64), address=st.integers(128, 247))
+@settings(max_examples=300, deadline=None)
+def test_any_frame_is_taken_or_left_and_what_is_measured_stays_in_its_range(name, data, address, listener):
+    wired = listener(address)
+    before = wired.arena.copy()
+    answer = wired.hear(name, data)
+    ours = name & EXTENDED and not name & (REMOTE | 0x20000000) and name & 0xFF == address
+    assert (answer == FOREIGN) == (not ours) or (name >> 8 & 0x3FFFF) == 0
+    if answer in (FOREIGN, MALFORMED):
+        assert np.array_equal(before, wired.arena, equal_nan=True)
+    assert np.nanmax(np.abs(wired["accel"])) <= 336.0 and np.nanmax(np.abs(wired["gyro"])) <= math.radians(263.0)
+
+
+def test_an_emulated_unit_of_a_plant_that_blew_up_says_so():
+    unit = Wired(EmulatedOpenImu)
+    unit["gyro"] = [0.0, math.nan, 0.0]
+    assert unit.say() == NOT_FINITE
+
+
+def test_its_own_traffic_is_in_the_load_of_its_bus():
+    [load] = compile(robot(slope=True)).loads
+    assert (load.bitrate, load.frames) == (250_000.0, 400.0)
+    assert load.typical == pytest.approx(400 * (67 + 64 + 64 / 15.6) / 250_000)
+
+
+def test_a_timeout_shorter_than_its_samples_is_refused():
+    with pytest.raises(DiagramError, match="timeout 0.1 s is shorter than 2.5 samples at 10 Hz: give 0.25 or more"):
+        OpenImu(rate=10.0)

@@ -1,0 +1,314 @@
+"""A microcontroller over serial: its packets against an oracle in Python, whatever comes between them, and the sketch in docs/."""
+
+import binascii
+import math
+import os
+import random
+import shutil
+import struct
+import subprocess
+import threading
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from blocks.sensors import EmulatedMicrocontroller, Microcontroller
+from blocks.sensors.fields import SIZES
+from cext.streams import Streams
+from graph import Diagram, DiagramError
+from runtime.rig.serial_line import opened
+from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
+from tests.blocks.running import player, run
+from tests.runtime.runs import ROOT
+
+NOTED, BYTES, LOST, BACK = 2, 0, 1, 2
+FORCE = (("force", "int24", "N", 0.01), ("accel", "int16[3]", "m/s²", 0.0048))
+PYTHON_TYPES = {"uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f", "float64": "d"}
+
+
+def stuffed(plain):
+    """COBS by its definition: groups up to a zero, at most 254 bytes each, with their length in front."""
+    out, group = b"", b""
+    for byte in plain + b"\0":
+        if byte == 0:
+            out, group = out + bytes([len(group) + 1]) + group, b""
+        else:
+            group += bytes([byte])
+            if len(group) == 254:
+                out, group = out + b"\xff" + group, b""
+    return out + b"\0"
+
+
+def packet(counter, payload):
+    plain = (b"" if counter is None else bytes([counter])) + payload
+    return stuffed(plain + binascii.crc_hqx(plain, 0xFFFF).to_bytes(2, "little"))
+
+
+def force_packet(counter, force, accel=(0, 0, 0)):
+    return packet(counter, force.to_bytes(3, "little", signed=True) + struct.pack("<3h", *accel))
+
+
+@pytest.fixture(scope="module")
+def parser():
+    made = {}
+
+    def parser(*declared, **parameters):
+        key = (declared, *parameters.items())
+        if key not in made:
+            made[key] = Wired(Microcontroller, fields=declared, **parameters)
+        return Wired.again(made[key])
+
+    return parser
+
+
+def hear(wired, data, cut=64):
+    """In frames of up to `cut` bytes. Returns what decode says to each."""
+    return [wired.hear(BYTES, data[at : at + cut]) for at in range(0, len(data), cut)]
+
+
+def counts(wired):
+    return tuple(int(wired[name]) for name in ("received", "lost", "corrupt"))
+
+
+def test_a_packet_is_what_its_fields_say(parser):
+    wired = parser(*FORCE)
+    assert hear(wired, force_packet(7, -1234, (1, -2, 2043))) == [TAKEN]
+    assert wired["force"] == -12.34 and wired["accel"] == pytest.approx([0.0048, -0.0096, 9.8064]) and counts(wired) == (1, 0, 0)
+
+
+@given(data=st.data(), declared=st.lists(st.tuples(st.sampled_from(sorted(PYTHON_TYPES)), st.integers(1, 5)), min_size=1, max_size=6),
+       counter=st.one_of(st.none(), st.integers(0, 255)), cut=st.integers(1, 64))
+@settings(max_examples=60, deadline=None)
+def test_every_type_comes_out_as_it_was_packed_wherever_it_is_cut(data, declared, counter, cut):
+    names = [f"x{i}" for i in range(len(declared))]
+    wired = Wired(Microcontroller, fields=tuple((name, f"{kind}[{n}]") for name, (kind, n) in zip(names, declared)), counter=counter is not None)
+    values = {}
+    for name, (kind, n) in zip(names, declared):
+        bits = 8 * SIZES[kind]
+        one = (st.floats(width=bits, allow_nan=False) if kind.startswith("float") else
+               st.integers(0, 2**bits - 1) if kind.startswith("u") else st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1))
+        values[name] = data.draw(st.lists(one, min_size=n, max_size=n))
+    payload = b"".join(struct.pack(f"<{n}{PYTHON_TYPES[kind]}", *values[name]) for name, (kind, n) in zip(names, declared))
+    assert TAKEN in hear(wired, packet(counter, payload), cut)
+    for name in names:
+        assert np.array_equal(np.atleast_1d(wired[name]), np.array(values[name], float))
+
+
+@given(data=st.data(), values=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4), form=st.sampled_from(["cobs", "lines"]))
+@settings(max_examples=60, deadline=None)
+def test_the_emulated_one_sends_what_is_read_rounded_as_its_types_are(data, values, form):
+    unit, wired = Wired(EmulatedMicrocontroller, fields=FORCE, format=form), Wired(Microcontroller, fields=FORCE, format=form)
+    unit["force"], unit["accel"] = values[0], values[1:]
+    for _, sent in unit.say():
+        wired.hear(BYTES, sent)
+    if form == "lines":
+        assert wired["force"] == pytest.approx(values[0], rel=1e-8, abs=1e-9)
+    else:
+        assert wired["force"] == pytest.approx(min(max(values[0], -83886.08), 83886.07), abs=0.005001)
+        assert wired["accel"] == pytest.approx(np.clip(values[1:], -32768 * 0.0048, 32767 * 0.0048), abs=0.002401)
+
+
+def test_what_is_lost_and_what_is_corrupt_is_counted(parser):
+    wired = parser(*FORCE)
+    hear(wired, force_packet(254, 1) + force_packet(255, 2) + force_packet(3, 3))       # 0, 1 and 2 are missing
+    assert counts(wired) == (3, 3, 0) and wired["force"] == 0.03
+    broken = bytearray(force_packet(4, 77))
+    broken[3] ^= 0x80
+    assert hear(wired, bytes(broken)) == [MALFORMED] and counts(wired) == (3, 3, 1) and wired["force"] == 0.03
+    assert hear(wired, packet(5, b"short")) == [MALFORMED] and counts(wired) == (3, 3, 2)
+    assert hear(wired, b"\0\0\0") == [NOTED]                                            # ends of nothing
+    assert set(hear(wired, b"\x55" * 1000 + b"\0")) == {NOTED, MALFORMED} and counts(wired) == (3, 3, 3)
+    hear(wired, force_packet(6, 5))
+    assert counts(wired) == (4, 5, 3) and wired["force"] == 0.05
+
+
+def test_the_rest_of_a_packet_that_was_on_its_way_is_no_corrupt_one(parser):
+    wired = parser(*FORCE)
+    hear(wired, force_packet(1, 1)[4:] + force_packet(2, 2))
+    assert counts(wired) == (1, 0, 0)
+    hear(wired, force_packet(3, 3)[:6])
+    assert wired.hear(LOST, b"") == NOTED and wired.hear(BACK, b"") == NOTED
+    hear(wired, force_packet(3, 3)[6:] + force_packet(4, 4))
+    assert counts(wired) == (2, 1, 0) and wired["force"] == 0.04
+
+
+@given(data=st.data())
+@settings(max_examples=150, deadline=None)
+def test_every_good_packet_behind_garbage_is_found_and_nothing_else(data, parser):
+    wired = parser(*FORCE)
+    stream, good, before = b"\0", 0, None
+    for counter in range(data.draw(st.integers(1, 8))):
+        garbage = data.draw(st.binary(max_size=40))
+        mutated = bytearray(force_packet(counter, counter))
+        if data.draw(st.booleans()):
+            mutated[data.draw(st.integers(0, len(mutated) - 1))] ^= data.draw(st.integers(1, 255))
+            garbage += bytes(mutated)
+        stream += garbage + b"\0" + force_packet(counter, 1000 + counter)
+        good += 1
+    hear(wired, stream, data.draw(st.integers(1, 64)))
+    assert wired["received"] == good and wired["force"] == pytest.approx(10.0 + 0.01 * (good - 1))
+
+
+def storm(seed, streams):
+    """Mutated streams: what is taken has its checksum by the oracle. Returns how many were taken."""
+    source = random.Random(seed)
+    wired, taken = Wired(Microcontroller, fields=FORCE), 0
+    whole = [force_packet(n & 255, source.randrange(-(2**23), 2**23)) for n in range(64)]
+    for _ in range(streams):
+        stream = bytearray(b"".join(source.choice(whole) for _ in range(3)))
+        for _ in range(source.randrange(4)):
+            at = source.randrange(len(stream))
+            stream[at : at + source.randrange(2)] = source.randbytes(source.randrange(3))
+        before = wired["received"]
+        hear(wired, b"\0" + bytes(stream) + b"\0", source.randrange(1, 65))
+        expected = sum(part + b"\0" in whole for part in bytes(stream).split(b"\0"))
+        assert wired["received"] - before == expected, (seed, bytes(stream))
+        taken += expected
+    return taken
+
+
+def test_mutated_streams():
+    assert storm(1, 3000) > 3000
+
+
+@pytest.mark.soak
+def test_a_million_mutated_streams():
+    for seed in range(100):
+        storm(seed, 10_000)
+
+
+def test_lines_of_numbers(parser):
+    wired = parser(("force", "float32", "N", 2.0), ("accel", "int16[2]"), format="lines")
+    assert hear(wired, b"half a line,4\n" + b"# begins\r\n" + b"9, 1.5,-2,3e1\r\n") == [TAKEN]
+    assert wired["force"] == 3.0 and list(wired["accel"]) == [-2.0, 30.0] and counts(wired) == (1, 0, 0)
+    hear(wired, b"12,1,2,3\n13,1,2\n13,1,2,3,4\n13,1,two,3\n13,1,2,3;\n\n-1,1,2,3\n13,1,2,3\0\n14,nan,2,3\n")
+    assert counts(wired) == (3, 3, 6) and math.isnan(wired["force"])
+    assert set(hear(wired, b"1," * 2000 + b"\n")) == {NOTED, MALFORMED} and counts(wired) == (3, 3, 7)
+
+
+@given(text=st.binary(max_size=200), cut=st.integers(1, 64))
+@settings(max_examples=150, deadline=None)
+def test_any_text_between_lines_is_got_over(text, cut, parser):
+    wired = parser(("force", "float32"), format="lines", counter=False)
+    hear(wired, b"\n" + text + b"\n4.25\n", cut)
+    assert wired["force"] == 4.25
+
+
+def robot(**parameters):
+    with Diagram("robot", rate=200) as diagram:
+        Microcontroller(fields=FORCE, name="teensy", **parameters)
+    return diagram
+
+
+def together(ticks, form="cobs", **faults):
+    diagram = robot(format=form, timeout=0.1)
+    with Diagram("plant", rate=1000) as plant:
+        unit = EmulatedMicrocontroller.of(diagram["teensy"], name="unit")
+        unit(force=player(np.arange(5.0 * (ticks + 50)) * 0.01, "N"), **{
+            name: player(values, "1", bool) if np.ndim(values) else values for name, values in faults.items()})
+    return run(diagram, ticks, plant=plant, substeps=5)
+
+
+@pytest.mark.parametrize("form", ["cobs", "lines"])
+def test_in_simulation_its_bytes_are_parsed_as_on_a_rig(form):
+    recording = together(100, form)
+    assert recording.outcome.status == "ok" and recording["teensy.age"].max() < 0.011
+    assert np.diff(recording["teensy.force"]) == pytest.approx(np.full(99, 0.05), abs=0.0101)
+    assert recording["teensy.lost"][-1] == recording["teensy.corrupt"][-1] == 0.0
+
+
+def test_faults_of_the_emulated_one_are_seen():
+    recording = together(400, dropped=0.2, broken=0.1)
+    received, lost, corrupt = (recording[f"teensy.{name}"][-1] for name in ("received", "lost", "corrupt"))
+    assert received + lost == pytest.approx(400, abs=4) and lost == pytest.approx(0.28 * 400, rel=0.3) and corrupt == pytest.approx(0.08 * 400, rel=0.5)
+    silent = np.zeros(1000, bool)
+    silent[400:] = True
+    recording = together(150, silent=silent)
+    assert recording.outcome.status == "silent" and recording.outcome.culprit == "teensy"
+
+
+def test_over_a_pty_that_pyserial_opened(tmp_path):
+    """As on a rig: its port is opened and told to start, and the one native thread reads what comes."""
+    master, slave = os.openpty()
+    block = robot(port=os.ttyname(slave), start="go\n")["teensy"]
+    line = opened(block, block.opening())
+    assert os.read(master, 10) == b"go\n"
+    streams = Streams()
+    stream = streams.add(line.fd, "teensy", path=line.path, setup=line.setup)
+    os.close(line.fd)
+    streams.start()
+    sent = 400
+
+    def speak():
+        for counter in range(sent):
+            os.write(master, force_packet(counter & 255, counter))
+            time.sleep(0.0005)
+
+    speaker = threading.Thread(target=speak)
+    speaker.start()
+    wired, deadline = Wired(Microcontroller, fields=FORCE), time.monotonic() + 10
+    while wired["received"] < sent and time.monotonic() < deadline:
+        for kind, _, data, _ in stream.end.receive():
+            wired.hear(kind, data)
+        time.sleep(0.001)
+    speaker.join()
+    streams.end()
+    os.close(master), os.close(slave)
+    assert counts(wired) == (sent, 0, 0) and wired["force"] == pytest.approx(0.01 * (sent - 1))
+
+
+ARDUINO = r"""
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#define HIGH 1
+#define LOW 0
+#define INPUT 0
+#define OUTPUT 1
+#define A0 14
+#define A1 15
+static unsigned long now = 0;
+static int clocks = 0, level = 0;
+static const uint32_t COUNTS = 0xFFCFC7;        // -12345, as an HX711 has it
+inline void noInterrupts() {} inline void interrupts() {} inline void delayMicroseconds(int) {} inline void pinMode(int, int) {}
+inline unsigned long micros() { return now; }
+inline int analogRead(int pin) { return pin == A0 ? 1023 : 256; }
+inline void digitalWrite(int, int value) { clocks += value > level; level = value; }
+inline int digitalRead(int) { return clocks % 25 == 0 ? LOW : COUNTS >> (24 - clocks % 25) & 1; }
+struct { void begin(long) {} void write(const uint8_t *data, size_t count) { fwrite(data, 1, count, stdout); } } Serial;
+"""
+MAIN = '\n#include "sketch.ino"\nint main() { setup(); for (int i = 0; i < 300; i++, now += PERIOD) loop(); }\n'
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
+def test_the_sketch_of_the_docs_sends_what_the_block_reads(tmp_path):
+    """Its own text, compiled with the few functions of an Arduino that it calls."""
+    text = (ROOT / "docs/sketches/microcontroller.ino").read_text()
+    (tmp_path / "Arduino.h").write_text(ARDUINO)
+    (tmp_path / "sketch.ino").write_text(text)
+    (tmp_path / "main.cpp").write_text(MAIN)
+    subprocess.run(["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"], check=True, timeout=60)
+    said = subprocess.run([tmp_path / "sketch"], capture_output=True, timeout=10).stdout
+    [declared] = [line for line in text.splitlines() if "Microcontroller(fields=" in line]
+    block = eval(declared.removeprefix("//").strip(), {"Microcontroller": Microcontroller})
+    wired = Wired(Microcontroller, fields=block.fields)
+    hear(wired, said)
+    assert counts(wired) == (300, 0, 0) and wired["load"] == -12345.0 and wired["analog"] == pytest.approx([3.3, 256 * 3.3 / 1023])
+
+
+@pytest.mark.parametrize("declared, words", [
+    ((), "fields are wanted, at least one"),
+    ((("force",),), "field 1 is .name, type, unit, scale., the last two 1 by default"),
+    ((("2nd", "int16"),), "field 1: a name is a word as in Python"),
+    ((("force", "int12"),), "field 'force': a type is one of uint8, int8, .* or several as in int16.3., got 'int12'"),
+    ((("force", "int16", "N", 0.0),), "field 'force': a scale is a number other than 0"),
+    ((("force", "int16"), ("force", "int16")), "field 'force': the name is taken"),
+    ((("age", "int16"),), "field 'age': the name is taken"),
+    ((("force", "float64[40]"),), "a packet has at most 250 bytes and 200 numbers, and these fields have 320 and 40"),
+])
+def test_a_wrong_field_is_told(declared, words):
+    with pytest.raises(DiagramError, match=words):
+        Microcontroller(fields=declared)

@@ -1,0 +1,62 @@
+"""A robot of sensors alone on its rig: real processes, from the pre-flight table to the replay."""
+
+import json
+import time
+
+import pytest
+
+from runtime.errors import FAULT, OK
+from tests.runtime.rig.test_microstrain import Sensors
+from tests.runtime.runs import finished, started, write
+
+ROBOT = """
+from blocks.imus import MicroStrain
+from blocks.recorders import CsvRecorder
+from graph import Diagram
+
+with Diagram("walker", rate=200) as diagram:
+    MicroStrain(name="shank", rate=500.0, timeout=0.1)
+    MicroStrain(name="thigh", rate=200.0, timeout=0.1)
+    CsvRecorder()
+"""
+RIG = """
+[device.shank]
+serial = "133931"
+
+[device.thigh]
+serial = "133932"
+"""
+
+
+@pytest.fixture
+def robot(tmp_path, monkeypatch):
+    monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "tty*"))
+    write(tmp_path, ROBOT, "robot.py")
+    write(tmp_path, RIG, "lab.toml")
+    sensors = Sensors(tmp_path, "133931", "133932=3DM-CV7-AHRS")
+    yield sensors
+    sensors.process.kill()
+    sensors.process.wait()
+    sensors.process.stdout.close()
+
+
+def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot):
+    run = finished("robot.py", "--rig", "lab.toml", "--yes", "--duration", "0.5", "--record", "out", cwd=robot.folder)
+    assert run.returncode == OK, run.stderr
+    assert "bus shank  microstrain " in run.stderr + run.stdout and "2 devices, nothing out of the ordinary" in run.stderr + run.stdout
+    assert not list((robot.folder / "out").glob("*.can.log"))
+    [recording] = (robot.folder / "out").glob("*.mcap")
+    again = finished("replay", str(recording), cwd=robot.folder)
+    assert again.returncode == OK and "are the same, bit for bit" in again.stdout, again.stdout + again.stderr
+    [sidecar] = (robot.folder / "out").glob("*.json")
+    [buses] = [event for event in json.loads(sidecar.read_text())["events"] if event["event"] == "buses"]
+    assert buses["shank"]["bytes"] > 10_000 and buses["shank"]["losses"] == 0
+
+
+def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
+    run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
+    time.sleep(1.5)
+    robot.unplug()
+    out, err = run.communicate(timeout=10)
+    assert run.returncode == FAULT
+    assert "no reply for longer than its timeout (0.1 s); " in err and "tty13393" in err and "which was lost 1 time and is gone" in err
