@@ -25,6 +25,7 @@ COMMANDS = {
     "configure": "set up a drive (id, zero, protocol, parameters), or find how a motor sits at its joint",
     "move": "move one actuator of a bus, within small limits",
     "stream": "show one drive live, without torque, or inertial sensors",
+    "calibrate": "find bias, offset and scale of an IMU while somebody turns it, and keep them in a file",
     "set": "change live parameters of a run that goes on, or list them",
 }
 ROOMS = {                       # those of the others are in runtime.commands

@@ -16,7 +16,7 @@ A part that is not there changes nothing.
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 if sys.version_info >= (3, 11):
@@ -27,6 +27,8 @@ else:
 NOTHING = (0.0, 0.0, 0.0)
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PARTS = {"accelerometer": ("offset", "matrix"), "gyroscope": ("bias",), "magnetometer": ("offset", "matrix")}
+FIELDS = {
+    "accelerometer": ("accel_offset", "accel_matrix"), "gyroscope": ("gyro_bias",), "magnetometer": ("mag_offset", "mag_matrix")}
 ABOUT = "sensor"                # table with what the calibration was made of: told, not used
 
 
@@ -58,6 +60,16 @@ class Calibration:
             accel_offset=vector(content, "accelerometer", "offset", path), accel_matrix=matrix(content, "accelerometer", path),
             gyro_bias=vector(content, "gyroscope", "bias", path),
             mag_offset=vector(content, "magnetometer", "offset", path), mag_matrix=matrix(content, "magnetometer", path))
+
+    @staticmethod
+    def parts_of(text):
+        """Names of the parts that a file has."""
+        return [part for part in PARTS if part in tomllib.loads(text)]
+
+    def with_parts(self, other, parts):
+        """This one, with some parts of another."""
+        fields = {name: getattr(other, name) for part in parts for name in FIELDS[part]}
+        return replace(self, **fields)
 
     def text(self, about=None, parts=tuple(PARTS)):
         """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were calibrated"""

@@ -1,14 +1,16 @@
-"""`scan`: every drive and IMU that answers on a bus."""
+"""`scan`: every drive and sensor that answers on a bus."""
 
 import json
 from pathlib import Path
 
 from runtime.commands.parsing import LONGEST, Parser, number
 from runtime.errors import CHECK_FAILED, OK, BadInput
+from runtime.rig.file import I2C
 from runtime.rig.troubles import Refused
 from runtime.terminal import complain, tell
 from runtime.tools import imus, scan_text
 from runtime.tools.bus import ToolBus, add_bus, named_buses
+from runtime.tools.chips import look
 from runtime.tools.scan import clock, plain, scan
 
 HIGHEST = 255
@@ -16,7 +18,7 @@ HIGHEST = 255
 
 def main(arguments):
     parser = Parser(
-        "scan", "Tell every drive and IMU that answers, on the buses of a rig, on one, or on all CAN interfaces and serial ports of this machine.",
+        "scan", "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces and serial ports here.",
         "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and leaves them without\n"
         "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be looked at, nobody\n"
         "answers, or something is wrong.")
@@ -35,9 +37,12 @@ def main(arguments):
     sensors, unasked = imus.look() if not (options.channel or options.interface or options.bus) else ([], [])
     for about in on_can(options, sensors or unasked):
         try:
-            with ToolBus(about) as bus:
-                reports.append(scan(bus, wanted, options.listen))
-                buses.append(about)
+            if about.interface == I2C:
+                reports.append(look(about))
+            else:
+                with ToolBus(about) as bus:
+                    reports.append(scan(bus, wanted, options.listen))
+            buses.append(about)
         except Refused as trouble:
             refused.append(trouble.trouble)
     complain([*map(str, refused), *unasked])
@@ -50,7 +55,7 @@ def main(arguments):
     if options.write_rig is not None and reports:
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
         complain([f"written: {options.write_rig}"])
-    found = all(report.drives or report.nodes for report in reports)
+    found = all(report.drives or report.nodes or report.chips for report in reports)
     strange = any(report.remarks or any(found.remarks for found in [*report.drives, *report.nodes]) for report in reports)
     return OK if (reports or sensors) and found and not (refused or strange or unasked) else CHECK_FAILED
 

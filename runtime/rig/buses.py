@@ -136,11 +136,7 @@ class RigBuses:
             }
             for index, (name, bus) in enumerate(self.buses.items()) if self.media[name] == "can"
         ]
-        sensors = max(priority - 1, 0) if priority else 0
-        self.streams.start(sensors)
-        for name, bus in self.buses.items():
-            if self.media[name] == "i2c":
-                bus.interface.start(sensors)
+        self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority))
         except GuardianError as error:
@@ -148,6 +144,13 @@ class RigBuses:
                 Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
                 for name, why in error.troubles.items()]
             raise RigError(self.rig.path, troubles or [Trouble("TW120", str(error), "it says why on the terminal")]) from None
+
+    def start_sensors(self, priority):
+        """The threads that read what is not on CAN. priority : of SCHED_FIFO where that is granted, 0 for ordinary ones"""
+        self.streams.start(priority)
+        for name, bus in self.buses.items():
+            if self.media[name] == "i2c":
+                bus.interface.start(priority)
 
     def take_over(self):
         """The guardian does not answer: stop the actuators from here. Returns the names of those that have not confirmed."""

@@ -168,12 +168,12 @@ def exchange(transfer, address):
 
 def open_adapter(bus):
     """(Chips, LinuxAdapter) of a RigBus. Refused"""
-    from smbus2 import SMBus
-
     name = f"[bus.{bus.name}] {bus.channel}"
     try:
         if not stat.S_ISCHR(os.stat(bus.channel).st_mode):
             raise Refused(Trouble("TW131", f"{name} is no I2C bus", known()))
+        from smbus2 import SMBus
+
         wires = SMBus(bus.channel)
     except OSError as error:
         raise Refused(in_words(name, bus.channel, error)) from None

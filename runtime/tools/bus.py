@@ -16,7 +16,7 @@ from runtime.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
-from runtime.rig.file import SOCKETCAN, UDP, RigBus, parse, read
+from runtime.rig.file import I2C, SOCKETCAN, UDP, RigBus, parse, read
 from runtime.rig.fitness import link, look
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused, Trouble
@@ -37,7 +37,7 @@ class ToolBus:
     def __init__(self, bus, machine=None):
         self.bus, self.sent, self.refused, self.errors = bus, [], 0, 0
         self.remarks = []
-        if bus.interface in ONE_PROCESS or bus.interface == UDP:
+        if bus.interface in (*ONE_PROCESS, UDP, I2C):
             raise Refused(Trouble(
                 "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
                 "name a bus of CAN: socketcan, slcan, udp_multicast"))
@@ -123,8 +123,8 @@ def add_bus(parser):
     """Options that say which bus."""
     parser.add_argument("--rig", type=Path, metavar="FILE", help="a rig file, such as lab.toml: its buses")
     parser.add_argument("--bus", metavar="NAME", help="this bus of the rig alone")
-    parser.add_argument("--interface", metavar="KIND", help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan")
-    parser.add_argument("--channel", metavar="NAME", help="of the interface, such as can0 or /dev/ttyACM0")
+    parser.add_argument("--interface", metavar="KIND", help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan; or i2c")
+    parser.add_argument("--channel", metavar="NAME", help="of the interface, such as can0, /dev/ttyACM0 or /dev/i2c-1")
     parser.add_argument("--bitrate", type=count("--bitrate"), metavar="BPS",
                         help="of the bus, in bit/s (default: the interface's own, or 1000000)")
 
@@ -149,7 +149,8 @@ def named_buses(options, machine=None):
         raise BadInput("--bus names a bus of a rig: give --rig, too")
     if options.channel or (options.interface and options.interface != SOCKETCAN):
         if not options.channel:
-            raise BadInput(f"--interface {options.interface}: which channel? as in --channel /dev/ttyACM0")
+            example = "/dev/ttyACM0" if options.interface != I2C else "/dev/i2c-1"
+            raise BadInput(f"--interface {options.interface}: which channel? as in --channel {example}")
         return [one_bus(options.interface or SOCKETCAN, options.channel, options.bitrate, machine)]
     names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
     if not names:
@@ -167,7 +168,7 @@ def one_bus(interface, channel, bitrate, machine):
     text = f"[bus.can]\ninterface = {quoted(interface)}\nchannel = {quoted(channel)}\n"
     bus = parse("the command line", text + (f"bitrate = {bitrate or own}\n" if bitrate or own else "")).buses["can"]
     plain = "".join(letter if letter.isalnum() else "_" for letter in channel).strip("_")
-    return replace(bus, name=plain) if interface == SOCKETCAN else bus
+    return replace(bus, name="imus") if interface == I2C else replace(bus, name=plain) if interface == SOCKETCAN else bus
 
 
 def quoted(text):
@@ -177,9 +178,8 @@ def quoted(text):
 
 def entry(bus, name=None):
     """Lines of a rig file that say a bus."""
-    lines = [
-        f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}",
-        f"bitrate = {bus.bitrate:_}"]
+    lines = [f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}"]
+    lines += [f"bitrate = {bus.bitrate:_}"] * (bus.interface != I2C)
     lines += ["fd = true"] * bus.fd
     if bus.options:
         lines.append("options = { " + ", ".join(f"{key} = {plain(value)}" for key, value in bus.options.items()) + " }")

@@ -35,7 +35,7 @@ class Report:
     """What was found on a bus.
 
     drives : blocks.actuators.asking.Answer; nodes : openimu.Node; commanded : ids that somebody else commands
-    others : identifiers of frames that belong to none of those, as candump writes them; sent : counts of what was sent, by why
+    others : identifiers of frames that belong to none of those, as candump writes them; chips : of an I2C bus, runtime.tools.chips.Chip; sent : counts of what was sent, by why
     """
 
     bus: str
@@ -50,6 +50,7 @@ class Report:
     sent: list = field(default_factory=list)
     refused: int = 0
     errors: int = 0
+    chips: list = field(default_factory=list)
 
 
 def scan(bus, ids, listen):

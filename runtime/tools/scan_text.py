@@ -3,6 +3,7 @@
 from blocks.actuators.cubemars import asking as cubemars
 from blocks.actuators.robstride import asking as robstride
 from runtime.lines import count
+from runtime.rig.file import I2C
 from runtime.tools import openimu
 from runtime.tools.bus import entry, in_candump
 
@@ -13,6 +14,8 @@ BLOCKS = {cubemars.MIT: "CubeMars", cubemars.V3: "CubeMarsV3", cubemars.SERVO: "
 
 def text(report, verbose=False):
     """Lines. report : runtime.tools.scan.Report"""
+    if report.interface == I2C:
+        return chips(report)
     lines = [f"bus {report.bus}  {report.interface} {report.channel} at {report.bitrate} bit/s"]
     lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
     for node in report.nodes:
@@ -26,6 +29,13 @@ def text(report, verbose=False):
     if report.others:
         lines.append(f"  also heard: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
     return lines + sent(report, verbose)
+
+
+def chips(report):
+    lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
+    for chip in report.chips:
+        lines.append(f"  {chip.where:<12}{chip.name or 'a chip that is not known here'}" + (f"  ({chip.how})" if chip.how else ""))
+    return lines + [f"  ! {remark}" for remark in report.remarks]
 
 
 def state(drive):
@@ -73,4 +83,9 @@ def rig(reports, buses, when):
             lines += [f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")]
             lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']
             lines += [f"# address = {node.address}", f"# bitrate = {report.bitrate}", ""] if node.family == openimu.OPENIMU else [""]
+        for chip in report.chips:
+            lines += [f"# {chip.where}: {chip.name or 'a chip that is not known here'}"]
+            if chip.block:
+                where = [f"# mux = {chip.mux:#04x}", f"# channel = {chip.channel}"] if chip.mux else []
+                lines += [f'# [device."{chip.path}"]', f"# address = {chip.address:#04x}", *where, ""]
     return "\n".join(lines)

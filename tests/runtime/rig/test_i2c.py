@@ -13,7 +13,7 @@ from graph import Diagram, compile
 from runtime.rig.buses import RigBuses
 from runtime.rig.chips import Chips, KnownChips
 from runtime.rig.file import RigBus, parse
-from runtime.rig.i2c import I2cInterface, SeveralRefused, known, open_adapter, paths
+from runtime.rig.i2c import I2cInterface, SeveralRefused, in_words, known, open_adapter, paths
 from runtime.rig.overrides import override
 from runtime.rig.troubles import Refused, RigError
 from tests.runtime.rig.wires import ADJUSTMENT, Wires, add_mpu, opened
@@ -167,6 +167,11 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
     for name in ("i2c-10", "i2c-2", "i2c-x"):
         (tmp_path / name).touch()
     assert paths(tmp_path) == [str(tmp_path / "i2c-2"), str(tmp_path / "i2c-10")] and "i2c-10; " in known(tmp_path)
+
+
+def test_a_bus_that_may_not_be_opened_has_the_line_that_changes_that():
+    said = str(in_words("[bus.imus] /dev/i2c-1", "/dev/null", PermissionError(errno.EACCES, "Permission denied")))
+    assert "TW132" in said and "udevadm" in said
 
 
 def test_everything_on_a_bus_is_named_and_told_once():
