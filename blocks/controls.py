@@ -11,7 +11,8 @@ CODES = {                           # of <linux/input-event-codes.h>
     "BTN_SELECT": 314, "BTN_START": 315, "BTN_MODE": 316, "BTN_THUMBL": 317, "BTN_THUMBR": 318,
     "KEY_ESC": 1, "KEY_ENTER": 28, "KEY_LEFTCTRL": 29, "KEY_LEFTSHIFT": 42, "KEY_SPACE": 57, "KEY_UP": 103, "KEY_LEFT": 105, "KEY_RIGHT": 106,
     "KEY_DOWN": 108, **{f"KEY_{digit}": number for number, digit in enumerate("1234567890", 2)},
-    **{f"KEY_{letter}": number for row, first in (("QWERTYUIOP", 16), ("ASDFGHJKL", 30), ("ZXCVBNM", 44)) for number, letter in enumerate(row, first)},
+    **{f"KEY_{letter}": number
+       for row, first in (("QWERTYUIOP", 16), ("ASDFGHJKL", 30), ("ZXCVBNM", 44)) for number, letter in enumerate(row, first)},
 }
 
 
@@ -108,7 +109,8 @@ def declared(block, taken):
             if not isinstance(entry, (tuple, list)) or len(entry) != (4 if kind == AXIS else 2):
                 raise ValueError(f"{'an axis' if kind == AXIS else 'a button'} is {what}, got {entry!r}")
             name, code, low, high = (*entry, 0, 1)[:4]
-            if not isinstance(name, str) or not name.isidentifier() or name in named or name in taken or hasattr(StreamDevice, name) or name in block.parameters:
+            words = named.keys() | taken.keys() | block.parameters.keys()
+            if not isinstance(name, str) or not name.isidentifier() or name in words or hasattr(StreamDevice, name):
                 raise ValueError(f"{name!r} is no name that is free here")
             if code not in CODES and not isinstance(code, int):
                 raise ValueError(f"{name}: no code is called {code!r}; give its number, as evtest tells it")

@@ -29,7 +29,7 @@ from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
 from cext.newest_ring cimport NEWEST, START, forget, pull, push
 from cext.pace cimport monotonic
 from cext.posix cimport (
-    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
+    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, iovec, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
     pthread_attr_t, pthread_create, pthread_join, pthread_sigmask, sched_param, sched_setscheduler, sigfillset, sigset_t,
 )
 
@@ -82,10 +82,14 @@ cdef extern from *:
     int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
     int put_in_place "tw_dup3"(int one, int other) noexcept nogil
 
+cdef extern from "<sys/uio.h>" nogil:
+    ssize_t writev(int fd, const iovec *parts, int count)
+
 cdef enum:
     ROOM = 1 << 16                      # bytes of one read: the longest datagram
     BELL = 0xFFFFFFFF
     EVENTS = 32
+    AT_ONCE = 16                        # frames of one write
     EVENT = 48                          # bytes of a gpio_v2_line_event
 
 cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
@@ -131,12 +135,28 @@ cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
 
 cdef int stream_send(void *context, const Frame *frames, int count) noexcept nogil:
     cdef Source *source = <Source *>context
+    cdef iovec[AT_ONCE] parts
+    cdef int index, number
+    cdef int first = 0
+    cdef ssize_t size
+    while first < count:                                            # together: what belongs together arrives together
+        number = min(AT_ONCE, count - first)
+        size = 0
+        for index in range(number):
+            parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first + index].length
+            size += frames[first + index].length
+        if load_i32(&source.gone) or writev(source.fd, parts, number) != size:
+            source.refused += 1
+        first += number
+    return count
+
+
+cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil:
+    """Its level is the first byte of a frame."""
+    cdef Source *source = <Source *>context
     cdef int index
     for index in range(count):
-        if source.is_gpio:
-            if load_i32(&source.gone) or set_gpio(source.fd, frames[index].data[0]) != 0:
-                source.refused += 1
-        elif load_i32(&source.gone) or write(source.fd, frames[index].data, frames[index].length) != frames[index].length:
+        if load_i32(&source.gone) or set_gpio(source.fd, frames[index].data[0]) != 0:
             source.refused += 1
     return count
 
@@ -240,6 +260,8 @@ cdef class Streams:
             raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
+        if is_gpio:
+            stream.end.bus.send = gpio_send
         memcpy(source.path, <const char *>encoded, len(encoded))
         for message in setup:
             memcpy(source.setup + at, <const char *>message, len(message))

@@ -30,7 +30,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
-  buses                         bus, devices, coverage, and where its traffic is known bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
+  buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known bitrate (bit/s),
+                                frames (1/s), typical, worst (of the bitrate)
     coverage                      of each failure of a run on a rig: failure, covered, by (who sees to the safe stop, or why nobody does)
   plant                         given (by the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
@@ -151,7 +152,7 @@ def buses(diagram, schedule):
             devices.setdefault(block.bus, []).append(block)
     loads = {load.bus: load for load in schedule.loads} if schedule is not None else {}
     return [
-        {"bus": bus, "devices": [block.path for block in own], "coverage": coverage(own)} | (asdict(loads[bus]) if bus in loads else {})
+        {"bus": bus, "medium": own[0].medium, "devices": [block.path for block in own], "coverage": coverage(own)} | (asdict(loads[bus]) if bus in loads else {})
         for bus, own in sorted(devices.items())]
 
 

@@ -152,7 +152,8 @@ def buses(found, paper):
     width = max(len(bus["bus"]) for bus in found["buses"])
     for bus in found["buses"]:
         if "worst" not in bus:
-            lines += paper.hang(f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]))
+            kind = {"stream": ": a line of its own", "i2c": ": I2C"}.get(bus["medium"], "")
+            lines += paper.hang(f"  {bus['bus']:<{width}}  ", ", ".join(bus["devices"]) + kind)
             lines += covered(bus["coverage"], paper, " " * (width + 4))
             continue
         ink = paper.good if bus["worst"] <= 0.7 else paper.dubious

@@ -8,9 +8,7 @@ from libc.math cimport fabs, rint
 from libc.stdint cimport int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport (
-    FOREIGN, INPUTS, MALFORMED, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode,
-)
+from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode
 from cext.streams cimport BACK, BYTES, LOST
 
 cdef enum: # outputs behind those of axes and buttons
@@ -100,7 +98,8 @@ cdef int emulated_encode_kernel(double *arena, const int32_t *slots, const int32
         kind, code = <uint16_t>plan[WORDS * index + KIND], <uint16_t>plan[WORDS * index + CODE]
         value = <int32_t>(arena[slots[index]] != 0.0)
         if kind == AXIS:
-            value = <int32_t>rint(plan[WORDS * index + LOW] + 0.5 * (1.0 + arena[slots[index]]) * (plan[WORDS * index + HIGH] - plan[WORDS * index + LOW]))
+            value = <int32_t>rint(plan[WORDS * index + LOW]
+                                  + 0.5 * (1.0 + arena[slots[index]]) * (plan[WORDS * index + HIGH] - plan[WORDS * index + LOW]))
         if value == <int32_t>last[index] or count == 4:
             continue
         last[index] = value

@@ -110,7 +110,7 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         return NOTED
     if frame.length != 8:
         return MALFORMED
-    if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:           # long enough to have lost its power, even if its claim was not heard
+    if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:     # it may have lost its power, and its claim been lost
         arena[slots[SETTINGS]] = state[ARRIVED] = state[NEXT] = 0.0
     state[LAST] = frame.time * 1e-9
     if state[STARTED] == 0.0:                                   # at the start, and once more when it has been armed

@@ -21,6 +21,10 @@ GUARDIAN = 100.0                                            # µs of a round tri
 DRIVES = 5.0                                                # µs a tick of eight drives, beyond the system calls
 PYTHON_CAN = 0.1                                            # of what python-can takes
 STOP = 20.0                                                 # ms from kill -9, p99
+SENSORS = 0.1                                               # of one processor: eight at 500 Hz
+BESIDE = 1.5                                                # times the lateness of the loop alone
+PARSER = 200.0                                              # MB/s
+OVER_PYTHON = 10.0
 
 
 @dataclass(frozen=True)
@@ -114,4 +118,14 @@ def of_can(found):
         Goal("the same over a socket, of python-can's time", found["share"], PYTHON_CAN, "times"),
         Goal("answers missed beyond those of the C loop",
              max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]), 0, ""),
+    ]
+
+
+def of_sensors(found):
+    return [
+        Goal("eight sensors, of one processor", found["processor"], SENSORS, ""),
+        Goal("packets lost or corrupt", found["lost"] + found["corrupt"] + found["overflows"], 0, ""),
+        Goal("late p99 beside them, over the loop alone", found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"], BESIDE, "times"),
+        Goal("MIP, parsed natively", found["native_mb_s"], PARSER, "MB/s", True),
+        Goal("the same, over the parser in Python", found["native_mb_s"] / found["python_mb_s"], OVER_PYTHON, "times", True),
     ]

@@ -118,5 +118,5 @@ class FlightLog(Service):
 
     def close(self):
         self.file.close()
-        self.files[self.file.path] = f"{self.rows} ticks of {len(self.plan['signals'])} signals, {self.frames} CAN frames"
+        self.files[self.file.path] = f"{self.rows} ticks of {len(self.plan['signals'])} signals, {self.frames} frames"
         return {"file": self.file.path, "rows": self.rows, "frames": self.frames, "bytes": self.file.size}

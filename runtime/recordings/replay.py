@@ -164,10 +164,13 @@ def tape(trial):
 
 
 def drained_before(trial):
-    """ns from the run's begin of each time that the buses were drained before tick 0, where each of them is known; else none."""
+    """ns from the run's begin of each time that the buses were drained before tick 0."""
     times = {frame.drain: frame.drained for frame in trial.frames if frame.row == 0}
-    before = [times.get(drain) for drain in range(1, max(times, default=0))]
-    return [] if None in before else before
+    first = next((frame.drain - frame.row for frame in trial.frames if frame.row > 0), max(times, default=0))    # of tick 0: one drain a row
+    before = []
+    for drain in range(1, first):                              # one that found nothing, and was followed by nothing sent, left no trace
+        before.append(times.get(drain, before[-1] + round(1e9 / trial.about["rate"]) if before else 0))
+    return before
 
 
 def up_to_the_first_fault(trial):

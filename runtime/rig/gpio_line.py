@@ -28,7 +28,8 @@ def open_lines(devices):
 def opened(who, chip, pin, active_low, output, bias="as_is", debounce=0.0):
     name = f'[device."{who}"] {chip} {pin}'
     if not pin:
-        raise Refused(Trouble("TW127", f'[device."{who}"] names no GPIO line', 'write pin = "GPIO17", or its number on the chip; the names there are: gpioinfo'))
+        hint = 'write pin = "GPIO17", or its number on the chip; the names there are: gpioinfo'
+        raise Refused(Trouble("TW127", f'[device."{who}"] names no GPIO line', hint))
     try:
         import gpiod
     except ImportError:

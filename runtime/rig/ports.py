@@ -3,6 +3,7 @@
 import errno
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 
 from graph.block import suggestion
@@ -51,24 +52,41 @@ def open_port(who, path, baudrate, timeout=0.0):
             port = serial.Serial(str(path), baudrate, timeout=timeout, write_timeout=1.0, exclusive=True)
             port.reset_input_buffer()
             return port
-        raise Refused(Trouble("TW125", f'[device."{who}"] {path} is no serial port', others(path)))
+        raise Refused(Trouble("TW125", f"{device(who)}{path} is no serial port", others(path)))
     except OSError as error:                        # pyserial's SerialException is one
         raise Refused(in_words(who, path, error, baudrate)) from None
     except ValueError as error:
-        raise Refused(Trouble("TW119", f'[device."{who}"] {path}: {error}', f"is {baudrate} bit/s what the port can do?")) from None
+        raise Refused(Trouble("TW119", f"{device(who)}{path}: {error}", f"is {baudrate} bit/s what the port can do?")) from None
+
+
+def device(who):
+    """How a device stands in front of what is said of its port; "" is nobody's."""
+    return f'[device."{who}"] ' if who else ""
 
 
 def in_words(who, path, error, baudrate):
-    name = f'[device."{who}"] {path}'
+    name = f"{device(who)}{path}"
     number = error.errno or getattr(error.__context__, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
         return Trouble("TW124", f"{name}: {os.strerror(number)}", permission(path))
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
         return Trouble("TW125", f"{name}: there is no such port", others(path))
     if number in (errno.EBUSY, errno.EAGAIN):
-        owner = holder(path) or f"a process that this user may not see; who it is: sudo fuser -v {path}"
+        owner = locker(path) or holder(path) or f"a process that this user may not see; who it is: sudo fuser -v {path}"
         return Trouble("TW126", f"{name} is in use by {owner}", "end that one first: two that read one port take each other's bytes")
     return Trouble("TW119", f"{name}: {os.strerror(number) if number else error}", f"is it plugged in, and does it take {baudrate} bit/s?")
+
+
+def locker(path):
+    """'NAME (process PID)' of who has a port for itself, as far as this user may see; "" where it is not to be seen."""
+    with suppress(OSError):
+        about = os.stat(path)
+        place = f"{os.major(about.st_dev):02x}:{os.minor(about.st_dev):02x}:{about.st_ino}"
+        for line in Path("/proc/locks").read_text().splitlines():
+            words = line.split()
+            if words[1] == "FLOCK" and words[5] == place:
+                return f"{Path('/proc', words[4], 'comm').read_text().strip()} (process {words[4]})"
+    return ""
 
 
 def others(path):

@@ -121,7 +121,7 @@ def test_a_full_line_makes_nobody_wait(streams):
     streams.start()
     began = time.monotonic()
     for _ in range(20000):
-        stream.end.send(0, bytes(64))
+        stream.end.send(0, bytes(64))                               # nobody reads
     assert time.monotonic() - began < 1.0 and stream.counts["refused"] > 0
 
 

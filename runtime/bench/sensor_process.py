@@ -1,0 +1,24 @@
+"""A process with emulated MicroStrain sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE SERIAL...`."""
+
+import sys
+
+from blocks.imus import EmulatedMicroStrain
+from graph import Diagram, compile
+from runtime.emulation.lines import PtyLines
+from runtime.emulation.serving import Service
+
+
+def main(folder, rate, *serials):
+    """Each has a link in the folder, tty and its serial number; a line says that they are there. It ends when it is killed."""
+    with Diagram("sensors", rate=float(rate)) as plant:
+        for serial in serials:
+            EmulatedMicroStrain(bus=serial, serial=serial, streaming_at_start=False, name=f"imu_{serial}")
+    schedule = compile(plant)
+    lines = PtyLines(schedule.buses, folder)
+    service = Service(schedule, [lines.end(name) for name in schedule.buses])
+    print("ready", flush=True)
+    service.run()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,168 @@
+"""What inertial sensors on serial lines cost: eight MicroStrains on pseudo-terminals beside a loop, and their parser by itself."""
+
+import os
+import random
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from blocks.imus import MicroStrain
+from blocks.imus.microstrain import mip
+from blocks.mathematics import Gain
+from blocks.sources import Sine
+from cext.executor import Executor
+from cext.handover import feed
+from cext.histogram import counts_of, percentile
+from cext.page import Page
+from cext.program import Program
+from graph import Diagram, compile
+from runtime.realtime import PRIORITY, Realtime
+from runtime.rig.streams import StreamLines
+
+SENSORS, RATE, LOOP = 8, 500.0, 200.0       # how many; Hz
+SERIALS = [str(700001 + number) for number in range(SENSORS)]
+PACKETS = 4000                  # pairs, of the parser's stream
+
+
+@contextmanager
+def plugged_in():
+    """Eight emulated sensors in a process of their own: the folder of their ports."""
+    with tempfile.TemporaryDirectory() as folder:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "runtime.bench.sensor_process", folder, str(RATE), *SERIALS], stdout=subprocess.PIPE, text=True,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])})
+        try:
+            process.stdout.readline()
+            yield Path(folder)
+        finally:
+            process.kill()
+            process.wait()
+            process.stdout.close()
+
+
+def loop(sensors):
+    """A loop of ten native blocks, and these sensors."""
+    with Diagram("bench", rate=LOOP) as made:
+        for index in range(5):
+            Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
+        devices = [
+            MicroStrain(port=str(sensors / f"tty{serial}"), rate=RATE, name=f"imu{serial}", timeout=0.0)
+            for serial in SERIALS] if sensors is not None else []
+    return made, devices
+
+
+@dataclass
+class Beside:
+    """Samples pooled over chunks. lateness : counts; processor : s; wall : s; the rest are packets"""
+
+    lateness: np.ndarray = field(default_factory=lambda: counts_of([]))
+    processor: float = 0.0
+    wall: float = 0.0
+    packets: int = 0
+    lost: int = 0
+    corrupt: int = 0
+    overflows: int = 0
+    missed: int = 0
+
+
+def chunk(found, seconds, sensors=None, realtime="off"):
+    """One run, added to what was found. sensors : folder of the ports, None for the loop alone. OSError where they do not answer"""
+    made, devices = loop(sensors)
+    schedule = compile(made)
+    lines = StreamLines(devices)
+    if lines.troubles:
+        raise OSError(str(lines.troubles[0]))
+    page = Page(1 << 22)
+    with Realtime(realtime):
+        lines.start(PRIORITY - 1 if realtime != "off" else 0)
+        control = Program(schedule, [lines.lines[name][1].end for name in schedule.buses])
+        executor = Executor(control, LOOP, page=page)
+        processor, wall = time.process_time(), time.perf_counter()
+        executor.run(round(seconds * LOOP), arming_timeout=5.0)
+        found.processor += time.process_time() - processor
+        found.wall += time.perf_counter() - wall
+    found.lateness = found.lateness + page.counts("lateness")
+    found.missed += page.statistics()["missed"]
+    for device in devices:
+        def told(name):
+            return int(control.final[schedule.signals[f"{device.path}.{name}"].slot])
+
+        found.packets += told("packets")
+        found.lost += told("lost")
+        found.corrupt += told("corrupt")
+        found.overflows += lines.lines[device.bus][1].counts["overflows"]
+    lines.close()
+
+
+def measure(seconds, repeats, realtime="off"):
+    """(the loop alone, the loop beside eight sensors), each a Beside, chunks taken in turn"""
+    alone, beside = Beside(), Beside()
+    with plugged_in() as folder:
+        chunk(Beside(), 0.2, folder, realtime)                     # set up once
+        for _ in range(repeats):
+            chunk(alone, seconds, None, realtime)
+            chunk(beside, seconds, folder, realtime)
+    return alone, beside
+
+
+# The parser
+
+def stream():
+    """Bytes as such a sensor sends them: a packet of its sensors and one of its filter, again and again."""
+    chance = random.Random(1)
+
+    def floats(count):
+        return struct.pack(f">{count}f", *(chance.gauss(0.0, 1.0) for _ in range(count)))
+
+    packets = []
+    for number in range(PACKETS):
+        when = struct.pack(">dHH", 1000.0 + number / RATE, 0, 1)
+        packets.append(mip.packet(0x80, (0x12, when), (0x04, floats(3)), (0x05, floats(3)), (0x06, floats(3)), (0x14, floats(3))))
+        packets.append(mip.packet(0x82, (0x11, when), (0x03, floats(4) + b"\0\1")))
+    return b"".join(packets)
+
+
+def parsed(repeats):
+    """(MB/s natively, in frames of 64 bytes as a run has them; MB/s in Python), the best of so many chunks taken in turn"""
+    data = stream()
+    with Diagram("bench", rate=LOOP):
+        block = MicroStrain(name="imu")
+    scratch = block.scratch
+    scratch.build({"tare": False})
+    best = [float("inf"), float("inf")]
+    for _ in range(repeats):
+        began = time.perf_counter()
+        feed(block.decode, scratch.arena, scratch.table, data)
+        best[0] = min(best[0], (time.perf_counter() - began) / len(data))
+        began, part = time.perf_counter(), data[: len(data) // 10]
+        in_python(part)
+        best[1] = min(best[1], (time.perf_counter() - began) / len(part))
+    return 1e-6 / best[0], 1e-6 / best[1]
+
+
+def in_python(data):
+    """The same in Python: cut into chunks, put together again, checked, decoded."""
+    rest, found = b"", {}
+    for at in range(0, len(data), 64):
+        packets, rest, _ = mip.split(rest + data[at : at + 64])
+        for packet in packets:
+            found = mip.decode(packet)
+    return found
+
+
+def summary(alone, beside, native, python):
+    """Numbers of a report."""
+    return {
+        "processor": beside.processor / beside.wall, "processor_alone": alone.processor / alone.wall, "packets": beside.packets,
+        "lost": beside.lost, "corrupt": beside.corrupt, "overflows": beside.overflows, "missed": {"alone": alone.missed, "beside": beside.missed},
+        "late_p50_us": {name: percentile(row.lateness, 0.5) * 1e6 for name, row in (("alone", alone), ("beside", beside))},
+        "late_p99_us": {name: percentile(row.lateness, 0.99) * 1e6 for name, row in (("alone", alone), ("beside", beside))},
+        "native_mb_s": native, "python_mb_s": python,
+    }

@@ -1,0 +1,47 @@
+"""Pseudo-terminals behind the lines of a plant: an emulated sensor speaks there as a real one does behind its port."""
+
+import os
+import tty
+from pathlib import Path
+
+from cext.streams import Streams
+
+
+class PtyLines:
+    """
+    names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start, or None
+
+    paths : {name: what the robot opens}
+    """
+
+    def __init__(self, names, folder=None):
+        self.streams, self.lines, self.paths, self.kept, self.links = Streams(), {}, {}, [], []
+        for name in names:
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            self.kept.append(slave)                 # a terminal that nobody has open hangs up
+            self.paths[name] = os.ttyname(slave)
+            self.lines[name] = self.streams.add(master, name)
+            os.close(master)
+            if folder is not None:
+                self.link(Path(folder) / f"tty{name.replace('/', '_')}", name)
+        self.streams.start()
+
+    def link(self, link, name):
+        fresh = link.with_name(f".{link.name}.{os.getpid()}")
+        fresh.symlink_to(self.paths[name])
+        fresh.replace(link)                         # of an emulator that was killed
+        self.paths[name] = str(link)
+        self.links.append(link)
+
+    def end(self, name):
+        """The BusEnd of a line."""
+        return self.lines[name].end
+
+    def close(self):
+        self.streams.end()
+        for link in self.links:
+            link.unlink(missing_ok=True)
+        for descriptor in self.kept:
+            os.close(descriptor)
+        self.kept, self.links = [], []

@@ -1,0 +1,231 @@
+"""MicroStrain's sensors on a rig: real pyserial on pseudo-terminals, behind them a process that answers byte for byte."""
+
+import fcntl
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from blocks.imus import MicroStrain
+from graph import Diagram
+from runtime.rig.microstrain import open_lines
+from runtime.rig.streams import Opened, StreamLines
+from tests.blocks.imus.hearing import Hearing
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class Sensors:
+    """The process."""
+
+    def __init__(self, folder, *sensors, rate=1000):
+        self.folder = folder
+        command = [sys.executable, "-m", "tests.runtime.rig.sensors", str(folder), str(rate), *sensors]
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout.readline() == "ready\n"
+
+    def unplug(self):
+        """What a kernel does when a USB device goes: its line hangs up."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        for link in self.folder.glob("tty*"):
+            link.unlink()
+
+
+@pytest.fixture
+def plug(tmp_path, monkeypatch):
+    """Plugs sensors in: plug("133931", ...)"""
+    monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "tty*"))
+    there = []
+
+    def start(*sensors, **options):
+        there.append(Sensors(tmp_path, *sensors, **options))
+        return there[-1]
+
+    yield start
+    for sensors in there:
+        sensors.process.kill()
+        sensors.process.wait()
+        sensors.process.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Four sensors that stay plugged in: the folder of their ports."""
+    folder = tmp_path_factory.mktemp("bench")
+    sensors = Sensors(folder, "133931", "133932=3DM-CV7-AHRS", "900001=3DM-CV5-10", "233931")
+    yield folder
+    sensors.unplug()
+    sensors.process.stdout.close()
+
+
+@pytest.fixture
+def there(bench, monkeypatch):
+    monkeypatch.setenv("TICKWORK_PORTS", str(bench / "tty*"))
+    return bench
+
+
+def robot(*imus):
+    with Diagram("robot", rate=200) as diagram:
+        return [MicroStrain(name=f"imu_{number}", **parameters) for number, parameters in enumerate(imus)], diagram
+
+
+def one(**parameters):
+    (device,), _ = robot(parameters)
+    found = open_lines([device])[device]
+    if isinstance(found, Opened):
+        os.close(found.fd)
+    return found
+
+
+def heard(stream, sensor, seconds):
+    """Feed what a stream brings to a block."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        for kind, _, data, when in stream.end.receive():
+            sensor.feed(data, identifier=kind, time=when * 1e-9)
+        time.sleep(0.002)
+    return sensor
+
+
+def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there):
+    devices, _ = robot({"serial": "3932", "rate": 500.0}, {"serial": "6253.133931"}, {"serial": "0001", "attitude": "sensor", "rate": 100.0})
+    lines = StreamLines(devices)
+    assert lines.troubles == []
+    lines.start(0)
+    blocks = [Hearing(**{name: getattr(device, name) for name in ("serial", "rate", "attitude")}) for device in devices]
+    for device in devices:
+        lines.lines[device.bus][1].begin(time.monotonic_ns())
+    deadline = time.monotonic() + 1.1
+    while time.monotonic() < deadline:
+        for device, block in zip(devices, blocks):
+            for kind, _, data, when in lines.lines[device.bus][1].end.receive():
+                block.feed(data, identifier=kind, time=when * 1e-9)
+        time.sleep(0.002)
+    channels = {device.path: lines.lines[device.bus][0].bus.channel for device in devices}
+    remarks = {device.path: lines.lines[device.bus][0].remarks for device in devices}
+    lines.close()
+    assert [Path(channels[device.path]).name for device in devices] == ["tty133932", "tty133931", "tty900001"]
+    for device, block in zip(devices, blocks):
+        assert block["measured_rate"] == pytest.approx(device.rate, rel=0.05)
+        assert block["corrupt"] == 0 and block["accel"][2] == pytest.approx(-9.80665) and block["quaternion"][0] == 1.0
+    assert "has no mag" in remarks["imu_2"][0] and not remarks["imu_0"]
+
+
+def test_what_it_was_set_to_is_what_it_was_told(there):
+    """The set-up that is kept for its return, read back from the sensor."""
+    from blocks.imus.microstrain import mip
+    from runtime.rig.mip_port import MipPort
+    from runtime.rig.ports import open_port
+
+    found = one(serial="133931", rate=250.0, heading="magnetometer", low_pass=40.0, channels=("gyro", "quaternion"))
+    assert [message[2] << 8 | mip.fields(message)[0][0] for message in found.setup] == [
+        0x0102, 0x0C08, 0x0C0A, 0x0D18, 0x0C50, 0x0C11, 0x0C11, 0x0106]
+    with open_port("", found.channel, 115200) as port:
+        sensor = MipPort(port)
+        sensor.identify()
+        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x08, "B", mip.READ))[0x80] == bytes((2, 0x12, 0, 4, 0x05, 0, 4))
+        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x0A, "B", mip.READ))[0x82] == bytes((2, 0x11, 0, 4, 0x03, 0, 4))
+        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x11, "BB", mip.READ, 3))[0x85] == bytes((3, 1))
+
+
+def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug):
+    sensors = plug("133931")
+    devices, _ = robot({"serial": "133931"})
+    lines = StreamLines(devices)
+    assert lines.troubles == []
+    lines.start(0)
+    stream, block = lines.lines["imu_0"][1], Hearing()
+    stream.begin(time.monotonic_ns())
+    assert heard(stream, block, 0.15)["packets"] > 30 and block["connected"]
+    sensors.unplug()
+    heard(stream, block, 0.05)
+    assert not block["connected"]
+    gone = block["packets"]
+    plug("133931")                              # which has forgotten everything, and streams nothing by itself
+    heard(stream, block, 0.6)
+    lines.close()
+    assert block["connected"] and block["packets"] > gone + 30
+    assert stream.counts["losses"] == stream.counts["returns"] == 1
+
+
+# Failures in words
+
+def test_a_serial_number_that_nobody_has(there):
+    trouble = one(serial="77")
+    assert trouble.code == "TW127" and 'serial = "77": no sensor has a serial number that ends so' in trouble.message
+    assert "6253.133931 (3DM-GX5-25" in trouble.hint and "6286.133932 (3DM-CV7-AHRS" in trouble.hint
+
+
+def test_digits_that_two_have_and_none_at_all(there):
+    assert '2 sensors have a serial number that ends so' in one(serial="33931").message
+    trouble = one()
+    assert trouble.code == "TW127" and "names neither a serial number nor a port" in trouble.message
+
+
+def test_no_sensor_at_all(plug, tmp_path):
+    trouble = one(serial="133931")
+    assert trouble.code == "TW127" and "no MicroStrain sensor was seen" in trouble.hint
+
+
+def test_a_port_that_another_process_holds(there):
+    path = str(there / "tty133931")
+    holder = subprocess.Popen(
+        [sys.executable, "-c", f"import serial; p = serial.Serial({path!r}, exclusive=True); print('held', flush=True); input()"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert holder.stdout.readline() == "held\n"
+    by_port, by_serial = one(port=path), one(serial="133931")
+    holder.communicate("\n")
+    assert by_port.code == "TW126" and f"is in use by python" in by_port.message and f"(process {holder.pid})" in by_port.message
+    assert by_serial.code == "TW127" and f"(process {holder.pid})" in by_serial.hint
+    assert isinstance(one(serial="133931"), Opened)
+
+
+def test_a_port_that_is_not_there(there):
+    trouble = one(port=str(there / "ttyACM7"))
+    assert trouble.code == "TW125" and "there is no such port" in trouble.message
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")
+def test_a_port_without_permission(there):
+    os.chmod(os.path.realpath(there / "tty133931"), 0)
+    trouble = one(port=str(there / "tty133931"))
+    assert trouble.code == "TW124" and "udevadm" in trouble.hint
+
+
+def test_a_port_where_nobody_answers(there):
+    master, slave = os.openpty()
+    trouble = one(port=os.ttyname(slave))
+    os.close(master)
+    os.close(slave)
+    assert trouble.code == "TW128" and "no MicroStrain sensor answers at 115200 bit/s" in trouble.message
+
+
+def test_the_wrong_sensor_at_a_port(there):
+    trouble = one(port=str(there / "tty133931"), serial="55")
+    assert trouble.code == "TW127" and "that sensor is 6253.133931" in trouble.message
+
+
+def test_a_rate_that_it_cannot_have(there):
+    trouble = one(serial="133931", rate=300.0)
+    assert trouble.code == "TW129" and "300 Hz is not its base rate, 1000 Hz, divided by a whole number" in trouble.message
+    assert "333.333 or 250 Hz" in trouble.hint
+
+
+def test_what_it_has_none_of(there):
+    trouble = one(serial="900001", channels=("mag",))
+    assert trouble.code == "TW129" and "it has none of mag" in trouble.message
+
+
+def test_while_it_is_ours_nobody_else_gets_its_port(there):
+    devices, _ = robot({"serial": "133931"})
+    lines = StreamLines(devices)
+    descriptor = os.open(lines.lines["imu_0"][0].bus.channel, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    with pytest.raises(BlockingIOError):
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    lines.close()
+    os.close(descriptor)
