@@ -45,9 +45,12 @@ run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
 # What only computes goes side by side; what keeps time has the machine for itself.
-COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/test_actuators_page.py \
-	tests/runtime/test_catalog.py tests/runtime/test_check.py tests/runtime/test_documents.py tests/runtime/test_draw.py \
-	tests/runtime/test_library.py tests/test_packaging.py tests/test_wheel.py
+COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/recordings tests/runtime/rerun \
+	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
+	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py plotjuggler.py strides.py) \
+	$(addprefix tests/runtime/tools/test_,configure.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
+	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
+	tests/test_packaging.py tests/test_wheel.py
 
 test: $(VENV)/installed-test
 	if [ -z "$(TESTS)" ]; then

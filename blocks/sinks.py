@@ -4,12 +4,29 @@ from graph import Param, Sink
 
 
 class PlotJuggler(Sink):
-    """Streams its signals to PlotJuggler: one UDP datagram a tick, JSON nested by block path, with a `timestamp` in s.
+    """Streams its signals to PlotJuggler over UDP: JSON nested by block path, with a `timestamp` in s in every message.
 
     In PlotJuggler: Streaming, UDP Server, port 9870, JSON; tick "use field as timestamp" and enter `timestamp`.
+    `python -m runtime plotjuggler FILE` makes a layout with its plots.
     """
 
     host = Param("127.0.0.1", "1", "where PlotJuggler runs")
     port = Param(9870, "1", "its UDP port", min=1, max=65535, fixed=True)
 
+    decimation = Param(1, "1", "one tick of so many is sent", min=1, max=10_000, fixed=True)
+    batch = Param(1, "1", "samples in a datagram; more than 1 needs PlotJuggler 3.16", min=1, max=1000, fixed=True)
+
     service = "runtime.recorder.plotjuggler:PlotJugglerSender"
+
+
+class Rerun(Sink):
+    """Shows its signals in Rerun: a plot a subsystem with its limits, limbs in 3-D, faults as text. Needs rerun-sdk: pip install 'tickwork[rerun]'.
+
+    A limb is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle`.
+    """
+
+    target = Param("", "1", "a file.rrd; serve, or serve:ADDRESS, for a browser; HOST:PORT of a viewer; or nothing, for one on this machine")
+    port = Param(9876, "1", "of the viewer, or of the server", min=1, max=65535, fixed=True)
+    web_port = Param(9090, "1", "of the page that the server has for browsers", min=1, max=65535, fixed=True)
+
+    service = "runtime.rerun.sender:RerunSender"

@@ -1,7 +1,7 @@
 """The shared page: what the control process shows to the others, and the ring that its recording runs through.
 
 One memory file, mapped by every process of a run: the layout below, the ring, then what there is to know of live parameters. The
-control process writes, the others read; only `fence`, `guard`, the mailbox and the ring's tail go the other way. Nothing here locks.
+control process writes, the others read; only `fence`, `guard`, the mailbox and the ring's tail go the other way. Nothing here is locked in a tick.
 """
 
 from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
@@ -9,6 +9,7 @@ from libc.stdint cimport int32_t, int64_t, uint32_t, uint64_t
 from cext.abi cimport Frame
 from cext.atomics cimport load_i32, load_i64, load_u64, store_i32, store_i64, store_u64, swap_i32
 from cext.histogram cimport Histogram
+from cext.hold cimport pthread_mutex_t
 from cext.mailbox cimport Mailbox
 
 cdef enum:
@@ -45,6 +46,7 @@ cdef struct PageLayout:
     int32_t status              # why it stopped
     int32_t hung                # 1 + item of the stopwatch with which a tick hung, -1 where that is not known, 0: none did
     int32_t crashed             # number of the signal that kills the control process from within; then `hung` is what it was working on
+    pthread_mutex_t hold        # the loop's thread has it from before the guardian is there until after that has gone
     int64_t control             # number of the control process
     int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t guard               # the same of the guardian's newest look; 0 without one
@@ -120,3 +122,6 @@ cdef class Page:
     cdef readonly int fd
     cdef uint64_t cursor            # bytes that `drain` has gone through; the ring's tail follows
     cdef bint made_here             # the file is ours to close
+    cdef bint held                  # a thread of ours has the hold
+
+    cpdef let_go(self)

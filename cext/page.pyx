@@ -9,6 +9,7 @@ from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
 from cext.histogram cimport buckets, summary
+from cext.hold cimport EDEADLK, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(PageLayout)      # "TICKWRK1", and another for another layout
 
@@ -45,6 +46,9 @@ cdef class Page:
             self.layout.tick = -1
             memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
             self.layout.control = os.getpid()
+            failed = make_hold(&self.layout.hold)
+            if failed:
+                raise OSError(failed, os.strerror(failed))
             self.layout.live_count, self.layout.live_bytes = live[0], len(live[1])
             self.memory[len(self.memory) - len(live[1]) :] = live[1]
             store_u64(&self.layout.magic, MAGIC)
@@ -52,8 +56,21 @@ cdef class Page:
             raise ValueError("file descriptor %d does not hold a Tickwork page" % fd)
 
     def __dealloc__(self):
+        self.let_go()
         if self.made_here:
             close(self.fd)
+
+    def take_hold(self):
+        """The calling thread is there as long as it lives, or lets go: whoever waits for its hold is told when it dies. OSError"""
+        failed = pthread_mutex_trylock(&self.layout.hold)
+        if failed and failed != EDEADLK:
+            raise OSError(failed, "somebody else has the hold on this page")
+        self.held = True
+
+    cpdef let_go(self):
+        """Nobody is told any more. Of the thread that took hold."""
+        if self.held:
+            self.held = pthread_mutex_unlock(&self.layout.hold) != 0
 
     def push(self, uint32_t kind, bytes payload):
         """Append one record from outside the loop, padded with spaces to a multiple of 8 bytes. False: there is no room for it now."""

@@ -25,6 +25,31 @@ cdef extern from *:
     #define SCHED_RESET_ON_FORK 0x40000000
     #endif
 
+    // Linux's struct sched_attr as it was at first, which every kernel since takes; libc has no call for it.
+    struct tw_attributes {
+        unsigned int size, policy;
+        unsigned long long flags;
+        int nice;
+        unsigned int priority;
+        unsigned long long runtime, deadline, period;
+    };
+
+    // 0 or errno. Nothing but the slice is changed.
+    static int tw_set_slice(unsigned long long slice)
+    {
+        struct tw_attributes found = {0};
+        if (syscall(SYS_sched_getattr, 0, &found, sizeof found, 0) != 0)
+            return errno;
+        found.runtime = slice;
+        return syscall(SYS_sched_setattr, 0, &found, 0) != 0 ? errno : 0;
+    }
+
+    static unsigned long long tw_slice(void)
+    {
+        struct tw_attributes found = {0};
+        return syscall(SYS_sched_getattr, 0, &found, sizeof found, 0) == 0 ? found.runtime : 0;
+    }
+
     static volatile int tw_watched = 0;     // the thread whose priority ends, 0: none
     static volatile int tw_spun = 0;
 
@@ -57,6 +82,8 @@ cdef extern from *:
     void watch_this_thread "tw_watch_this_thread"() noexcept nogil
     void on_spinning "tw_on_spinning"(int number) noexcept nogil
     void touch_stack "tw_touch_stack"(long size) noexcept nogil
+    unsigned long long current_slice "tw_slice"() noexcept nogil
+    int request_slice "tw_set_slice"(unsigned long long slice) noexcept nogil
 
 cdef action before                          # what SIGXCPU did until `watch_for_spinning`
 
@@ -96,6 +123,22 @@ def timer_slack():
 def set_timer_slack(unsigned long nanoseconds):
     """ns; 0 for the thread's default. A thread of real-time priority has none."""
     prctl(PR_SET_TIMERSLACK, nanoseconds)
+
+
+def slice_length():
+    """ns that this thread may run at a stretch; 0 where the system does not say (Linux before 6.12)."""
+    return current_slice()
+
+
+def set_slice(unsigned long long nanoseconds):
+    """For how long this ordinary thread wants to run at a stretch; 0 for the default, a few ms. OSError.
+
+    Who asks for little gets it soon: a thread that wakes takes the processor from one that asked for more. It needs no privilege. Linux before
+    6.12 takes the wish and does nothing.
+    """
+    cdef int number = request_slice(nanoseconds)
+    if number != 0:
+        raise failed(number)
 
 
 def watch_for_spinning():

@@ -247,8 +247,10 @@ class Compilation:
             for address in block.addresses() if isinstance(block, Device) else ():
                 other = taken.setdefault((block.bus, address), block)
                 if other is not block:
-                    self.report("TW013", f"shares CAN id {address[0]} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
-                                hint="give each device on a bus its own `can_id`")
+                    what = block.address_in_words(address)
+                    self.report("TW013", f"shares {what} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
+                                hint=block.address_hint)
+                    break
 
     def check_bitrates(self):
         """One CAN bus has one bitrate: that of the drives, and of devices that say what they are set to."""

@@ -61,6 +61,7 @@ class Device(Block):
     unanswered_frames = 0       # how many of its disable_frames have no answer
     hot = None
     hardware = ()
+    address_hint = "give each device on a bus its own `can_id`"
     sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()
 
@@ -73,6 +74,14 @@ class Device(Block):
     def addresses(self):
         """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
         return []
+
+    def told_addresses(self):
+        """Where it is on its bus, for people: numbers or words."""
+        return [identifier for identifier, _ in self.addresses()]
+
+    def address_in_words(self, address):
+        """One of its `addresses`."""
+        return f"CAN id {address[0]}"
 
     def hears(self):
         """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id where the mask is 1.

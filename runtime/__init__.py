@@ -2,7 +2,13 @@
 
 
 def load(path):
-    """A recording, as runtime.recordings.trial.Trial: `load("trial.mcap")["left/knee.position"]` is an array over the ticks."""
-    from runtime.recordings.trial import Trial
+    """A recording, read back; or several, as one table. Needs NumPy and mcap, and nothing that was compiled.
 
-    return Trial(path)
+    load("trial.mcap")          runtime.recordings.trial.Trial: `trial["left/knee.position"]` is an array over the ticks
+    load("trials/*.mcap")       runtime.recordings.trials.Trials: all of them below each other, with the fields of each trial
+
+    path : of a file; a pattern; or a list of paths. BadInput where there is no such recording.
+    """
+    from runtime.recordings.trials import load
+
+    return load(path)

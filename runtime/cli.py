@@ -14,6 +14,8 @@ COMMANDS = {
     "emulate": "play the plant of a diagram on the real buses of a rig, for a robot in another terminal",
     "replay": "run a recording again, bit for bit, or through a changed diagram",
     "diff": "compare two recordings: a table and a picture",
+    "convert": "write a recording as CSV, Parquet, MATLAB, Rerun or OpenSim",
+    "plotjuggler": "make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with",
     "blocks": "list the blocks that are installed, or tell all about one",
     "profile": "run a diagram and tell where the time of a tick goes, block by block",
     "rate": "find the highest rate at which one to eight actuators miss no answer, simulated or on a rig",

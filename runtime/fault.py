@@ -75,16 +75,22 @@ def seen(program, block, what, unit):
 def unanswered(result):
     """Who did not answer, and what was heard instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
-    names = ", ".join(f"{block.path} ({', '.join(f'id {i} on bus {block.bus}' for i, _ in block.addresses())})" for block in silent)
+    names = ", ".join(f"{block.path} ({where_it_is(block)})" for block in silent)
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
     return f"no answer from {names}; {frames}" + (on_the_rig(result.rig) if result.rig is not None else "")
+
+
+def where_it_is(block):
+    what = "id" if block.medium == "can" else "address"
+    return ", ".join(f"{what} {each} on bus {block.bus}" for each in block.told_addresses()) or f"on bus {block.bus}"
 
 
 def on_the_rig(rig):
     """What the buses themselves know of why nobody answered."""
     words = [f" (on {name} ids {', '.join(ids)})" for name, ids in rig.strangers().items()]
     words += [f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate" for channel in rig.unheard()]
+    words += [f"; {path} failed {told['failures']} times: {why}" for path, told, why in rig.failures()]
     return "".join(words)
 
 

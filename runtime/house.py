@@ -14,7 +14,7 @@ HERE = Path(__file__).parent.parent
 OLDEST_PYTHON = (3, 10)
 NEEDS = {
     "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec",
-    "networkx": "networkx", "numpy": "numpy", "serial": "pyserial",
+    "networkx": "networkx", "numpy": "numpy", "serial": "pyserial", "smbus2": "smbus2",
 }
 if sys.version_info < (3, 11):                  # later ones read TOML themselves
     NEEDS["tomli"] = "tomli"

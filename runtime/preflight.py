@@ -42,7 +42,7 @@ class Preflight:
         found = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
         span = position_range(block)
         row = {
-            "device": block.path, "bus": block.bus, "ids": [identifier for identifier, _ in block.addresses()], "answered": True, **found,
+            "device": block.path, "bus": block.bus, "ids": block.told_addresses(), "answered": True, **found,
             "low": span[0], "high": span[1], "fault_words": None if found["fault"] is None else block.fault_in_words(int(found["fault"])),
             "limit": getattr(block, "torque_limit", None), "own_timeout": block.own_timeout, "stop": stop_of(block)}
         return row | {"marks": marks(row, block)}

@@ -5,7 +5,7 @@
     ...                         # the loop, on this thread
     realtime.release()          # all is as before
 
-The timer slack is set in every mode, as it needs no privilege; the garbage collector is the executor's.
+The timer slack and the slice are set in every mode, as they need no privilege; the garbage collector is the executor's.
 
 A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes an
 ordinary one and goes on; `spun` tells it.
@@ -13,7 +13,7 @@ ordinary one and goes on; `spun` tells it.
 
 import os
 import resource
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 
 from cext import realtime as native
@@ -25,6 +25,7 @@ MODES = ("off", "try", "require")
 PRIORITY = 80               # below the kernel's own threads that must run (99), above its interrupt threads (50)
 HIGHEST = 98
 SPIN = 0.5                  # s
+SLICE = 100_000             # ns, the least that Linux knows: longer than a tick of ours computes
 STACK = 512 << 10           # bytes of stack that are there from the beginning
 HEADROOM = 64 << 20         # bytes that a process whose locked memory is limited may still grow by
 GROUP = "realtime"          # who may have what a loop needs, after `doctor --script`
@@ -77,6 +78,7 @@ class Realtime:
         slack = native.timer_slack()
         native.set_timer_slack(1)
         self._undo.callback(native.set_timer_slack, slack)
+        self._wake_soon()
         if self.mode == "off":
             return
         self.granted.append("timer slack 1 ns")
@@ -126,6 +128,12 @@ class Realtime:
             yield f"  {refusal.name}: {refusal.why}"
             yield f"      {refusal.cure}"
         yield f"  all of it as a script, to be read and run: {program()} doctor --script"
+
+    def _wake_soon(self):
+        """Among ordinary threads, take the processor as soon as the tick is due: from the recorder, for one."""
+        with suppress(OSError):                 # where a sandbox forbids the call, all is as it was
+            native.set_slice(SLICE)
+            self._undo.callback(native.set_slice, 0)
 
     def _lock_memory(self):
         size, free = memory_sizes()

@@ -1,11 +1,12 @@
 """What of a run is recorded, and where: the orders of the recorder process, and the size of the ring between the two."""
 
+import math
 import os
 import re
 import time
 from pathlib import Path
 
-from graph import Sink
+from graph import Actuator, Sink
 from graph.store import to_json
 
 ROW_SECONDS = 2.5               # how much of a run the ring holds at least
@@ -47,6 +48,7 @@ def plan(prepared, realtime):
         "virtual": request.fast,
         "simulated": prepared.plant is not None,
         "signals": [vars(column) for column in schedule.recorded],
+        "limits": limits(prepared.diagram, schedule),
         "buses": schedule.buses,
         "media": schedule.media,
         "sinks": sinks,
@@ -58,6 +60,19 @@ def plan(prepared, realtime):
             "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
         },
     }
+
+
+def limits(diagram, schedule):
+    """{path: (lowest, highest)} of what an actuator measures and is told, where its limit or its joint's range says so."""
+    found = {}
+    for actuator in (block for block in diagram if isinstance(block, Actuator)):
+        torque = actuator.command_limits().get("torque_command")
+        if torque is not None:
+            found |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
+        if getattr(actuator, "range", ()):
+            found[f"{actuator.path}.position"] = tuple(actuator.range)
+    known = {column.path for column in schedule.recorded}
+    return {path: ends for path, ends in found.items() if path in known and all(map(math.isfinite, ends))}
 
 
 def stem(request):

@@ -46,6 +46,7 @@ class Request:
     record: Path | None = None          # None: recordings/ if the diagram has a recorder
     no_record: bool = False
     plotjuggler: tuple | None = None    # (host, port)
+    rerun: str | None = None            # as runtime.rerun.target reads it
     trial: dict = field(default_factory=dict)
     realtime: str = "off"               # or "try", "require"
     priority: int = PRIORITY            # of SCHED_FIFO
@@ -254,7 +255,7 @@ def adapt(diagram, request):
     if request.rate is not None:
         diagram.rate = request.rate
     from blocks.recorders import CsvRecorder
-    from blocks.sinks import PlotJuggler
+    from blocks.sinks import PlotJuggler, Rerun
 
     if request.plotjuggler is not None:
         host, port = request.plotjuggler
@@ -262,6 +263,11 @@ def adapt(diagram, request):
         with diagram:
             for viewer in viewers or [PlotJuggler()]:
                 viewer.host, viewer.port = host, port
+    if request.rerun is not None:
+        viewers = [block for block in diagram if isinstance(block, Rerun)]
+        with diagram:
+            for viewer in viewers or [Rerun()]:
+                viewer.target = request.rerun
     if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
         with diagram:
             CsvRecorder()

@@ -1,6 +1,12 @@
-"""Sensors that are no IMUs: what comes over a line of bytes."""
+"""Sensors that are no IMUs: voltages, load cells, contacts, insoles, and whatever a microcontroller tells."""
 
+from blocks.sensors.ads1115 import ADS1115, EmulatedADS1115
+from blocks.sensors.forces import FSR, LoadCell
 from blocks.sensors.insole import EmulatedInsole, FootContact, Insole
 from blocks.sensors.microcontroller import EmulatedMicrocontroller, Microcontroller
+from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
 
-__all__ = ["EmulatedInsole", "EmulatedMicrocontroller", "FootContact", "Insole", "Microcontroller"]
+__all__ = [
+    "ADS1115", "EmulatedADS1115", "EmulatedInsole", "EmulatedMicrocontroller", "EmulatedNAU7802", "FSR", "FootContact", "Insole", "LoadCell",
+    "Microcontroller", "NAU7802",
+]

@@ -1,6 +1,6 @@
 """What a person feels of a drive that closes the loop itself: its whole law, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, kept inside a limit."""
 
-from libc.math cimport fabs
+from libc.math cimport fabs, fmax
 
 cdef struct Law:                # with the newest feedback
     double stiffness            # K
@@ -21,8 +21,8 @@ cdef inline double share_inside(const Law *law, double limit) noexcept nogil:
     """The largest share of K and B with which |τ| <= limit until the next frame; 0 on feedback older than two periods.
 
     Principle: 1. the joint moves by at most |ω| times the time since the feedback and until the next frame, and codes are rounded, which spreads
-    spring and damper; 2. rounding makes K and B smaller, so where the two pull against each other the weaker one holds back less than it
-    should; 3. with these, |s (K (θ₀ − θ) + B (ω₀ − ω)) + τ_ff| + s spread <= limit is solved for s. |τ_ff| <= limit is given.
+    spring and damper; 2. rounding makes K and B smaller, so where the two pull against each other either holds back less than it should;
+    3. with these, |s (K (θ₀ − θ) + B (ω₀ − ω)) + τ_ff| + s spread <= limit is solved for s. |τ_ff| <= limit is given.
     """
     cdef double spring = law.stiffness * law.position_error
     cdef double damper = law.damping * law.velocity_error
@@ -33,10 +33,7 @@ cdef inline double share_inside(const Law *law, double limit) noexcept nogil:
     if not law.age <= 2.0 * law.period + 1e-9:
         return 0.0
     if spring * damper < 0.0:
-        if fabs(spring) < fabs(damper):
-            limit -= law.stiffness_step * (fabs(law.position_error) + moves)
-        else:
-            limit -= law.damping_step * fabs(law.velocity_error)
+        limit -= fmax(law.stiffness_step * (fabs(law.position_error) + moves), law.damping_step * fabs(law.velocity_error))
     if limit < fabs(law.torque):
         limit = fabs(law.torque)
     if error + spread > limit - law.torque:

@@ -20,6 +20,7 @@ from cext.socketcan import SocketCan
 from graph import Diagram, compile
 from runtime.bench.by_hand import build
 from runtime.rate.robot import UNLIMITED
+from runtime.realtime import Realtime
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
@@ -147,13 +148,16 @@ def motors(count):
 
 
 def fast_motors(seconds, repeats):
-    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn. NoCompiler"""
+    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn, both with what `--realtime try` gets.
+
+    NoCompiler where there is none.
+    """
     loop = build(C_LOOP)
     count = DRIVES // BUSES
     ticks = max(2 * STARTING, round(seconds * RATE))
     schedule = compile(robot(BUSES, count))
     found = [[0, 0, 0], [0, 0, 0]]
-    with motors(count) as sockets:
+    with motors(count) as sockets, Realtime("try"):
         for _ in range(repeats):
             for which, chunk in enumerate((lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))):
                 for place, value in enumerate((*chunk(), DRIVES * (ticks - STARTING))):

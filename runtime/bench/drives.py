@@ -1,6 +1,6 @@
 """Drives on udp_multicast that stand still, as a process of their own: `python -m runtime.bench.drives CHANNEL ID...`.
 
-Each answers every frame to its id as a CubeMars AK in MIT mode does.
+Each answers every frame to its id as a CubeMars AK in MIT mode does, and at once: who waits for it spins, perhaps on the same processor.
 """
 
 import sys
@@ -9,6 +9,7 @@ from collections import Counter
 import can
 
 from runtime.guardian.wires import keep_apart
+from runtime.realtime import Realtime
 
 AT_REST = bytes.fromhex("7fff7ff7ff4600")           # of a reply behind the id: everything at zero, 30 °C, no error
 
@@ -22,6 +23,7 @@ def node(channel):
 def main(channel, *identifiers):
     bus, own = node(channel), Counter()
     answers = {identifier: bytes([identifier]) + AT_REST for identifier in map(int, identifiers)}
+    Realtime("try").obtain()
     print("ready", flush=True)
     while True:
         heard = bus.recv()

@@ -11,6 +11,7 @@ from cext.executor import Executor
 from cext.program import Program
 from cext.socketcan import SocketCan
 from graph import Diagram, compile
+from runtime.realtime import Realtime
 
 
 def main(rate, count, *descriptors):
@@ -20,8 +21,9 @@ def main(rate, count, *descriptors):
                 EmulatedCubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id)(position=0.0, velocity=0.0)
     ends = [SocketCan(socket.socket(fileno=int(descriptor)), shared=True) for descriptor in descriptors]
     executor = Executor(Program(compile(motors), [end.end for end in ends]), float(rate))
-    print("ready", flush=True)
-    executor.run()
+    with Realtime("try"):           # a motor is not kept waiting by other programs
+        print("ready", flush=True)
+        executor.run()
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from runtime.tools.setting_up import VENDOR_ONLY, named, protocol, settings_of
 EPILOG = """\
   configure 127 --channel can0 --set-id 3                   a new drive gets its id
   configure 3 --channel can0 --zero --save                  here is zero, also after power off
+  configure 1 --channel can0 --zero                         of a CubeMars, too: --save where it is in servo mode
   configure 3 --channel can0 --read all                     every parameter
   configure 3 --channel can0 --write limit_torque=10        one of them
   configure --joint left/knee --rig lab.toml knee.py        offset, sign and range of a joint, into lab.toml
@@ -31,7 +32,7 @@ with the power. A CyberGear cannot save: to it that frame means another baud rat
 
 
 def main(arguments):
-    parser = Parser("configure", "Set up a RobStride drive or a CyberGear, or find how a motor sits at its joint.", EPILOG)
+    parser = Parser("configure", "Set up a RobStride drive or a CyberGear, the zero of a CubeMars, or find how a motor sits at its joint.", EPILOG)
     parser.add_argument("what", nargs="?", metavar="ID", help="id of a drive; with --joint the diagram file")
     add_bus(parser)
     parser.add_argument("--set-id", type=drive_id, metavar="N", help="its new id, 1 to 127, which nobody on the bus may have")
@@ -39,7 +40,7 @@ def main(arguments):
     parser.add_argument("--protocol", type=protocol, metavar="NAME", help="private, mit or canopen, from its next power on")
     parser.add_argument("--read", nargs="+", default=[], metavar="NAME", help="parameters to tell; all for every one")
     parser.add_argument("--write", nargs="+", default=[], metavar="NAME=VALUE", help="parameters to change")
-    parser.add_argument("--save", action="store_true", help="keep what was set when the power goes; of a RobStride alone")
+    parser.add_argument("--save", action="store_true", help="keep what was set when the power goes; of a RobStride, and the zero in servo mode")
     parser.add_argument("--joint", metavar="PATH", help="block of an actuator in the diagram, as in left/knee")
     parser.add_argument("--yes", action="store_true", help="change without asking, for scripts")
     options = parser.parse_args(arguments)

@@ -1,9 +1,11 @@
 """`move ID`: one actuator of a bus, gently, through the ordinary run."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from blocks.actuators.cubemars import models as cubemars
+from blocks.actuators.cubemars import models_v3
 from blocks.actuators.robstride import mit
 from blocks.actuators.robstride import models as robstride
 from runtime import report
@@ -24,6 +26,7 @@ EPILOG = """\
   move 3 --channel can0 --model AK80-9 --torque 0.5
   move 3 --channel can0 --model AK80-9 --position 0.3 --speed 0.2
   move 9 --rig lab.toml --bus legs --model RS02 --velocity 1 --duration 3
+  move 4 --channel can0 --model AK60-6-V1.1 --servo --torque 0.2
 
 It is a run as any other on a rig: a guardian watches, the table before arming wants Enter, torque fades in, everything is recorded, and at
 the end comes the safe stop. Have an emergency stop that cuts the power in your hand, and nobody in the robot.
@@ -35,7 +38,9 @@ def main(arguments):
     parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
     add_bus(parser)
     parser.add_argument("--model", metavar="NAME", help="of the actuator, as the vendor writes it: AK80-9, RS02 (a drive does not tell)")
-    parser.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
+    how.add_argument("--servo", action="store_true", help="a CubeMars in servo mode: a velocity or a position does not bound its torque")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--torque", type=value("--torque", "N·m"), metavar="T", help="N·m")
     what.add_argument("--position", type=value("--position", "rad"), metavar="P", help="rad, of the drive's own zero")
@@ -63,15 +68,19 @@ def main(arguments):
     kind, target = target_of(options)
     family, found = model_of(options)
     limit = limit_of(options, found, kind, target)
+    unbounded = family == "CubeMarsServo" and kind != "torque"
     bus = single_bus(options)
     settings = {
         "family": family, "model": found.name, "bus": bus.name, "can_id": can_id, "kind": kind, "target": target, "limit": limit,
         "duration": options.duration, "rise": options.rise, "speed": options.speed, "fastest": options.fastest, "rate": options.rate,
         "stiffness": options.stiffness or SPRING * limit,
         "damping": options.damping or limit * (DAMPER if kind == "velocity" else SPRING / 5.0)}
-    check_law(found, settings)
+    if family != "CubeMarsServo":
+        check_law(found, settings)
+    rated = f" ({limit / found.rated:.0%} of rated)" if found.rated else ""
+    bound = "its torque bounded by the drive's own settings alone" if unbounded else f"torque limit {limit:g} N·m{rated}"
     tell([f"{found.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
-          f"torque limit {limit:g} N·m ({limit / found.rated:.0%} of rated); the run ends beyond {options.fastest:g} rad/s"])
+          f"{bound}; the run ends beyond {options.fastest:g} rad/s"])
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
         rig = Path(place) / "move.toml"                 # the bus alone: a robot's devices are not in this diagram
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
@@ -99,11 +108,15 @@ def model_of(options):
         raise BadInput("which model? its ranges make a torque of a frame, and a drive does not tell: --model AK80-9, --model RS02")
     if options.mit:
         return "RobStrideMIT", found_in(mit.find, options.model)
-    try:
-        return "CubeMars", cubemars.find(options.model)
-    except ValueError as error:
-        if str(options.model).upper().startswith("AK"):
-            raise BadInput(f"--model {error}") from None
+    if options.servo:
+        return "CubeMarsServo", found_in(models_v3.find_in_servo_mode, options.model)
+    for family, find in (("CubeMarsV3", models_v3.find), ("CubeMars", cubemars.find)):
+        try:
+            return family, find(options.model)
+        except ValueError as error:
+            trouble = error
+    if str(options.model).upper().startswith("AK"):
+        raise BadInput(f"--model {trouble}")
     return "RobStride", found_in(robstride.find, options.model)
 
 
@@ -116,7 +129,11 @@ def found_in(find, name):
 
 def limit_of(options, found, kind, target):
     """N·m. BadInput"""
+    if found.rated is None and options.limit is None:
+        raise BadInput(f"--model {found.name}: its rated torque is not published: say a --limit in N·m that is safe for your joint")
     limit = options.limit or SHARE * found.rated
+    if found.rated is None:
+        found = replace(found, rated=found.wire_torque)
     if limit > found.rated:
         raise BadInput(f"--limit {limit:g}: at most the rated torque of {found.name}, {found.rated:g} N·m")
     if kind == "torque" and abs(target) > limit:

@@ -4,6 +4,7 @@ import argparse
 import math
 import os
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 from runtime.errors import BadInput
@@ -151,3 +152,13 @@ def host_and_port(text):
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise BadInput(f"--plotjuggler {text}: expected HOST:PORT, as in 127.0.0.1:9870")
     return host.strip("[]"), int(port)
+
+
+def rerun_target(text):
+    from runtime.extras import need
+    from runtime.rerun.target import parse
+
+    parse(text)
+    if find_spec("rerun") is None:
+        need("rerun", "--rerun")
+    return text

@@ -1,7 +1,7 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
 from runtime.commands.parsing import (
-    LONGEST, Parser, add_bitrate, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, settings, trial,
+    LONGEST, Parser, add_bitrate, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, rerun_target, settings, trial,
 )
 from runtime.errors import BadInput
 from runtime.terminal import complain, program, tell
@@ -63,6 +63,8 @@ def parse_run(arguments):
     parser.add_argument("--trial", nargs="+", default=[], metavar="NAME=VALUE",
                         help="what this trial is: subject=S03 condition=assist notes='new shoes'")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
+    parser.add_argument("--rerun", nargs="?", const="", type=rerun_target, metavar="WHERE",
+                        help="show it in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of a viewer elsewhere")
     parser.add_argument("--realtime", choices=MODES,
                         help="ask the system for real-time priority, locked memory and processors that stay awake: try takes what is "
                              "granted and tells of the rest, require does not start without (default: try on a rig, off in simulation)")
@@ -94,6 +96,6 @@ def parse_run(arguments):
     return Request(
         file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
         settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
-        trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
+        rerun=options.rerun, trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
         overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm,
         bitrate=options.bitrate)

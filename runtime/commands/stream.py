@@ -25,7 +25,9 @@ def main(arguments):
     parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
     add_bus(parser)
     parser.add_argument("--model", metavar="NAME", help="as in AK80-9 or RS02; without it velocity and torque cannot be told")
-    parser.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
+    how.add_argument("--servo", action="store_true", help="a CubeMars in servo mode, which reports by itself")
     parser.add_argument("--rate", type=number("--rate", "Hz", FASTEST), default=100.0, metavar="HZ", help="default: 100")
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
                         help="stop after S seconds (default: Ctrl-C)")

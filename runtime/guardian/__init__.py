@@ -57,6 +57,8 @@ class GuardianProcess(ChildProcess):
     """
 
     def __init__(self, page, lines, bell, locks):
+        page.take_hold()                                # before anybody waits for it
+        self._page = page
         inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks))
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted = []
@@ -99,6 +101,7 @@ class GuardianProcess(ChildProcess):
         """End it, by force if it takes longer than `patience` s, and say how it ended."""
         if self._child.stdin.closed:
             return ending(self._child.returncode)
+        self._page.let_go()
         try:
             self._child.stdin.close()
         except OSError:

@@ -1,7 +1,7 @@
 """The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
 
-    watch       the control process by its pidfd (death), its loop by the time of its newest tick on the page (stall), and by what stands
-                there of a block that hangs or crashes
+    watch       the control process by its loop's hold on the page and by its pidfd (death), its loop by the time of its newest tick on the
+                page (stall), and by what stands there of a block that hangs or crashes
     stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed or 200 ms have passed
     carry       frames between the rings and the interfaces that are ours; behind the fence none but those of the safe stop
 
@@ -19,6 +19,7 @@ import time
 from contextlib import suppress
 
 from cext import realtime
+from cext.mourner import Mourner
 from cext.page import RECORD_EVENT, Page
 from cext.rings import Lines
 
@@ -48,8 +49,8 @@ class Guardian:
     def __init__(self, page, lines, bell, answers, control):
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.heard = b""
-        self.released = self.gone = self.told = False
-        self.stop = self.verdict = None
+        self.released = self.dead = self.gone = self.told = False   # dead: its loop; gone: all of the process, which may take it 20 ms more
+        self.stop = self.verdict = self.mourner = None
         self.stuck_at = None            # ns at which to look whether what hangs still does
         self.wires, self.carried, self.places = {}, [], {}
         self.poll = select.poll()
@@ -83,6 +84,8 @@ class Guardian:
         for descriptor in self.places:
             self.poll.register(descriptor, select.POLLIN)
         granted = hold_on(plan["priority"])
+        self.mourner = Mourner(self.page, plan["priority"] or 0)
+        self.poll.register(self.mourner.fd, select.POLLIN)
         self.page.look_after(time.monotonic_ns())
         self.answer({"ready": True, "granted": granted})
         return True
@@ -97,7 +100,7 @@ class Guardian:
             if now - looked > self.limit // 2:
                 grace = now + LOOK          # we were away ourselves: so, perhaps, was the whole machine
             looked = now
-            if self.stop is None and (self.gone or now >= grace or self.page.hung is not None):         # the page says so: no grace
+            if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):         # the page says so: no grace
                 self.judge(now)
             self.carry()
             if self.stop is not None and not self.told:
@@ -129,8 +132,11 @@ class Guardian:
                     self.poll.unregister(descriptor)
                     self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
             elif descriptor == self.control:
-                self.gone = True
+                self.dead = self.gone = True
                 self.poll.unregister(self.control)
+            elif self.mourner is not None and descriptor == self.mourner.fd:
+                self.dead = True
+                self.poll.unregister(descriptor)
             else:
                 data = os.read(ORDERS, 1 << 20)
                 self.heard += data
@@ -143,7 +149,7 @@ class Guardian:
         if self.page.state not in ACTIVE:
             return
         silent = now - self.page.beat
-        if self.gone or self.page.crashed:
+        if self.dead or self.page.crashed:
             self.begin_stop("died", silent, now)
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)

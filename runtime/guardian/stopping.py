@@ -1,6 +1,8 @@
 """The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up.
 
 An actuator that is to be damped first, so that no joint drops its wearer, is damped for its time before that.
+
+Answers look alike. Those in the first round may be to what was commanded before, so that they confirm nothing.
 """
 
 import re
@@ -25,7 +27,9 @@ class SafeStop:
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
         self.damping = {name: round(device["damp_time"] * 1e9) * moving for name, device in self.waiting.items()}
         self.limit = LONGEST + max(self.damping.values(), default=0)
-        self.confirmed, self.heard, self.sent = [], {}, 0
+        self.asked = set()
+        self.confirmed, self.heard, self.sent = set(), {}, 0
+        self.order = list(self.waiting)
 
     @property
     def over(self):
@@ -42,7 +46,8 @@ class SafeStop:
             return
         self.due = now + ROUND
         damped = {name for name in self.waiting if now - self.began < self.damping[name]}
-        self.heard = dict.fromkeys(self.waiting.keys() - damped, 0)
+        self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
+        self.asked |= self.waiting.keys() - damped
         for name, device in self.waiting.items():
             wire = self.wires.get(device["bus"])
             for identifier, data in device["damp"] if name in damped else device["zero"] + device["disable"]:
@@ -56,7 +61,7 @@ class SafeStop:
                 continue
             self.heard[name] += 1
             if self.heard[name] >= len(device["zero"]) + len(device["disable"]) - device.get("unanswered", 0):
-                self.confirmed.append(name)
+                self.confirmed.add(name)
                 del self.waiting[name]
             break
         if not self.waiting and not self.over:
@@ -65,7 +70,7 @@ class SafeStop:
     def report(self):
         """confirmed, unconfirmed : names; sent : frames; took : s"""
         return {
-            "confirmed": self.confirmed, "unconfirmed": list(self.waiting), "sent": self.sent,
+            "confirmed": [name for name in self.order if name in self.confirmed], "unconfirmed": list(self.waiting), "sent": self.sent,
             "took": ((self.ended or self.began) - self.began) * 1e-9}
 
 

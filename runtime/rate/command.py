@@ -62,7 +62,7 @@ def main(arguments):
 def parse(arguments):
     parser = Parser("rate", "Find the highest rate at which actuators that are commanded zero torque miss no answer.")
     add_rig(parser)
-    parser.add_argument("--model", default="AK80-9", metavar="M", help="CubeMars in MIT mode, or a RobStride (default: AK80-9)")
+    parser.add_argument("--model", default="AK80-9", metavar="M", help="CubeMars in MIT mode or with a V3.0 board, or a RobStride (default: AK80-9)")
     parser.add_argument("--actuators", type=span, default=(1, MOST), metavar="N",
                         help="how many, or from how many to how many: 8, 1..8 (default: 1..8)")
     parser.add_argument("--low", type=number("--low", "Hz"), default=LOWEST, metavar="HZ",
@@ -101,11 +101,11 @@ def span(text):
 
 def maker(options, bus):
     """What makes an actuator of the model on a bus. BadInput where there is no such model."""
-    from blocks.actuators import CubeMars, RobStride
+    from blocks.actuators import CubeMars, CubeMarsV3, RobStride
     from graph import Diagram, DiagramError
 
     troubles = []
-    for kind in (CubeMars, RobStride):
+    for kind in (CubeMars, CubeMarsV3, RobStride):
         def make(can_id, kind=kind):
             return kind(options.model, bus=bus, can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
 
@@ -115,7 +115,7 @@ def maker(options, bus):
             return make
         except (DiagramError, ValueError) as error:
             troubles.append(str(error.diagnostics[0].message if isinstance(error, DiagramError) else error))
-    raise BadInput(f"--model {options.model}: {troubles[0]}; {troubles[1]}")
+    raise BadInput(f"--model {options.model}: {'; '.join(dict.fromkeys(troubles))}")
 
 
 def one(options, make, ids, rig, bitrate, confirmed):

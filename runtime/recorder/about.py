@@ -17,6 +17,7 @@ def gather(plan):
     return {
         "name": plan["name"], "rate": plan["rate"], "virtual": plan["virtual"], "simulated": plan["simulated"], "buses": plan["buses"],
         "part": plan.get("part", 1),
+        "limits": plan.get("limits", {}),
         "metadata": metadata,
         "hash": json.loads(plan["diagram_json"])["hash"] if plan.get("diagram_json") else None,
         "versions": versions(),

@@ -26,8 +26,7 @@ class CsvWriter(Service):
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
         self.rows = 0
-        self.delimiter = delimiter.encode()
-        self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
+        self.lines = Lines(columns, delimiter)
         self.file = None
         if self.plan["folder"] is None:
             return
@@ -40,14 +39,7 @@ class CsvWriter(Service):
     def row(self, tick, time, values):
         if self.file is None:
             return
-        cells = [time, tick, *values]
-        for index in self.whole:
-            if isfinite(cells[index]):
-                cells[index] = int(cells[index])
-        line = encode(cells)[1:-1]                  # JSON writes numbers as CSV does, and ten times faster than repr
-        if NOT_A_NUMBER in line:
-            line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
-        self.file.write(line.replace(b",", self.delimiter) + b"\n")
+        self.file.write(self.lines.line(time, tick, values))
         self.rows += 1
         if self.rows % self.flush_rows == 0:
             self.file.flush()
@@ -62,6 +54,25 @@ class CsvWriter(Service):
         self.file.close()
         self.files[self.file.path] = f"{self.rows} rows of {len(self.sink['columns'])} signals"
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}
+
+
+class Lines:
+    """What the lines of a table look like. columns : of the sink"""
+
+    def __init__(self, columns, delimiter=","):
+        self.delimiter = delimiter.encode()
+        self.whole = [2 + index for index, column in enumerate(columns) if column["dtype"] != "float"]
+
+    def line(self, time, tick, values):
+        """One, as bytes."""
+        cells = [time, tick, *values]
+        for index in self.whole:
+            if isfinite(cells[index]):
+                cells[index] = int(cells[index])
+        line = encode(cells)[1:-1]                  # JSON writes numbers as CSV does, and ten times faster than repr
+        if NOT_A_NUMBER in line:
+            line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
+        return line.replace(b",", self.delimiter) + b"\n"
 
 
 def header(columns, delimiter):

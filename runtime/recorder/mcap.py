@@ -15,7 +15,7 @@ import json
 import os
 from struct import Struct
 
-from runtime.recorder import messages
+from runtime.recordings import messages
 from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
 

@@ -2,9 +2,9 @@
 
     {"timestamp": 12.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
 
-Whatever is not finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one
-datagram goes as several, a subsystem each, with the same timestamp. Sending never waits: a datagram that the network does not
-take is counted and forgotten.
+With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take. Whatever is not
+finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one datagram goes as several, a
+subsystem each, with the same timestamp. Sending never waits: a datagram that the network does not take is counted and forgotten.
 """
 
 import re
@@ -34,25 +34,51 @@ class PlotJugglerSender(Service):
         self.socket = socket.socket(family, kind, protocol)
         self.socket.setblocking(False)
         self.messages = [Message(self.sink["columns"])]
+        self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
+        self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come
         self.sent = self.lost = 0
         self.trouble = None
 
     def row(self, tick, time, values):
+        if self.decimation > 1:
+            if tick // self.decimation == self.last:
+                return
+            self.last = tick // self.decimation
         index = 0
         while index < len(self.messages):
             datagram = self.messages[index].encode(time, values)
             if len(datagram) > DATAGRAM and self.messages[index].divisible:
                 self.messages[index:index + 1] = self.messages[index].split()
                 continue
-            try:
-                self.socket.sendto(datagram, self.address)
-                self.sent += 1
-            except OSError as error:
-                self.lost += 1
-                self.trouble = error.strerror
+            if self.batch == 1:
+                self.send(datagram)
+            else:
+                self.gather(datagram)
             index += 1
 
+    def gather(self, message):
+        """Into the datagram to come, which goes once it is full."""
+        if self.waiting and sum(map(len, self.waiting)) + len(self.waiting) + len(message) + 2 > DATAGRAM:
+            self.flush()
+        self.waiting.append(message)
+        if len(self.waiting) >= self.batch * len(self.messages):
+            self.flush()
+
+    def flush(self):
+        if self.waiting:
+            waiting, self.waiting = self.waiting, []
+            self.send(b"[" + b",".join(waiting) + b"]")
+
+    def send(self, datagram):
+        try:
+            self.socket.sendto(datagram, self.address)
+            self.sent += 1
+        except OSError as error:
+            self.lost += 1
+            self.trouble = error.strerror
+
     def close(self):
+        self.flush()
         self.socket.close()
         return {"datagrams": self.sent, "lost": self.lost, "trouble": self.trouble, "to": f"{self.address[0]} port {self.address[1]}"}
 

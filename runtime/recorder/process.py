@@ -9,7 +9,9 @@ import os
 import select
 import signal
 import time
+from contextlib import suppress
 
+from cext import realtime
 from cext.page import Page
 
 from runtime.lines import Paper
@@ -174,6 +176,8 @@ def answer(descriptor, message):
 
 
 def be_ordinary():
-    """Not real-time, should the control process be."""
+    """Neither real-time nor in a hurry, should the control process be."""
     if os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(OSError):
+        realtime.set_slice(0)

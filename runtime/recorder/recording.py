@@ -15,6 +15,7 @@ from struct import Struct
 from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
 from runtime import preflight_text
+from runtime.errors import BadInput
 from runtime.lines import Paper
 from runtime.live import table
 from runtime.recorder import about, files
@@ -66,6 +67,7 @@ class Recording:
             for sink in self.plan["sinks"]:
                 doing = f"{sink['path']} cannot start"
                 service = find(sink["service"])(self.plan, sink)
+                service.say = lambda line: self.say(line)
                 self.services.append((sink["path"], service))
                 service.open()
                 self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
@@ -155,6 +157,8 @@ class Recording:
             self.events_left_out += 1
         if self.flight_log is not None:
             self.attempt("flight log", self.flight_log, lambda: self.flight_log.event(event))
+        for _, service in list(self.pickers):
+            self.attempt(service.sink["path"], service, lambda: service.event(event))
 
     def flush(self):
         for path, service in list(self.services):
@@ -225,6 +229,8 @@ class Recording:
             result = self.attempt(path, service, service.close)
             if path not in self.sinks:
                 self.sinks[path] = result
+                if result.get("problem"):
+                    self.problems.append(result["problem"])
                 self.files.update(service.files)
         report = {"strides": []}
         for kind in dict.fromkeys(type(service) for _, service in self.services):
@@ -316,6 +322,8 @@ def reason(error):
     """What an exception says, without the path and number that an OSError repeats."""
     if isinstance(error, FileExistsError):
         return f"{error.filename} is not a folder"
+    if isinstance(error, BadInput):
+        return str(error)
     if isinstance(error, OSError) and error.strerror:
         return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
     return f"{type(error).__name__}: {error}"

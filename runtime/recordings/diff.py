@@ -44,7 +44,7 @@ def draw(path, here, there, comparison):
     FigureCanvasAgg(figure)
     rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, chosen):
-        a, b = here[d.path][mine], there[d.path][others]
+        a, b = here[d.path][mine].astype(float), there[d.path][others].astype(float)
         difference = b - a
         centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
         shown = np.abs(time - centre) <= WINDOW / 2

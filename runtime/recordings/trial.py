@@ -2,12 +2,16 @@
 
     trial = Trial("recordings/knee_exo_2026-11-21_10-00-00.mcap")
     trial["left/knee.position"]     # array over the ticks
+    trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
 
 A file that was cut off anywhere is read up to the last complete row; `complete` then is False.
 """
 
+import difflib
 import json
+import os
+import re
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,12 +19,15 @@ from pathlib import Path
 import numpy as np
 
 from runtime.errors import BadInput
-from runtime.recorder import messages
+from runtime.recordings import messages
 
 FORMATS = ("1",)
 FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
 FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
 FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
+DTYPES = {"int": np.int64, "bool": np.bool_}
+ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
+LOOK = 4096                     # records between two looks at how far the reading is
 TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
 
 
@@ -57,12 +64,14 @@ class Trial:
     BadInput if the file is no recording, or one of a newer Tickwork.
     """
 
-    def __init__(self, path):
+    def __init__(self, path, progress=lambda share: None):
+        """progress : called with the share of the file that has been read"""
         self.path = Path(path)
-        reader = Reader(self.path)
+        reader = Reader(self.path, progress)
         self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
         self.events, self.complete = reader.events, reader.finished
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
+        self.places = {path: place for place, path in enumerate(self.signals)}
         ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=TICK)
         self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
@@ -73,24 +82,88 @@ class Trial:
         self.frames = reader.frames
 
     def __getitem__(self, path):
-        """The signal over the ticks: (ticks,), or (ticks, ...) for one with elements."""
-        if path in self.signals:
-            return self.rows[:, list(self.signals).index(path)]
-        columns = [index for index, name in enumerate(self.signals) if name.startswith(f"{path}[")]
-        if not columns:
-            from graph.block import suggestion
+        """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that is what it is.
 
-            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if (hint := suggestion(path, list(self.signals))) else ""))
-        return self.rows[:, columns]
+        KeyError, with a suggestion, where there is none of that name.
+        """
+        places, shape = self.find(path)
+        values = self.rows[:, places[0]] if shape == () else self.rows[:, places].reshape(len(self), *shape)
+        kind = DTYPES.get(self.dtype(path), np.float64)
+        return values if kind is np.float64 or not np.isfinite(values).all() else values.astype(kind)
 
     def __len__(self):
         return len(self.tick)
+
+    def find(self, path):
+        """(places in the row, shape of a sample) of a signal, or of one element of it. KeyError"""
+        if path in self.places:
+            return [self.places[path]], ()
+        indices = {place: ELEMENT.fullmatch(name)[2] for name, place in self.places.items() if name.startswith(f"{path}[")}
+        if not indices:
+            near = difflib.get_close_matches(str(path), [*self.names, *self.places], n=1)
+            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": did you mean {near[0]!r}?" if near else ""))
+        last = np.array([[int(number) for number in re.findall(r"\d+", text)] for text in indices.values()]).max(axis=0)
+        return list(indices), tuple(int(number) + 1 for number in last)
+
+    @property
+    def names(self):
+        """Paths of all signals, each once, however many elements it has."""
+        return list(dict.fromkeys(ELEMENT.fullmatch(path)[1] for path in self.signals))
+
+    def unit(self, path):
+        """Canonical SI string of a signal: "rad", "N·m"; "1" for a plain number."""
+        return self.row_of(path)["unit"]
+
+    def dtype(self, path):
+        """"float", "int" or "bool"."""
+        return self.row_of(path)["dtype"]
+
+    def row_of(self, path):
+        return self.about["signals"][self.find(path)[0][0]]
+
+    @property
+    def fields(self):
+        """What the trial is, as `--trial` has said: {"subject": "S03", ...}."""
+        return dict(self.about["metadata"].get("trial") or {})
+
+    @property
+    def marks(self):
+        """s, of each moment that was marked with the key m."""
+        return np.array([event["tick"] / self.about["rate"] for event in self.events if event["event"] == "mark"])
+
+    def resample(self, rate):
+        """The same Trial at a fixed rate in Hz, from its first tick to its last; what ticks it had missed is filled in.
+
+        Floats go on straight lines between samples, ints and bools keep their newest value, quaternions turn at a constant rate. There is
+        no filter: what is faster than half the rate must have been taken out before.
+        """
+        from runtime.recordings.resample import resampled
+
+        return resampled(self, rate)
+
+    def strides(self, path, events=None, points=101):
+        """A signal over the gait cycle: (strides, points), and the elements of the signal behind.
+
+        events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or of a gait phase, which
+            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, while its `walking` is true.
+
+        Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError, BadInput
+        """
+        from runtime.recordings.strides import strides
+
+        return strides(self, path, events, points)
+
+    def table(self):
+        """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields of the trial. MissingExtra"""
+        from runtime.recordings.trials import table
+
+        return table(self)
 
 
 class Reader:
     """The records of a file, sorted by what they are."""
 
-    def __init__(self, path):
+    def __init__(self, path, progress):
         self.about = self.end = self.diagram = None
         self.events, self.frames = [], []
         self.began = 0              # ns of the wall clock; in virtual time the file's times begin at 0
@@ -98,7 +171,8 @@ class Reader:
         self.finished = False
         try:
             with open(path, "rb") as stream:
-                self.read(stream)
+                size = max(1, os.fstat(stream.fileno()).st_size)
+                self.read(stream, lambda: progress(stream.tell() / size))
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if self.about is None:
@@ -106,13 +180,15 @@ class Reader:
         if self.about.get("format") not in FORMATS:
             raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
 
-    def read(self, stream):
+    def read(self, stream, look):
         from mcap.exceptions import McapError
         from mcap.records import Attachment, Channel, Footer, Message
         from mcap.stream_reader import StreamReader
 
         try:
-            for record in StreamReader(stream, record_size_limit=None).records:
+            for number, record in enumerate(StreamReader(stream, record_size_limit=None).records):
+                if number % LOOK == 0:
+                    look()
                 if isinstance(record, Message):
                     self.take(record)
                 elif isinstance(record, Attachment):

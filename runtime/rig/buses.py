@@ -11,8 +11,9 @@ from runtime.doctor.machine import Machine
 from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
-from runtime.rig.file import SOCKETCAN, UDP
+from runtime.rig.file import I2C, SOCKETCAN, UDP
 from runtime.rig.fitness import WIRING, again, take_up
+from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.streams import StreamLines
@@ -74,6 +75,8 @@ class RigBuses:
                 continue
             try:
                 self.buses[name] = self.open(index, name, [block for block in devices if block.bus == name], machine or Machine())
+            except SeveralRefused as refused:
+                troubles += refused.troubles
             except Refused as refused:
                 troubles.append(refused.trouble)
         if troubles:
@@ -82,6 +85,10 @@ class RigBuses:
 
     def open(self, index, name, devices, machine):
         bus = self.rig.buses[name]
+        if (bus.interface == I2C) != (self.media[name] == "i2c"):
+            raise Refused(Trouble(
+                "TW105", f"[bus.{name}] interface = {bus.interface!r}, and what is on it speaks {'I2C' if bus.interface != I2C else 'CAN'}",
+                'write interface = "i2c" and channel = "/dev/i2c-1"' if bus.interface != I2C else 'write interface = "socketcan"'))
         if bus.interface in ONE_PROCESS:
             raise Refused(Trouble(
                 "TW105", f"[bus.{name}] interface = {bus.interface!r} has no nodes outside of one process",
@@ -92,6 +99,9 @@ class RigBuses:
             raise Refused(Trouble(
                 "TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
                 "end that one first: a bus has one controller")) from None
+        if bus.interface == I2C:
+            interface = I2cInterface(bus, devices)
+            return OpenBus(interface, interface)
         if bus.interface == UDP:
             interface = UdpInterface(bus, devices)
             return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=PATIENCE, mute=not bus.peer))
@@ -126,7 +136,11 @@ class RigBuses:
             }
             for index, (name, bus) in enumerate(self.buses.items()) if self.media[name] == "can"
         ]
-        self.streams.start(max(priority - 1, 0) if priority else 0)
+        sensors = max(priority - 1, 0) if priority else 0
+        self.streams.start(sensors)
+        for name, bus in self.buses.items():
+            if self.media[name] == "i2c":
+                bus.interface.start(sensors)
         try:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority))
         except GuardianError as error:
@@ -185,6 +199,11 @@ class RigBuses:
     def strangers(self):
         """Ids of frames for nobody here, by bus."""
         return {name: bus["stranger_ids"] for name, bus in self.after.items() if bus["stranger_ids"]}
+
+    def failures(self):
+        """(path, what was counted, why it failed last) of devices on I2C that did not always answer."""
+        return [(path, told, error_in_words(told["error"])) for name, bus in self.after.items() if self.media[name] == "i2c"
+                for path, told in bus["devices"].items() if told["failures"]]
 
     def unheard(self):
         """Channels on which nobody has acknowledged our frames."""

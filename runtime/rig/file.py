@@ -25,7 +25,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
-SOCKETCAN = "socketcan"
+SOCKETCAN, I2C = "socketcan", "i2c"
 SLOWEST, FASTEST = 10_000, 1_000_000        # bit/s that CAN is specified for
 LONGEST_NAME = 15                           # characters of a network interface
 KEYS = {                                    # of a bus: type, example, whether it must be there
@@ -43,7 +43,7 @@ WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dic
 @dataclass(frozen=True)
 class RigBus:
     """
-    interface : of python-can's kinds, or udp; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD
+    interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD
     peer : where UDP sends to, "" for nowhere
     options : more that the interface of python-can is given, as it is
     """
@@ -136,6 +136,9 @@ def bus(name, table, troubles):
     if len(troubles) > before:
         return None
     found = RigBus(name, **table)
+    if found.interface == I2C:
+        check_i2c(found, table, wrong)
+        return found if len(troubles) == before else None
     if not SLOWEST <= found.bitrate <= FASTEST:
         wrong(f"bitrate = {found.bitrate}: CAN has {SLOWEST} to {FASTEST} bit/s", "write bitrate = 1_000_000")
     if found.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % LONGEST_NAME, found.channel):
@@ -148,7 +151,7 @@ def bus(name, table, troubles):
         wrong("peer is of UDP alone", "take it out")
     if found.interface not in (SOCKETCAN, UDP) and found.interface not in kinds():
         wrong(f"interface = {found.interface!r}: python-can has none of that name",
-              suggestion(found.interface, [*kinds(), UDP]) or 'write interface = "socketcan"')
+              suggestion(found.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"')
     return found if len(troubles) == before else None
 
 
@@ -178,6 +181,15 @@ def check_udp(bus, wrong):
             wrong(f"{key} = {text!r}: {error}", f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'))
     if bus.fd:
         wrong("fd = true: a datagram of UDP is a classic frame", "take it out")
+
+
+def check_i2c(bus, table, wrong):
+    """wrong : called with what is wrong, and the cure"""
+    for key in table:
+        if key not in ("interface", "channel"):
+            wrong(f"{key}: an I2C bus has none", "take it out; how fast the bus is, the system's configuration says: dtparam=i2c_arm_baudrate")
+    if not bus.channel.startswith("/dev/"):
+        wrong(f"channel = {bus.channel!r}: an I2C bus is a file in /dev", 'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine')
 
 
 def kinds():

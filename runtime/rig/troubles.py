@@ -31,6 +31,11 @@ CODES = {
     "TW127": "sensor that is not found",
     "TW128": "sensor that does not answer",
     "TW129": "sensor that refuses its set-up",
+    "TW131": "no such I2C bus",
+    "TW132": "I2C bus without permission",
+    "TW133": "no multiplexer there",
+    "TW134": "another chip at this address",
+    "TW135": "address of a driver of the kernel",
 }
 
 

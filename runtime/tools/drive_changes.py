@@ -3,9 +3,10 @@
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking, parameters
 from runtime.terminal import tell
+from runtime.tools import cubemars_zero
 from runtime.tools.asking import sure
 from runtime.tools.scan import refuse_company
-from runtime.tools.setting_up import Drive, same
+from runtime.tools.setting_up import Drive, NotPrivate, same
 
 SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"       # of RobStride's MIT protocol: to the private one, from the next power on
 
@@ -19,7 +20,14 @@ def carry_out(bus, wanted):
     if wanted.protocol == "private" and not (wanted.writes or wanted.zero or wanted.new_id or wanted.save or wanted.reads):
         if (found := from_mit(bus, wanted)) is not None:
             return found
-    drive = Drive(bus, wanted.can_id)
+    try:
+        drive = Drive(bus, wanted.can_id)
+    except NotPrivate:
+        if wanted.zero and not (wanted.reads or wanted.writes or wanted.protocol or wanted.new_id):
+            found = cubemars_zero.carry_out(bus, wanted)
+            if found is not None:
+                return found
+        raise
     tell([f"id {drive.can_id} on {bus.bus.channel}, unique {drive.unique}"])
     show(drive, wanted.reads)
     if not (wanted.writes or wanted.zero or wanted.protocol or wanted.new_id or wanted.save):

@@ -11,8 +11,12 @@ from runtime.tools.scan import SETTLE, read, refuse_company
 
 STILL, IDLE = 0.1, 0.3          # rad/s and A, from which on a drive counts as running
 VENDOR_ONLY = (
-    "it is a CubeMars, whose id, zero and limits are set in CubeMars' own program alone: connect its serial port with the vendor's R-Link "
+    "it is a CubeMars, whose id, mode and limits are set in CubeMars' own program alone (--zero works on the bus, by its id): connect its serial port with the vendor's R-Link "
     "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo mode is chosen there")
+
+
+class NotPrivate(BadInput):
+    """Nobody has that id in the private protocol."""
 
 
 class Drive:
@@ -25,7 +29,7 @@ class Drive:
         if len(known) > 1:
             raise BadInput(f"{len(known)} drives have id {can_id}: {' and '.join(known)}; take all but one off the bus")
         if not known:
-            raise BadInput(self.nobody())
+            raise NotPrivate(self.nobody())
         self.unique = known[0]
         self.is_robstride = None                # not known before it has been stopped
 

@@ -1,4 +1,7 @@
-"""One drive, watched live without torque: asked again and again with the frame that takes its torque away."""
+"""One drive, watched live without torque: asked again and again with the frame that takes its torque away.
+
+One that reports by itself, a CubeMars in servo mode, is listened to, and is left as it is.
+"""
 
 import math
 import sys
@@ -16,6 +19,7 @@ from runtime.tools.scan import refuse_company
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
 ASCII = {"N·m": "N*m", "°C": "degC"}
 SILENT = 1.0                    # s without an answer, then it is told
+REPORTING = 0.15                # s in which a drive that reports by itself is heard
 REFRESH = 0.1                   # s between two lines on a terminal
 SLOW = 1.0                      # and where it is none
 
@@ -39,9 +43,14 @@ class Watched:
     def __init__(self, bus, can_id, model=None):
         self.bus, self.can_id, self.model = bus, can_id, model
         refuse_company(bus)
+        self.question, self.read = None, self.report
+        if (found := self.ask(REPORTING)) is not None:
+            self.family = found.family
+            return
         for question, read in (
                 (private.stop(can_id), lambda *frame: private.feedback(*frame, can_id, model)),
-                (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model))):
+                (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model)),
+                (mit.question_of_v3(can_id), self.report)):
             self.question, self.read = question, read
             found = bus.ask(question, "disable", read)
             if found is not None:
@@ -51,7 +60,18 @@ class Watched:
 
     def ask(self, patience):
         """The Answer, None if none came in time."""
+        if self.question is None:
+            heard = self.bus.listen(patience, lambda frames: any(map(self.is_report, frames)))
+            return next((self.read(*frame) for frame in reversed(heard) if self.is_report(frame)), None)
         return self.bus.ask(self.question, "disable", self.read, patience=patience, attempts=1)
+
+
+    def report(self, *frame):
+        answer = mit.servo_status(*frame, self.model)
+        return answer if answer is not None and answer.can_id == self.can_id else None
+
+    def is_report(self, frame):
+        return self.report(*frame) is not None
 
 
 def columns(name):

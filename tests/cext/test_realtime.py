@@ -31,6 +31,20 @@ def test_timer_slack_is_of_one_thread_and_has_a_default():
     assert (least, after) == (1, before) and before == here == realtime.timer_slack()
 
 
+def test_a_short_slice_is_of_one_thread_and_goes_back_to_the_default():
+    def change():
+        before = realtime.slice_length()
+        realtime.set_slice(100_000)
+        short = realtime.slice_length()
+        realtime.set_slice(0)
+        return before, short, realtime.slice_length()
+
+    before, short, after = in_a_thread(change)
+    if before == 0:
+        pytest.skip("this Linux has no slices of single threads: it came with 6.12")
+    assert short == 100_000 < before == after == realtime.slice_length()
+
+
 def test_stack_that_was_touched_is_there():
     """In a thread with a stack of its own that nobody has used: touching it faults it in once, and not again."""
     def faults():

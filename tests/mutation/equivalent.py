@@ -4,4 +4,14 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, square) -> add(sums - RUNNING, square)": "RUNNING is 0",
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, -arena[slots[SQUARES] + place]) -> "
     "add(sums - RUNNING, -arena[slots[SQUARES] + place])": "RUNNING is 0",
+    "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
+    "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
+    "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
+    "cext/kernels/drive_law.pxd share_inside: if limit < fabs(law.torque): -> if limit <= fabs(law.torque):": "it becomes what it is",
+    "cext/kernels/drive_law.pxd share_inside: if error + spread > limit - law.torque: -> if error + spread >= limit - law.torque:":
+        "the share is 1 then",
+    "cext/kernels/drive_law.pxd share_inside: if share * (spread - error) > limit + law.torque: -> if share * (spread - error) >= limit + law.torque:":
+        "the share stays what it is then",
+    "runtime/guardian/stopping.py __init__: self.limit = LONGEST + max(self.damping.values(), default=0) -> "
+    "self.limit = LONGEST + max(self.damping.values(), default=1)": "without a device it is over at once",
 }

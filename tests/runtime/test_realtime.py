@@ -36,7 +36,7 @@ def state():
     limits = [resource.getrlimit(which) for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK, resource.RLIMIT_RTTIME)]
     return [
         os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, sorted(os.sched_getaffinity(0)), status("VmLck"),
-        system.timer_slack(), limits, len(os.listdir("/proc/self/fd")), status("SigCgt")]
+        system.timer_slack(), system.slice_length(), limits, len(os.listdir("/proc/self/fd")), status("SigCgt")]
 
 
 def limit(rtprio, memlock):
@@ -74,7 +74,7 @@ print(json.dumps([before, during, realtime.lines(), state()]))
 ''')
     assert during[:3] == [SCHED_FIFO_FOR_US_ALONE, 70, [0]]
     assert int(during[3]) > 10_000                                          # KiB, locked
-    assert during[5][2][0] == 500_000                                       # µs without a sleep
+    assert during[6][2][0] == 500_000                                       # µs without a sleep
     assert before[3] == "0" and before[0] == os.SCHED_OTHER
     assert after == before
     awake = ", processors awake" if os.path.exists("/dev/cpu_dma_latency") else ""
@@ -200,7 +200,7 @@ print(json.dumps([before, during, realtime.granted, state()]))
 ''')
     assert {"memory locked", "SCHED_FIFO 80"} <= set(granted)
     assert during[:2] == [SCHED_FIFO_FOR_US_ALONE, 80]
-    assert during[5][:2] == [[90, 90], [-1, -1]]
+    assert during[6][:2] == [[90, 90], [-1, -1]]
     assert after[0] & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER             # the flag cannot be taken back without privilege
     assert after[1:] == before[1:]
 
@@ -245,7 +245,7 @@ def test_a_processor_that_is_not_there_is_refused_by_number():
     assert f"  processor 4000: this process may not run there: it may run on {numbers(before)}" in realtime.lines()
 
 
-def test_off_asks_for_nothing_but_the_timer_slack_and_gives_it_back():
+def test_off_asks_for_nothing_but_timer_slack_and_slice_and_gives_them_back():
     before, during, lines, after = told('''
 open("/proc/self/timerslack_ns", "w").write("50000")                    # a parent's may be another
 before = state()
@@ -254,6 +254,7 @@ with Realtime() as realtime:
 print(json.dumps([before, during, realtime.lines(), state()]))
 ''')
     assert (before[4], during[4]) == (50_000, 1)                            # ns
+    assert during[5] == (100_000 if before[5] else 0)
     assert during[:4] == before[:4] and lines == [] and after == before
 
 

@@ -10,6 +10,7 @@ The question is DISABLE. It is answered with the state, as every frame of MIT mo
 (AK Series Module Driver Manual V1.0.18, pages 64 to 68; RobStride user manuals of 2026-04-28, section 6.)
 """
 
+import math
 import struct
 
 from blocks.actuators.asking import Answer, symmetric
@@ -55,16 +56,19 @@ def question_of_v3(can_id):
     return frames.frame(frames.DISABLE, can_id)
 
 
-def servo_status(identifier, extended, data):
+def servo_status(identifier, extended, data, model=None):
     """The Answer that a drive in servo mode or with a V3.0 board gives, mostly without being asked, None for another frame.
 
-    Its speed is that of the motor's field, and is left out.
+    model : of blocks.actuators.cubemars.models or models_v3; without it velocity, and torque, which is computed from the current, cannot be told
     """
     if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None
-    position, _, current, temperature, error = struct.unpack(">hhhbB", data)
+    position, speed, current, temperature, error = struct.unpack(">hhhbB", data)
     found = Answer(
         SERVO, identifier & 0xFF, position=position * frames.POSITION_CODE, current=current * 0.01, temperature=float(temperature))
+    if model is not None:
+        _, rate, torque = frames.scales(model, 1.0, model.torque_constant or math.nan)
+        found.velocity, found.torque = speed * rate, current * 0.01 * torque
     if error == DISABLED:
         found.family = V3
     else:

@@ -152,7 +152,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             "fault": Interval(0.0, 255.0), "age": Interval(0.0), "rms_torque": Interval(0.0), self.sent_name: Interval(-most, most)}
 
     def traffic(self):
-        return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports
+        return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports_a_tick
 
     def zero_frames(self):
         """No current, whatever the mode: a duty of zero would short the motor, and brake it."""

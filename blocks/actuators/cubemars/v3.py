@@ -22,14 +22,14 @@ class Reporting:
     notice = Memory(0.0, "what has happened to a drive that was commanded")
 
     def check_reports(self):
-        self.reports = 1
+        self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
                 f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the drive would seem "
                 f"silent")
 
     def prepare(self, dt):
-        self.reports = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
+        self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
 
     def feedback_range(self):
         position, velocity = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1]
@@ -87,7 +87,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         return super().output_range() | self.feedback_range()
 
     def traffic(self):
-        return [(8, True)] * (1 + self.reports)
+        return [(8, True)] * (1 + self.reports_a_tick)
 
     def enable_frames(self):
         return [frames.frame(frames.FORCE, self.can_id, ENABLE)] if self.enter else []

@@ -80,7 +80,57 @@ def test_a_feedforward_at_the_limit_leaves_nothing_to_a_spring_that_pulls_the_sa
     assert said(wired, "AK80-9", position=0.0, stiffness=100.0, torque=9.0)["stiffness"] == pytest.approx(18.0, abs=0.3)
 
 
-@pytest.mark.parametrize("age, kept", [(2.0 * PERIOD, True), (2.1 * PERIOD, False), (math.inf, False), (math.nan, False)])
+def test_what_the_codes_may_say_wrongly_of_position_and_velocity_is_taken_from_the_share():
+    """Two codes of each: 500 N·m/rad over 0.04 rad is 20 N·m, and 5 N·m·s/rad over 4 rad/s as much."""
+    wired = drive()
+    understood = said(wired, "AK80-9", position=0.04, stiffness=500.0)
+    assert understood["stiffness"] == pytest.approx(500.0 * 9.0 / (20.0 + 500.0 * 2.0 * 25.0 / 65535), abs=500.0 / 4095)
+    understood = said(drive(), "AK80-9", velocity=4.0, damping=5.0)
+    assert understood["damping"] == pytest.approx(5.0 * 9.0 / (20.0 + 5.0 * 2.0 * 100.0 / 4095), abs=5.0 / 4095)
+
+
+def test_a_damper_alone_has_the_whole_limit_wherever_the_spring_would_rest():
+    wired = drive()
+    wired["position"] = -10.0
+    understood = said(wired, "AK80-9", position=1.0, velocity=5.0, damping=5.0)
+    assert law(understood, -10.0, 0.0) == pytest.approx(9.0, abs=0.2)
+
+
+@pytest.mark.parametrize("velocity, position, moving", [(-5.0, 1.0, 0.0), (-5.0, 1.0, 20.0)])
+def test_where_spring_and_damper_pull_against_each_other_neither_counts_on_the_other(velocity, position, moving):
+    """By how much a code of stiffness is less, over where the joint may be by then, is taken from the limit."""
+    wired = drive(limit=1.0)
+    wired["velocity"], wired["age"] = moving, PERIOD
+    understood = said(wired, "AK80-9", position=position, velocity=velocity, stiffness=100.0, damping=1.0)
+    moves = moving * 2.0 * PERIOD
+    error = 100.0 * position + velocity - moving
+    spread = 100.0 * (moves + 2.0 * 25.0 / 65535) + 2.0 * 100.0 / 4095
+    limit = 1.0 - max(500.0 / 4095 * (position + moves), 5.0 / 4095 * abs(velocity - moving))
+    assert understood["stiffness"] == pytest.approx(100.0 * limit / (error + spread), abs=500.0 / 4095)
+
+
+def test_a_share_is_never_more_than_was_asked():
+    """A feedforward at the limit, and a spring and a damper that nearly cancel: what is left of the limit is below zero, and so is their sum."""
+    wired = drive()
+    understood = said(wired, "AK80-9", position=0.1, velocity=-5.095, stiffness=50.0, damping=1.0, torque=9.0)
+    assert understood["stiffness"] <= 50.0 and understood["damping"] <= 1.0
+
+
+@pytest.mark.parametrize("torque", [5.0, -5.0])
+def test_a_limit_that_has_gone_down_cuts_a_torque_instead_of_refusing_it(torque):
+    wired = drive()
+    wired["limits"] = (*wired["limits"][:5], 3.0)
+    assert said(wired, "AK80-9", torque=torque)["torque"] == pytest.approx(math.copysign(3.0, torque), abs=36.0 / 4095)
+    assert wired["limited"] == 1.0
+
+
+def test_a_torque_alone_needs_no_feedback_and_is_not_counted():
+    wired = drive()
+    wired["age"] = 1.0
+    assert said(wired, "AK80-9", torque=3.0)["torque"] == pytest.approx(3.0, abs=36.0 / 4095) and wired["limited"] == 0.0
+
+
+@pytest.mark.parametrize("age, kept", [(2.0 * PERIOD, True), (2.0 * PERIOD + 1e-9, True), (2.0 * PERIOD + 2e-9, False), (2.1 * PERIOD, False), (math.inf, False), (math.nan, False)])
 def test_on_feedback_older_than_two_ticks_there_is_neither_stiffness_nor_damping(age, kept):
     wired = drive()
     wired["age"] = age

@@ -63,9 +63,9 @@ class Wired:
     def __setitem__(self, name, value):
         self.arena[self.place[name]] = value
 
-    def hear(self, identifier, data, length=None):
-        """Offer it a frame; data beyond `length` is there, as a controller's buffer would have it. Returns what decode says."""
-        frame = Frame(id=identifier, length=len(data) if length is None else length)
+    def hear(self, identifier, data, length=None, time=0):
+        """Offer it a frame of so many ns; data beyond `length` is there, as a controller's buffer would have it. Returns what decode says."""
+        frame = Frame(id=identifier, length=len(data) if length is None else length, time=time)
         frame.data[: len(data)] = data
         return self.native_decode(*self.tables, frame)
 

@@ -1,6 +1,10 @@
 """What the guardian carries is checked against the fence frame by frame: behind it nothing but the frames of the safe stop goes out."""
 
+import errno
+import mmap
 import os
+import signal
+import struct
 import time
 
 import pytest
@@ -9,7 +13,7 @@ from blocks.limiters import TorqueLimiter
 from cext.page import Page
 from cext.rings import Line, Lines
 from graph import Block, Input, Output
-from runtime.guardian.process import Guardian, decoded
+from runtime.guardian.process import STUCK, Guardian, decoded
 from tests.cext.rigs import one_drive
 
 ENABLE, NOTHING, DISABLE, TORQUE = (bytes.fromhex(text) for text in (
@@ -119,14 +123,53 @@ def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_cam
     robot.wires[0].receive = lambda: answers * 2                    # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
+    robot.guardian.receive(0)                                       # these were on their way
+    assert robot.guardian.stop.report()["confirmed"] == []
+    robot.guardian.stop.step(robot.guardian.stop.due)
     robot.guardian.receive(0)
-    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 4, "took": 0}
+    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 8, "took": 0}
     robot.wires[1].receive = lambda: answers
     robot.guardian.carry()
     assert not robot.guardian.stop.over
     robot.guardian.carry()
     assert robot.guardian.stop.over
     assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2     # the loop hears them, too
+
+
+def test_what_lies_there_when_a_stop_begins_reaches_the_loop_before_the_answers_to_it(robot):
+    before = [[(1, b"\1 before")]]
+    robot.wires[0].receive = lambda: before.pop() if before else []
+    robot.wires[0].then = lambda data: before.append([(1, b"\1 after")])
+    robot.guardian.begin_stop("died", 0, time.monotonic_ns())
+    assert [frame[2] for frame in robot.ends[0].receive()] == [b"\1 before"]
+
+
+def test_on_a_bus_that_the_loop_drives_it_listens_to_the_drives_there_from_the_stop_on(robot):
+    heard = {}
+    for number, wire in enumerate(robot.wires):
+        wire.listen = lambda replies, number=number: heard.update({number: replies})
+    robot.guardian.devices[1]["replies"] = [[2, 0x7FF, "02"]]
+    robot.guardian.buses[1]["line"] = None
+    robot.guardian.begin_stop("died", 0, time.monotonic_ns())
+    assert heard == {1: [[2, 0x7FF, "02"]]}
+
+
+def test_what_a_wire_counts_and_why_it_failed_is_told_to_the_loop_once(robot):
+    line = Line(robot.lines, 1)
+    robot.wires[1].counts, robot.wires[1].trouble = {"corrupt": 2}, (errno.ENODEV, "it is gone")
+    for _ in range(2):
+        robot.guardian.carry()
+    line.end.receive()                                              # the loop hears of it
+    assert line.counts["corrupt"] == 2 and line.trouble == errno.ENODEV and Line(robot.lines, 0).trouble is None
+
+
+def test_a_wire_that_says_when_it_has_something_is_not_asked_in_between(robot):
+    asked = []
+    for number, wire in enumerate(robot.wires):
+        wire.receive = lambda number=number: asked.append(number) or []
+    robot.wires[0].fileno = lambda: 5
+    robot.guardian.carry()
+    assert asked == [1]
 
 
 # Whether the loop is there
@@ -180,10 +223,44 @@ def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
 
 def test_a_process_that_is_gone_is_stopped_at_once():
     def look(guardian, page):
-        guardian.gone = True
+        guardian.dead = True
         guardian.judge(page.beat)
 
     assert judged(look).verdict["because"] == "died"
+
+
+HUNG, CRASHED = 32, 36           # bytes, of cext.page.PageLayout
+
+
+def write(page, offset, number):
+    """What the loop's watchdog, or its handler of a crash, writes there."""
+    with mmap.mmap(page.fd, 0) as memory:
+        struct.pack_into("=i", memory, offset, number)
+
+
+@pytest.mark.parametrize("item, block", [(1, "law"), (-1, "the tick")])
+def test_a_step_that_hangs_is_named_and_looked_after_once_more(item, block):
+    asked = []
+
+    def look(guardian, page):
+        write(page, HUNG, item)
+        asked.append(page.beat)
+        guardian.judge(page.beat)
+
+    guardian = judged(look)
+    assert (guardian.verdict["because"], guardian.verdict["block"]) == ("hung", block) and "signal" not in guardian.verdict
+    assert guardian.stuck_at == asked[0] + STUCK
+
+
+def test_a_crash_is_told_by_its_signal_and_the_block_it_was_in():
+    def look(guardian, page):
+        write(page, HUNG, 1)
+        write(page, CRASHED, signal.SIGSEGV)
+        guardian.judge(page.beat)
+
+    guardian = judged(look)
+    assert (guardian.verdict["because"], guardian.verdict["block"], guardian.verdict["signal"]) == ("died", "law", "SIGSEGV")
+    assert guardian.stuck_at is None
 
 
 def test_a_loop_that_has_come_to_its_end_is_left_alone():

@@ -62,23 +62,56 @@ def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
 
 
+def test_times_count_from_its_begin():
+    wire, began = Log(), 1_000_000_000
+    stop = SafeStop([device("knee", 0, 1, damp_time=0.01), device("hip", 0, 2)], {0: wire}, began)
+    stop.step(began)
+    assert wire.sent == [(1, b"damp"), (2, b"zero"), (2, b"disable")]
+    stop.step(began + 10_000_000)
+    assert wire.sent[3:] == [(1, b"zero"), (1, b"disable"), (2, b"zero"), (2, b"disable")]
+    stop.step(began + 209_000_000)
+    assert not stop.over
+    stop.step(began + 210_000_000)
+    assert stop.over and stop.report()["took"] == pytest.approx(0.21, abs=1e-9)
+
+
+@pytest.mark.parametrize("empty", ["zero", "disable"])
+def test_who_has_one_kind_of_frame_alone_is_stopped_with_it(empty):
+    wire = Log()
+    stop = SafeStop([device("knee", 0, 1) | {empty: []}], {0: wire}, 0)
+    stop.step(0)
+    assert wire.sent == [(1, b"disable" if empty == "zero" else b"zero")] and not stop.over
+
+
+def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothing(legs):
+    stop, wires = legs
+    stop.step(0)
+    for _ in range(4):
+        stop.hear(0, 0x101, b"", 1)
+    assert stop.report()["confirmed"] == []
+    stop.step(ROUND)
+    assert wires[0].sent[4:6] == [(1, b"zero"), (1, b"disable")]
+
+
 def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
     wire = Log()
     stop = SafeStop([device("left", 0, 1), device("twin", 0, 1)], {0: wire}, 0)
     stop.step(0)
+    stop.step(ROUND)
     for _ in range(2):
-        stop.hear(0, 0x101, b"", 1)
+        stop.hear(0, 0x101, b"", ROUND + 1)
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
 def test_it_ends_when_all_have_confirmed(legs):
     stop, _ = legs
     stop.step(0)
-    for bus, identifier, data in ((0, 0x101, b""), (0, 0x102, b""), (1, 0x101, b"\1!")):
-        stop.hear(bus, identifier, data, 1_000_000)
+    stop.step(ROUND)
+    for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
+        stop.hear(bus, identifier, data, ROUND + 1_000_000)
         assert not stop.over
-        stop.hear(bus, identifier, data, 2_000_000)
-    assert stop.over and stop.report() == {"confirmed": ["left", "right", "hip"], "unconfirmed": [], "sent": 6, "took": 0.002}
+        stop.hear(bus, identifier, data, ROUND + 2_000_000)
+    assert stop.over and stop.report() == {"confirmed": ["left", "right", "hip"], "unconfirmed": [], "sent": 12, "took": 0.007}
 
 
 def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
@@ -117,7 +150,11 @@ def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
     assert (2, b"disable") in wire.sent and stop.report()["unconfirmed"] == ["knee", "hip"]
     stop.step(300_000_000)
     assert wire.sent[-4:-2] == [(1, b"zero"), (1, b"disable")]
-    for now in (300_000_001, 300_000_002):
+    for now in (300_000_001, 300_000_002):                  # to its damping, perhaps
+        stop.hear(0, 0x101, b"", now)
+    assert stop.report()["confirmed"] == []
+    stop.step(300_000_000 + ROUND)
+    for now in (300_000_001 + ROUND, 300_000_002 + ROUND):
         stop.hear(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == ["knee"] and stop.report()["unconfirmed"] == ["hip"]
     stop.step(500_000_000)

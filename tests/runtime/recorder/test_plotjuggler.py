@@ -152,3 +152,27 @@ def test_an_unknown_host_is_told_before_the_run(tmp_path):
     with pytest.raises(RecorderError, match="juggler cannot start: there is no host 'no-such-host.invalid'"):
         record(plan(tmp_path, sink(JUGGLER, "juggler", columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
     assert list(tmp_path.iterdir()) == []
+
+
+def test_one_tick_of_so_many_is_sent_also_where_some_were_missed(listener):
+    signals = columns("a.x m")
+    order = plan(None, sink(JUGGLER, "juggler", signals, host=listener.host, port=listener.port, decimation=10))
+    record(order, [row(tick, float(tick)) for tick in range(100) if tick not in (30, 31, 57)])
+    assert [message["a"]["x"] for message in listener.heard()] == [0, 10, 20, 32, 40, 50, 60, 70, 80, 90]
+
+
+def test_a_batch_is_a_list_of_messages_each_with_its_timestamp(listener):
+    order = plan(None, sink(JUGGLER, "juggler", columns("a.x m"), host=listener.host, port=listener.port, batch=20))
+    report = record(order, [row(tick, float(tick)) for tick in range(70)])
+    datagrams = listener.heard()
+    assert [message["timestamp"] for datagram in datagrams for message in datagram] == [tick / 200 for tick in range(70)]
+    assert max(map(len, datagrams)) == 20 and report["sinks"]["juggler"]["datagrams"] == len(datagrams) >= 4
+
+
+def test_a_batch_never_outgrows_a_datagram(listener):
+    wide = columns(*(f"left/{'b' * 40}{index}.x m" for index in range(400)))
+    order = plan(None, sink(JUGGLER, "juggler", wide, host=listener.host, port=listener.port, batch=100))
+    report = record(order, [row(tick, *range(400)) for tick in range(30)])
+    datagrams = listener.heard()
+    assert report["sinks"]["juggler"]["lost"] == 0 and [message["timestamp"] for datagram in datagrams for message in datagram] == [
+        tick / 200 for tick in range(30)]

@@ -72,8 +72,9 @@ class Node:
 class Mit(Node):
     """A CubeMars in MIT mode, or with a host's id a RobStride in its MIT protocol. Its torque is that of the last command."""
 
-    def __init__(self, can_id, position=0.1, temperature=31.0, error=0, host=None, velocity=0.0):
+    def __init__(self, can_id, position=0.1, temperature=31.0, error=0, host=None, velocity=0.0, drift=0.0):
         super().__init__()
+        self.silent, self.drift = 0.0, drift
         self.velocity = velocity
         self.can_id, self.position, self.temperature, self.error, self.host = can_id, position, temperature, error, host
         self.enabled = False
@@ -83,6 +84,11 @@ class Mit(Node):
             return []
         if data in (ENABLE, DISABLE):
             self.enabled = data == ENABLE
+        if data == ZERO:                                # then it is silent for a while
+            self.position, self.silent = 0.0, time.monotonic() + 0.6
+        self.position += self.drift
+        if time.monotonic() < self.silent:
+            return []
         if self.host is None:
             state = self.position, self.velocity, 0.0, self.temperature, self.error
             return [(self.can_id, False, reference.reply(AK10_9, self.can_id, *state))]
@@ -150,16 +156,21 @@ class Private(Node):
 
 
 class Servo(Node):
-    """A CubeMars in servo mode: 50 reports a second, and no answer in MIT mode."""
+    """A CubeMars in servo mode: 50 reports a second, and no answer in MIT mode. current : of 0.01 A"""
 
     period = 0.02
 
-    def __init__(self, can_id):
+    def __init__(self, can_id, current=12, error=4):
         super().__init__()
-        self.can_id = can_id
+        self.can_id, self.position, self.current, self.error, self.kept = can_id, 900, current, error, None
 
     def speak(self):
-        return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", 900, 0, 12, 33, 4))]
+        return [(0x29 << 8 | self.can_id, True, struct.pack(">hhhbB", self.position, 0, self.current, 33, self.error))]
+
+    def hear(self, identifier, extended, data):
+        if extended and identifier == 5 << 8 | self.can_id and len(data) == 1:
+            self.position, self.kept = 0, bool(data[0])
+        return []
 
 
 class V3(Node):

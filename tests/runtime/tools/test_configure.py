@@ -6,7 +6,7 @@ import struct
 import pytest
 
 from runtime.errors import BAD_INPUT, OK
-from tests.runtime.tools.nodes import DISABLE, Mit, Nodes, Private
+from tests.runtime.tools.nodes import DISABLE, ZERO, Mit, Nodes, Private, Servo
 
 
 def configure(command_line, nodes, *words):
@@ -37,10 +37,37 @@ def test_an_id_that_somebody_has_is_refused(command_line, other):
     assert 7 not in kinds(drive) and drive.can_id == 127
 
 
+def test_the_zero_of_a_cubemars_in_mit_mode_is_set_and_awaited(command_line):
+    drive = Mit(3, position=0.4)
+    with Nodes(37, drive) as nodes:
+        code, out, err = configure(command_line, nodes, "3", "--zero", "--yes")
+    assert (code, err) == (OK, "") and "  position: 0.4" in out and "-> 0 rad, whether it is kept" in out and "done: position is -0.0002 rad" in out       # half a code
+    told = [data for identifier, extended, data in drive.heard if not extended]
+    assert told.count(ZERO) == 1 and set(told) == {DISABLE, ZERO} and told[0] == told[1] == DISABLE
+
+
+@pytest.mark.parametrize("words, kept", [([], False), (["--save"], True)])
+def test_the_zero_of_a_cubemars_in_servo_mode_is_kept_where_that_is_asked_for(command_line, words, kept):
+    drive = Servo(4)
+    with Nodes(38, drive) as nodes:
+        code, out, _ = configure(command_line, nodes, "4", "--zero", *words, "--yes")
+    assert code == OK and drive.kept is kept and "  position: 1.5708 rad -> 0 rad" in out and "done: position is 0.0000 rad" in out
+
+
+@pytest.mark.parametrize("drive, words, said", [
+    (Mit(3, drift=0.05), [], "runs (from"), (Servo(3, current=150), [], "1.50 A): stop what drives it first"),
+    (Mit(3), ["--save"], "has no frame to save")])
+def test_a_cubemars_that_runs_keeps_its_zero(command_line, drive, words, said):
+    with Nodes(39, drive) as nodes:
+        code, _, err = configure(command_line, nodes, "3", "--zero", *words, "--yes")
+    assert code == BAD_INPUT and said in err
+    assert not [frame for frame in drive.heard if frame[2] == ZERO or frame[1] and frame[0] >> 8 == 5]
+
+
 def test_two_drives_with_that_id_nobody_and_other_kinds_are_told(command_line):
     with Nodes(22, Private(9), Private(9, unique=5), Mit(3), Mit(12, host=0xFD)) as nodes:
-        said = [configure(command_line, nodes, can_id, "--zero", "--yes")[2] for can_id in ("9", "3", "12", "77")]
-        assert 6 not in {identifier >> 24 for node in nodes.nodes for identifier, extended, _ in node.heard if extended}
+        said = [configure(command_line, nodes, can_id, "--protocol", "canopen", "--yes")[2] for can_id in ("9", "3", "12", "77")]
+        assert 25 not in {identifier >> 24 for node in nodes.nodes for identifier, extended, _ in node.heard if extended}
     assert "2 drives have id 9" in said[0] and "take all but one off the bus" in said[0]
     assert "id 3: it is a CubeMars, whose id" in said[1] and "CubeMars' own program" in said[1]
     assert "id 12 speaks RobStride's MIT protocol" in said[2] and "--protocol private" in said[2]
@@ -122,7 +149,7 @@ def test_a_robstride_changes_its_protocol_both_ways(command_line):
     ([], "which drive? name its id"),
     (["9"], "what shall be done?"),
     (["0", "--zero"], "0: expected an id from 1 to 127"),
-    (["AK80-9", "--zero"], "AK80-9: it is a CubeMars, whose id, zero and limits are set in CubeMars' own program"),
+    (["AK80-9", "--zero"], "AK80-9: it is a CubeMars, whose id, mode and limits are set in CubeMars' own program"),
     (["9", "--set-id", "9"], "that is its id already"),
     (["9", "--set-id", "128"], "128: expected an id from 1 to 127"),
     (["9", "--write", "limit_torqe=1"], "there is no parameter 'limit_torqe'; did you mean 'limit_torque'?"),

@@ -3,10 +3,12 @@
 import pytest
 
 from blocks.actuators.robstride import models
+from graph import compile
 from runtime.errors import BAD_INPUT, FAULT, OK
+from runtime.tools.move import build
 from tests.blocks.actuators import reference, robstride_reference
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
-from tests.runtime.tools.nodes import Mit, Nodes, Private
+from tests.runtime.tools.nodes import Mit, Nodes, Private, Servo
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 STEP = 36.0 / 4095              # N·m, a code of torque
@@ -68,6 +70,27 @@ def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path
     assert "36 °C        none" in process.stderr and drive.mode == 0
 
 
+def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
+    """An AK60-6 V1.1: 0.2 N·m over 0.078 N·m/A at the motor, behind a gear of 6, is 0.427 A."""
+    drive = Servo(4, error=0)
+    with Nodes(66, drive) as nodes:
+        process = finished("move", "4", "--model", "AK60-6-V1.1", "--servo", *nodes.words, "--realtime", "off", "--torque", "0.2", "--duration", "1",
+                           "--yes", "--no-record", cwd=tmp_path)
+    assert process.returncode == OK, process.stderr
+    assert "torque 0.2 N·m for 1 s, torque limit 0.3 N·m (10% of rated)" in process.stdout
+    currents = [int.from_bytes(data, "big", signed=True) for identifier, extended, data in drive.heard if extended and identifier == 1 << 8 | 4]
+    assert max(currents) == pytest.approx(427, abs=1) and min(currents) >= 0 and currents[-1] == 0
+    assert {identifier >> 8 for identifier, extended, _ in drive.heard if extended} == {1}
+
+
+@pytest.mark.parametrize("family, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
+@pytest.mark.parametrize("kind, target", [("torque", 0.2), ("velocity", 1.0), ("position", 0.3)])
+def test_every_board_and_way_of_moving_is_proved_to_stay_inside_the_limit(family, model, kind, target):
+    schedule = compile(build(family=family, model=model, kind=kind, target=target, limit=0.5))
+    assert not schedule.warnings and all(proof.interval in proof.limit for proof in schedule.proofs)
+    assert schedule.proofs
+
+
 def test_a_motor_that_runs_away_ends_the_run(tmp_path):
     drive = Mit(3, velocity=4.0)
     with Nodes(62, drive) as nodes:
@@ -87,6 +110,8 @@ def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
     (["3"], "where to? one of --torque T, --position P and --velocity V"),
     (["3", "--torque", "1"], "which model?"),
     (["3", "--torque", "1", "--model", "AK80-9"], "--torque 1 is beyond the limit of 0.9 N·m (10% of rated); --limit 1 allows it"),
+    (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: say a --limit"),
+    (["3", "--torque", "1", "--model", "AK80-8", "--servo", "--mit"], "not allowed with"),
     (["3", "--torque", "10", "--model", "AK80-9"], "its rated torque is 9 N·m"),
     (["3", "--torque", "1", "--model", "AK80-9", "--limit", "12"], "--limit 12: at most the rated torque of AK80-9, 9 N·m"),
     (["3", "--torque", "nan", "--model", "AK80-9"], "--torque nan: expected a number of N·m"),

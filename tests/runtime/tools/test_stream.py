@@ -6,7 +6,7 @@ import pytest
 
 from runtime.errors import BAD_INPUT, OK
 from tests.runtime.runs import Listener
-from tests.runtime.tools.nodes import DISABLE, Commander, Mit, Nodes, Private
+from tests.runtime.tools.nodes import DISABLE, V3, Commander, Mit, Nodes, Private, Servo
 
 
 def test_a_drive_is_shown_recorded_and_plotted_without_torque(command_line):
@@ -32,6 +32,21 @@ def test_a_robstride_without_a_model_tells_its_position_alone(command_line):
         code, out, _ = command_line("stream", "actuator", "9", *nodes.words, "--duration", "0.2")
     assert code == OK and "velocity and torque need --model" in out and "   0.250 rad        - rad/s        - N·m    36 °C" in out
     assert {identifier >> 24 for identifier, extended, _ in drive.heard if extended} == {4}
+
+
+def test_a_cubemars_in_servo_mode_is_listened_to_and_left_as_it_is(command_line):
+    """A report of 90°, and 0.12 A of an AK60-6 V1.1: 0.12 × 0.078 × 6 = 0.056 N·m."""
+    drive = Servo(4, error=0)
+    with Nodes(84, drive) as nodes:
+        code, out, _ = command_line("stream", "actuator", "4", *nodes.words, "--servo", "--model", "AK60-6-V1.1", "--duration", "0.3")
+    assert code == OK and "   1.571 rad" in out and "0.06 N·m" in out and drive.heard == []
+
+
+def test_a_board_that_reports_when_it_is_asked_is_asked(command_line):
+    drive = V3(5)
+    with Nodes(85, drive) as nodes:
+        code, out, _ = command_line("stream", "actuator", "5", *nodes.words, "--duration", "0.2")
+    assert code == OK and "CubeMars with a V3.0 board" in out and "   1.571 rad" in out
 
 
 def test_nobody_and_somebody_elses_drive_are_told(command_line):

@@ -1,0 +1,117 @@
+"""The calibration of one IMU: what `python -m runtime calibrate` finds, in a TOML file of its own.
+
+    [accelerometer]             # m/s²: accel = matrix (measured − offset)
+    offset = [0.1, 0.0, -0.2]
+    matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+    [gyroscope]                 # rad/s: gyro = measured − bias
+    bias = [0.01, 0.0, 0.0]
+
+    [magnetometer]              # µT: mag = matrix (measured − offset)
+    offset = [12.0, 0.0, 3.0]
+    matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+A part that is not there changes nothing.
+"""
+
+import math
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+NOTHING = (0.0, 0.0, 0.0)
+SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+PARTS = {"accelerometer": ("offset", "matrix"), "gyroscope": ("bias",), "magnetometer": ("offset", "matrix")}
+ABOUT = "sensor"                # table with what the calibration was made of: told, not used
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Offsets in m/s² and µT, bias in rad/s, matrices of three rows."""
+
+    accel_offset: tuple = NOTHING
+    accel_matrix: tuple = SAME
+    gyro_bias: tuple = NOTHING
+    mag_offset: tuple = NOTHING
+    mag_matrix: tuple = SAME
+
+    @classmethod
+    def read(cls, path):
+        """That of a file. ValueError, which says what is wrong in it; OSError if it cannot be read."""
+        return cls.of(Path(path).read_text(encoding="utf-8"), path)
+
+    @classmethod
+    def of(cls, text, path="calibration"):
+        try:
+            content = tomllib.loads(text)
+        except tomllib.TOMLDecodeError as error:
+            raise ValueError(f"{path} is not TOML: {error}") from None
+        stranger = next((name for name in content if name not in (*PARTS, ABOUT)), None)
+        if stranger is not None:
+            raise ValueError(f"{path}: [{stranger}] is no part of a calibration: {', '.join(PARTS)}")
+        return cls(
+            accel_offset=vector(content, "accelerometer", "offset", path), accel_matrix=matrix(content, "accelerometer", path),
+            gyro_bias=vector(content, "gyroscope", "bias", path),
+            mag_offset=vector(content, "magnetometer", "offset", path), mag_matrix=matrix(content, "magnetometer", path))
+
+    def text(self, about=None, parts=tuple(PARTS)):
+        """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were calibrated"""
+        lines = []
+        if about:
+            lines += [f"[{ABOUT}]", *(f"{name} = {quoted(value)}" for name, value in about.items()), ""]
+        if "accelerometer" in parts:
+            lines += ["[accelerometer]             # m/s²: accel = matrix (measured - offset)",
+                      f"offset = {numbers(self.accel_offset)}", *rows(self.accel_matrix), ""]
+        if "gyroscope" in parts:
+            lines += ["[gyroscope]                 # rad/s: gyro = measured - bias", f"bias = {numbers(self.gyro_bias)}", ""]
+        if "magnetometer" in parts:
+            lines += ["[magnetometer]              # µT: mag = matrix (measured - offset)",
+                      f"offset = {numbers(self.mag_offset)}", *rows(self.mag_matrix), ""]
+        return "\n".join(lines)
+
+
+def is_number(x):
+    return isinstance(x, (int, float)) and not isinstance(x, bool) and math.isfinite(x)
+
+
+def table(content, part, path):
+    found = content.get(part, {})
+    if not isinstance(found, dict):
+        raise ValueError(f"{path}: {part} is a table, [{part}]")
+    stranger = next((name for name in found if name not in PARTS[part]), None)
+    if stranger is not None:
+        raise ValueError(f"{path}: [{part}] has no {stranger!r}: {', '.join(PARTS[part])}")
+    return found
+
+
+def vector(content, part, name, path):
+    value = table(content, part, path).get(name, NOTHING)
+    if not (isinstance(value, (list, tuple)) and len(value) == 3 and all(map(is_number, value))):
+        raise ValueError(f"{path}: [{part}] {name}: three finite numbers are wanted, got {value!r}")
+    return tuple(map(float, value))
+
+
+def matrix(content, part, path):
+    value = table(content, part, path).get("matrix", SAME)
+    right = isinstance(value, (list, tuple)) and len(value) == 3 and all(
+        isinstance(row, (list, tuple)) and len(row) == 3 and all(map(is_number, row)) for row in value)
+    if not right:
+        raise ValueError(f"{path}: [{part}] matrix: three rows of three finite numbers are wanted, got {value!r}")
+    return tuple(tuple(map(float, row)) for row in value)
+
+
+def numbers(values):
+    return "[" + ", ".join(repr(float(value)) for value in values) + "]"
+
+
+def rows(values):
+    return ["matrix = [", *(f"    {numbers(row)}," for row in values), "]"]
+
+
+def quoted(value):
+    return repr(value) if isinstance(value, (int, float)) else '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'

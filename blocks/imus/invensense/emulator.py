@@ -1,0 +1,83 @@
+"""IMUs of InvenSense that are not there: they answer the same bytes, for a plant."""
+
+from blocks.controllers.joint import GRAVITY
+from blocks.i2c import I2cDevice
+from blocks.imus.invensense.icm20948 import ICM20948
+from blocks.imus.invensense.mpu9250 import UNADJUSTED, MPU9250
+from blocks.imus.invensense.ports import InvenSense
+from cext.kernels import invensense as kernels
+from cext.kernels import quiet
+from graph import Input, Memory, Param
+
+FIELD = (20.0, 0.0, -44.0)      # µT, as in the middle of Europe: north and down
+
+
+class _Emulated(I2cDevice):
+    """Ports, parameters and faults of an IMU that is not there. It answers at the rates at which it would be asked; at rest by default."""
+
+    address = InvenSense.parameters["address"]
+    rate = InvenSense.parameters["rate"]
+    accel_range = InvenSense.parameters["accel_range"]
+    gyro_range = InvenSense.parameters["gyro_range"]
+    magnetometer = InvenSense.parameters["magnetometer"]
+
+    accel = Input("m/s²", "specific force along its axes", shape=(3,), default=(0.0, 0.0, GRAVITY))
+    gyro = Input("rad/s", "angular rate about its axes", shape=(3,), default=(0.0, 0.0, 0.0))
+    mag = Input("µT", "magnetic field, along the axes of the accelerometer", shape=(3,), default=FIELD)
+    temperature = Input("°C", "of the chip", default=30.0)
+    silent = Input("1", "it answers nothing", default=False, dtype=bool)
+    stuck = Input("1", "it answers the same bytes again and again", default=False, dtype=bool)
+    wrong_address = Input("1", "address that it answers at instead of its own; 0 for its own", default=0, dtype=int)
+    mag_overflow = Input("1", "its magnetometer says that the field is too strong", default=False, dtype=bool)
+    mag_not_ready = Input("1", "its magnetometer has nothing new", default=False, dtype=bool)
+
+    identity = Memory(0.0, "place and address")
+    scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
+    periods = Memory((0.0,) * 2, "s between answers of the burst and of the magnetometer; 0 for never")
+    fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
+    state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
+
+    decode = quiet.deaf
+    sensor = InvenSense         # that it plays
+    scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
+    known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips
+
+    @classmethod
+    def of(cls, imu, **parameters):
+        """The emulator of one block of a robot."""
+        return cls(**{name: getattr(imu, name) for name in cls.parameters if name in type(imu).parameters} | parameters)
+
+    def configure(self):
+        super().configure()
+        self.identity = self.own_identity()
+        self.mag_scale = self.sensor.mag_scale
+        self.scales = self.scales_of()
+        self.periods = (1.0 / self.rate, 1.0 / self.mag_rate if self.magnetometer else 0.0)
+
+
+class EmulatedMPU9250(_Emulated):
+    """An MPU-9250 that is not there: it answers the bytes of its registers at the rate at which it would be read. At rest by default.
+
+    `EmulatedMPU9250.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy one.
+    """
+
+    adjustment = Param(tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True)
+
+    encode = kernels.mpu_answers
+    sensor = MPU9250
+
+    def configure(self):
+        super().configure()
+        if len(self.adjustment) != 3 or not all(isinstance(byte, int) and 0 <= byte <= 255 for byte in self.adjustment):
+            raise ValueError(f"adjustment: three bytes are wanted, got {self.adjustment!r}")
+        self.fuses = tuple(map(float, self.adjustment))
+
+
+class EmulatedICM20948(_Emulated):
+    """An ICM-20948 that is not there: it answers the bytes of its registers at the rate at which it would be read. At rest by default.
+
+    `EmulatedICM20948.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy one.
+    """
+
+    encode = kernels.icm_answers
+    sensor = ICM20948

@@ -1,0 +1,59 @@
+"""`convert RECORDING...`: recordings in other formats."""
+
+from pathlib import Path
+
+from runtime.commands.parsing import Parser, number
+from runtime.conversion import FORMATS, OPENSIM, convert
+from runtime.errors import OK, BadInput
+from runtime.progress import Progress
+from runtime.recordings.trial import Trial
+from runtime.terminal import tell
+
+READING = 0.5                   # share of the time that goes into reading, about
+
+
+def main(arguments):
+    parser = Parser("convert", "Write recordings in other formats: every sample of every signal, in order.")
+    parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
+    parser.add_argument("--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles")
+    parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="at this rate, between samples as each kind of signal goes on")
+    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)")
+    options = parser.parse_args(arguments)
+    kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
+    if not kinds:
+        raise BadInput(f"to which format? --to {'|'.join(FORMATS)}, or --opensim")
+    for recording in options.recordings:
+        for path in converted(recording, dict.fromkeys(kinds), options.rate, options.output):
+            tell([path])
+    return OK
+
+
+def formats(text):
+    kinds = [word.strip().lstrip(".") for word in text.split(",")]
+    for kind in kinds:
+        if kind not in FORMATS:
+            from graph.block import suggestion
+
+            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
+            raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
+    return kinds
+
+
+def converted(recording, kinds, rate, folder):
+    """Paths of what one recording becomes, as they are written."""
+    with Progress(f"converting {recording.name}") as progress:
+        trial = Trial(recording, progress.part(0.0, READING))
+        if rate is not None:
+            trial = trial.resample(rate)
+        stem = str((folder or recording.parent) / recording.stem)
+        for place, kind in enumerate(kinds):
+            step = (1.0 - READING) / len(kinds)
+            try:
+                if folder is not None:
+                    folder.mkdir(parents=True, exist_ok=True)
+                path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
+            except OSError as error:
+                raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
+            progress.terminal.erase()
+            yield path

@@ -1,0 +1,35 @@
+"""Recordings in other formats: every sample of every signal, in order, to the bit where the format has doubles.
+
+    csv         as the recorder writes it
+    parquet     a column a number, in its own type, units as metadata
+    mat         MATLAB: a nested struct with units and time
+    rrd         Rerun, with a blueprint made from the recording
+    sto, mot    OpenSim: all signals; joint angles
+"""
+
+import os
+from importlib import import_module
+
+from runtime.recorder.files import create
+
+FORMATS = {
+    "csv": "runtime.conversion.csv", "parquet": "runtime.conversion.parquet", "mat": "runtime.conversion.matlab",
+    "rrd": "runtime.rerun.conversion", "sto": "runtime.conversion.opensim", "mot": "runtime.conversion.opensim"}
+OPENSIM = ("sto", "mot")
+
+
+def convert(trial, kind, stem, progress=lambda share: None):
+    """Write a Trial as `stem` and the ending of its kind, or with a number in between where that exists. Returns the path.
+
+    progress : called with the share that is done. BadInput, MissingExtra, OSError; nothing is then left behind.
+    """
+    module = import_module(FORMATS[kind])
+    module.check(trial, kind)
+    path, descriptor = create(stem, f".{kind}")
+    try:
+        os.close(descriptor)
+        module.write(trial, path, progress)
+    except BaseException:
+        os.unlink(path)
+        raise
+    return path

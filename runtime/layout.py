@@ -1,0 +1,77 @@
+"""A layout for PlotJuggler, made from a diagram: a tab a subsystem, a plot a unit, and the stream's settings.
+
+PlotJuggler asks whether to start the stream when the layout is opened, and shows its settings with what it had last time, so that they stand in
+the file for who opens it: a comment says what to enter, once. (plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
+"""
+
+from xml.etree import ElementTree as tree
+
+from blocks.sinks import PlotJuggler
+from runtime.diagram_file import compiled, load
+from runtime.recordings.messages import split
+
+STREAMER, PROTOCOL, STAMP = "UDP Server", "json", "timestamp"
+PLOTS, CURVES = 6, 12           # of a tab; of a plot
+FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")      # units that come first, in this order
+BUFFER = 60                     # s that PlotJuggler keeps
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")      # (Okabe and Ito 2008)
+
+
+def columns(path, settings=(), rate=None):
+    """(name of the diagram, its rate, what its PlotJuggler block takes, that block): of a diagram file; all signals where it has no such block."""
+    _, diagram = load(path, settings)
+    if rate is not None:
+        diagram.rate = rate
+    if not any(isinstance(block, PlotJuggler) for block in diagram):
+        with diagram:
+            PlotJuggler()
+    schedule = compiled(path, diagram)
+    found = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
+    return schedule.name, schedule.rate, [vars(column) for column in found.columns], found.block
+
+
+def layout(name, signals, host, port):
+    """The file's text. signals : columns; host, port : that PlotJuggler listens on"""
+    root = tree.Element("root")
+    root.append(tree.Comment(
+        f" Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
+        f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that. "))
+    tabs = tree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
+    for title, plots in tabs_of(name, signals).items():
+        tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")
+        container = tree.SubElement(tab, "Container")
+        share = ";".join([f"{1.0 / len(plots):.6f}"] * len(plots))
+        splitter = tree.SubElement(container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=share)
+        for label, paths in plots:
+            area = tree.SubElement(splitter, "DockArea", name=label)
+            plot = tree.SubElement(area, "plot", mode="TimeSeries", style="Lines", line_width="1.5", flip_x="false", flip_y="false")
+            tree.SubElement(plot, "limitY")
+            for number, path in enumerate(paths):
+                tree.SubElement(plot, "curve", name=curve(path), color=COLOURS[number % len(COLOURS)])
+    tree.SubElement(tabs, "currentTabIndex", index="0")
+    tree.SubElement(root, "use_relative_time_offset", enabled="1")
+    tree.SubElement(root, "streaming_buffer_size", value=str(BUFFER))
+    plugins = tree.SubElement(root, "Plugins")
+    tree.SubElement(plugins, "plugin", ID=STREAMER, address=host, port=str(port), protocol=PROTOCOL, timestamp=STAMP)
+    tree.SubElement(root, "previouslyLoaded_Datafiles")
+    tree.SubElement(root, "previouslyLoaded_Streamer", name=STREAMER)
+    tree.indent(root)
+    return "<?xml version='1.0' encoding='UTF-8'?>\n" + tree.tostring(root, encoding="unicode") + "\n"
+
+
+def curve(path):
+    """What PlotJuggler calls a signal: its own parser makes a path of nested names."""
+    return "/" + path.replace(".", "/")
+
+
+def tabs_of(name, signals):
+    """{subsystem: [(title of a plot, [path])]}, in the order of the signals."""
+    found = {}
+    for signal in signals:
+        folder, _, _ = split(signal["path"])
+        found.setdefault(folder or name, {}).setdefault(signal["unit"], []).append(signal["path"])
+    tabs = {}
+    for title, units in found.items():
+        order = sorted(units, key=lambda unit: FIRST.index(unit) if unit in FIRST else len(FIRST))
+        tabs[title] = [(f"{title} [{unit}]" if unit not in ("1", "any") else title, units[unit][:CURVES]) for unit in order[:PLOTS]]
+    return tabs

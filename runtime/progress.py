@@ -1,0 +1,46 @@
+"""How far something is that takes a while: one line on the terminal, refreshed in place, once it has taken a second."""
+
+import time
+
+from runtime.recorder.status import BAR_CHARACTERS
+from runtime.recorder.terminal import Terminal
+
+PATIENCE = 1.0                  # s before anything is shown
+REFRESH = 0.1                   # s
+BAR = 20                        # characters
+
+
+class Progress:
+    """with Progress("converting trial.mcap") as progress: ... progress(0.4)
+
+    Nothing is shown where standard error is no terminal; the line is gone at the end.
+    """
+
+    def __init__(self, what, terminal=None, clock=time.monotonic):
+        self.what, self.clock = what, clock
+        self.terminal = terminal or Terminal()
+        self.began = self.clock()
+        self.next = self.began + PATIENCE
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.terminal.erase()
+
+    def __call__(self, share):
+        """share : of the whole that is done, 0 to 1"""
+        now = self.clock()
+        if now < self.next or not self.terminal.interactive:
+            return
+        self.next = now + REFRESH
+        share = min(1.0, max(0.0, share))
+        full, rest = BAR_CHARACTERS[:2] if self.terminal.unicode else BAR_CHARACTERS[2:]
+        done = int(share * BAR + 0.5)
+        left = f", {(now - self.began) * (1.0 - share) / share:.0f} s left" if share > 0.02 else ""
+        line = f"{self.what} {full * done}{rest * (BAR - done)} {100 * share:.0f} %{left}"
+        self.terminal.draw(line[: self.terminal.columns - 1])
+
+    def part(self, first, last):
+        """The same for a step that goes from one share of the whole to another."""
+        return lambda share: self(first + (last - first) * share)

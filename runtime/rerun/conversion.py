@@ -1,0 +1,36 @@
+"""A recording as a file of Rerun, with the layout in it."""
+
+from runtime.errors import BadInput
+from runtime.extras import need
+from runtime.rerun.scene import Scene
+
+CHUNK = 5000                    # rows
+FLUSHED = 60.0                  # s, for a slow disk
+
+
+def check(trial, kind):
+    need("rerun", "a file of Rerun")
+
+
+def write(trial, path, progress):
+    rr = need("rerun", "a file of Rerun")
+    from runtime.rerun.blueprint import blueprint
+    from runtime.rerun.stream import Stream
+
+    about = trial.about
+    scene = Scene(about["name"], about["signals"], about.get("limits", {}))
+    recording = rr.RecordingStream(f"tickwork {about['name']}", recording_id=trial.path.stem)
+    recording.save(path, default_blueprint=blueprint(scene))
+    recording.send_recording_name(trial.path.stem)
+    stream = Stream(recording, scene, about["rate"])
+    for first in range(0, len(trial), CHUNK):
+        rows = slice(first, first + CHUNK)
+        stream.rows(trial.tick[rows], trial.time[rows], trial.rows[rows])
+        progress(first / len(trial))
+    for event in trial.events:
+        stream.event(event)
+    try:
+        recording.flush(timeout_sec=FLUSHED)
+    except RuntimeError as error:
+        raise BadInput(f"cannot write {path}: {error}; is the disk full?") from None
+    recording.disconnect()

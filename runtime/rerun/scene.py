@@ -1,0 +1,118 @@
+"""What recorded signals become in a viewer: a plot a subsystem, limits, limbs with coloured joints, inertial sensors, faults.
+
+A limb model is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle` (or ending so, as in `left_knee`) with a
+`position` in rad; what is not there stays straight. Angles are flexion: of the hip and of the ankle forward, of the knee back.
+"""
+
+from dataclasses import dataclass, field
+
+from runtime.recordings.messages import split
+
+JOINTS, SEGMENTS = ("hip", "knee", "ankle"), ("thigh", "shank", "foot")
+SHOWN = ("position", "torque")              # ports of an actuator that a person wants to see together
+MOST = 8                                    # lines that are shown where there is no actuator
+
+
+@dataclass
+class Plot:
+    """
+    title : of the subsystem
+    entity : names from the outermost
+    columns : places in the row; labels, shown : of each
+    limits : [(label, value)]
+    """
+
+    title: str
+    entity: tuple
+    columns: list = field(default_factory=list)
+    labels: list = field(default_factory=list)
+    shown: list = field(default_factory=list)
+    limits: list = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """position, torque : places in the row, None where it is not recorded; limit : N·m, of what is full colour"""
+
+    name: str
+    position: int | None
+    torque: int | None
+    limit: float
+
+
+@dataclass(frozen=True)
+class Limb:
+    """side : name of its subsystem; place : how many limbs stand before it; joints : {name: Joint}"""
+
+    side: str
+    place: int
+    joints: dict
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """An inertial sensor. columns : of its quaternion, w first; side, segment : where it sits, "" where the names do not tell"""
+
+    path: str
+    columns: tuple
+    side: str
+    segment: str
+
+
+class Scene:
+    """
+    name : of the diagram
+    signals : as the plan of a recording has them
+    limits : {path: (lowest, highest)}
+    """
+
+    def __init__(self, name, signals, limits):
+        self.name, self.signals = name, signals
+        self.places = {signal["path"]: place for place, signal in enumerate(signals)}
+        self.limits = limits
+        self.plots = self.find_plots()
+        self.limbs = self.find_limbs()
+        self.sensors = self.find_sensors()
+        self.faults = [place for path, place in self.places.items() if split(path)[2] == "fault"]
+
+    def find_plots(self):
+        plots = {}
+        for path, place in self.places.items():
+            folder, block, port = split(path)
+            entity = tuple(folder.split("/")) if folder else (self.name,)
+            plot = plots.setdefault(folder, Plot(folder or self.name, entity))
+            unit = self.signals[place]["unit"]
+            plot.columns.append(place)
+            plot.labels.append(path.removeprefix(f"{folder}/") + (f" [{unit}]" if unit not in ("1", "any") else ""))
+            plot.shown.append(port in SHOWN and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN))
+            if path in self.limits and plot.shown[-1]:
+                low, high = self.limits[path]
+                plot.limits += [(f"{end} of {block}.{port}", value) for end, value in (("highest", high), ("lowest", low))]
+        for plot in plots.values():
+            if not any(plot.shown):
+                plot.shown = [number < MOST for number in range(len(plot.columns))]
+        return list(plots.values())
+
+    def find_limbs(self):
+        found = {}
+        for path, place in self.places.items():
+            folder, block, port = split(path)
+            joint = next((name for name in JOINTS if block == name or block.endswith(f"_{name}")), None)
+            if joint is None or port != "position" or self.signals[place]["unit"] != "rad":
+                continue
+            torque = f"{path.removesuffix('position')}torque"
+            low, high = self.limits.get(torque, (-10.0, 10.0))
+            found.setdefault(folder or self.name, {})[joint] = Joint(joint, place, self.places.get(torque), max(abs(low), abs(high)))
+        return [Limb(side, place, joints) for place, (side, joints) in enumerate(found.items())]
+
+    def find_sensors(self):
+        sensors = []
+        for path in self.places:
+            if not path.endswith(".quaternion[0]"):
+                continue
+            path = path.removesuffix("[0]")
+            columns = tuple(self.places.get(f"{path}[{number}]") for number in range(4))
+            if None not in columns:
+                folder, block, _ = split(path)
+                sensors.append(Sensor(path, columns, folder, next((name for name in SEGMENTS if name in block), "")))
+        return sensors

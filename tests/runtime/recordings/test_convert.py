@@ -1,0 +1,172 @@
+"""Recordings in other formats, as readers of those formats find them: every sample, in order, to the bit."""
+
+import json
+import math
+import resource
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.errors import BAD_INPUT, OK
+from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
+from tests.runtime.runs import KNEE_EXO, environment
+
+ODD = [0.1, -0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 1 / 3, -2.2250738585072014e-308]
+SIGNALS = ("left/knee.position rad", "left/imu.gyro[0] rad/s", "left/imu.gyro[1] rad/s", "left/knee.fault 1 int", "on.y 1 bool", "left/knee.torque N·m")
+
+
+def rows():
+    for tick, value in enumerate(ODD * 30):
+        yield tick + (tick > 100), value, -value, ODD[tick % 7], tick * 1000, tick % 2, float(tick)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("odd")
+    order = plan(folder, sink(CSV, "csv", columns(*SIGNALS)), stem="odd", metadata={"trial": {"subject": "S03"}})
+    record(order, [row(*values) for values in rows()])
+    return folder / "odd.mcap"
+
+
+def bits(values):
+    """Doubles as whole numbers. All NaN are one."""
+    return [struct.pack("<d", value) if value == value else b"nan" for value in values]
+
+
+def same(found, path):
+    trial = runtime.load(path)
+    assert bits(np.ravel(found["time"])) == bits(trial.time)
+    for name in trial.signals:
+        assert bits(np.ravel(found[name])) == bits(np.ravel(trial[name])), name
+
+
+def converted(command_line, recording, kind, *words):
+    code, out, err = command_line("convert", recording, "--to", kind, "-o", command_line.folder / "out", *words)
+    assert (code, err) == (OK, "")
+    return out.strip()
+
+
+def test_csv_is_what_the_recorder_has_written_byte_for_byte(command_line, recording):
+    path = converted(command_line, recording, "csv")
+    assert open(path, "rb").read() == recording.with_suffix(".csv").read_bytes()
+
+
+def test_parquet_has_every_sample_in_its_own_type_with_units(command_line, recording):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(converted(command_line, recording, "parquet"))
+    same({name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}, recording)
+    assert [str(table.schema.field(name).type) for name in ("tick", "left/knee.fault", "on.y", "left/knee.position")] == [
+        "int64", "int64", "bool", "double"]
+    assert table.schema.field("left/knee.torque").metadata[b"unit"].decode() == "N·m" and b"S03" in table.schema.metadata[b"tickwork"]
+    assert np.array_equal(table["tick"].to_numpy(), runtime.load(recording).tick)
+
+
+def test_matlab_has_a_nested_struct_with_units_and_time(command_line, recording):
+    io = pytest.importorskip("scipy.io")
+    trial = io.loadmat(converted(command_line, recording, "mat"), simplify_cells=True)["trial"]
+    gyro = trial["left"]["imu"]["gyro"]
+    same({"time": trial["time"], "left/knee.position": trial["left"]["knee"]["position"], "left/imu.gyro[0]": gyro[:, 0], "left/imu.gyro[1]": gyro[:, 1],
+          "left/knee.fault": trial["left"]["knee"]["fault"], "on.y": trial["on"]["y"], "left/knee.torque": trial["left"]["knee"]["torque"]}, recording)
+    assert trial["units"]["left"]["knee"]["torque"] == "N*m" and trial["paths"]["left"]["imu"]["gyro"] == "left/imu.gyro"
+    assert trial["fields"]["subject"] == "S03" and trial["left"]["knee"]["fault"].dtype == np.int64 and trial["rate"] == 200
+
+
+def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
+    io = pytest.importorskip("scipy.io")
+    long = "x" * 70
+    signals = ("öl/for.1 m", "äl/for.1 m", "time.y m", f"{long}1.y m", f"{long}2.y m", "a.b m", "a m", "a.b.c m")
+    record(plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names"), [row(0, *range(8)), row(1, *range(8))])
+    trial = io.loadmat(converted(command_line, tmp_path / "names.mcap", "mat"), simplify_cells=True)["trial"]
+    found = {}
+
+    def walk(values, paths):
+        for name, value in values.items():
+            assert name.isidentifier() and len(name) <= 63 and name.isascii()
+            if isinstance(value, dict):
+                walk(value, paths[name])
+            else:
+                found[paths[name]] = value[0]
+
+    own = ("time", "tick", "units", "paths", "fields", "rate")
+    walk({name: value for name, value in trial.items() if name not in own}, trial["paths"])
+    assert found == dict(zip((text.split()[0] for text in signals), range(8)))
+
+
+def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
+    code, out, err = command_line("convert", recording, "--opensim", "-o", command_line.folder / "out")
+    assert (code, err) == (OK, "")
+    sto, mot = out.split()
+    trial = runtime.load(recording)
+    for path, names in ((sto, list(trial.signals)), (mot, ["left/knee.position"])):
+        head, _, body = open(path, encoding="utf-8").read().partition("endheader\n")
+        lines = [line.split("\t") for line in body.splitlines()]
+        assert head.splitlines()[1:5] == ["version=1", f"nRows={len(trial)}", f"nColumns={1 + len(names)}", "inDegrees=no"]
+        assert lines[0] == ["time", *names] and len(lines) == 1 + len(trial)
+        for column, name in enumerate(names, 1):
+            assert bits(float(line[column]) for line in lines[1:]) == bits(trial[name])
+    assert sto.endswith(".sto") and mot.endswith(".mot") and "units=s\trad\trad/s" in open(sto, encoding="utf-8").read()
+
+
+def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="other"), [row(0, 1.0)])
+    assert "has no joint angle" in command_line.refused("convert", tmp_path / "other.mcap", "--to", "mot")
+
+
+def test_nothing_is_overwritten(command_line, recording):
+    first, second = (converted(command_line, recording, "csv") for _ in range(2))
+    assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
+
+
+def test_at_another_rate(command_line, recording):
+    path = converted(command_line, recording, "csv", "--rate", "50")
+    assert len(open(path).readlines()) == 1 + len(runtime.load(recording).resample(50))
+
+
+@pytest.mark.parametrize("kind, module, extra", [("parquet", "pyarrow", "parquet"), ("mat", "scipy", "matlab"), ("rrd", "rerun", "rerun")])
+def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command_line, recording, monkeypatch, kind, module, extra):
+    for name in [name for name in sys.modules if name.partition(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    assert f"needs {module}: pip install 'tickwork[{extra}]'" in command_line.refused("convert", recording, "--to", kind)
+
+
+def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
+    assert command_line.refused("convert", recording) == "to which format? --to csv|parquet|mat|rrd|sto|mot, or --opensim"
+    assert command_line.refused("convert", recording, "--to", "cvs") == "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
+    assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
+    (tmp_path / "file").write_text("")
+    code, out, err = command_line("convert", recording, "--to", "csv", "-o", tmp_path / "file")
+    assert code == BAD_INPUT and "cannot write" in err and len(err.splitlines()) == 1
+
+
+def test_a_disk_that_is_full_leaves_nothing_behind(recording, tmp_path):
+    """A file may not grow beyond 2000 bytes."""
+    process = subprocess.run(
+        [sys.executable, "-m", "runtime", "convert", recording, "--to", "csv", "-o", "out"], cwd=tmp_path, text=True,
+        env=environment(PYTHONDONTWRITEBYTECODE="1"),
+        capture_output=True, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)))
+    assert (process.returncode, process.stdout) == (BAD_INPUT, "") and list((tmp_path / "out").iterdir()) == []
+    assert process.stderr == "tickwork: cannot write out/odd.csv: File too large\n"
+
+
+def test_a_recording_that_was_cut_off_is_converted_up_to_its_last_row(command_line, recording, tmp_path):
+    data = recording.read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: len(data) // 2])
+    lines = open(converted(command_line, cut, "csv"), "rb").readlines()
+    assert 10 < len(lines) < 270 and lines == recording.with_suffix(".csv").read_bytes().splitlines(keepends=True)[: len(lines)]
+
+
+def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
+    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "6", "--record", tmp_path / "run")
+    assert code == OK, err
+    [path] = (tmp_path / "run").glob("*.mcap")
+    assert open(converted(command_line, path, "csv"), "rb").read() == path.with_suffix(".csv").read_bytes()
+    told = json.loads(path.with_suffix(".json").read_text())["strides"][0]
+    strides = runtime.load(path).strides("left/knee.position")
+    assert len(strides) == told["strides"] >= 2
+    assert np.abs(strides.mean(axis=0) - told["curves"]["angle"]["mean"]).max() < 0.02         # rad; over time here, over the phase there

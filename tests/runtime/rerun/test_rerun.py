@@ -1,0 +1,250 @@
+"""Rerun: what a viewer finds in its file, and that neither a viewer nor a disk that has gone stops a run."""
+
+import importlib.util
+import math
+import os
+import re
+import resource
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.errors import BadInput, OK
+from runtime.live.runs import page_of
+from runtime.recorder import RecorderError
+from runtime.rerun.scene import Scene
+from runtime.rerun.target import Target, parse
+from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
+from tests.runtime.runs import KNEE_EXO, environment, finished, knee, started
+from tests.runtime.terminals import patient
+
+RERUN = "runtime.rerun.sender:RerunSender"
+needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs rerun-sdk")
+LEG = ("left/knee.position rad", "left/knee.torque N·m", "left/knee.fault 1 int", "left/shank_imu.quaternion[0] 1", "left/shank_imu.quaternion[1] 1",
+       "left/shank_imu.quaternion[2] 1", "left/shank_imu.quaternion[3] 1", "clock.t s")
+
+
+def signals(*texts):
+    return [{"path": column["path"], "unit": column["unit"], "dtype": column["dtype"]} for column in columns(*texts)]
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def program():
+    import rerun_cli
+
+    return os.path.join(os.path.dirname(rerun_cli.__file__), "rerun")
+
+
+def verify(path):
+    done = subprocess.run([program(), "rrd", "verify", str(path)], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def vectors(path):
+    """{entity: (ticks, (rows, elements) array)} of every entity with scalars and a tick."""
+    from rerun.chunk import RrdReader
+
+    found = {}
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        names = batch.schema.names
+        scalars = [name for name in names if name.endswith("Scalars:scalars")]
+        if scalars and "tick" in names:
+            ticks, values = found.setdefault(chunk.entity_path, ([], []))
+            ticks += batch["tick"].to_pylist()
+            values += batch[scalars[0]].to_pylist()
+    return found
+
+
+@pytest.mark.parametrize("text, expected", [
+    ("", Target("viewer", "127.0.0.1", 9876)), ("out/a.rrd", Target("file", "out/a.rrd", 9876)), ("serve", Target("serve", "127.0.0.1", 9876)),
+    ("serve:0.0.0.0", Target("serve", "0.0.0.0", 9876)), ("192.168.1.7", Target("connect", "192.168.1.7", 9876)),
+    ("robot:1234", Target("connect", "robot", 1234)), ("[::1]:77", Target("connect", "::1", 77)),
+    ("rerun+http://lab.local:9876/proxy", Target("connect", "lab.local", 9876)),
+])
+def test_where_it_goes(text, expected):
+    assert parse(text) == expected
+
+
+@pytest.mark.parametrize("text", ["a b", "host:0", "host:99999", "out/trial.mcap", "::"])
+def test_where_it_cannot_go(text):
+    with pytest.raises(BadInput, match="expected nothing, a file.rrd, serve"):
+        parse(text)
+
+
+def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
+    scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0), "left/knee.fault": (0.0, 1.0)})
+    left, own = scene.plots
+    assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
+    assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [True, True] + 5 * [False]
+    assert left.limits == [("highest of knee.torque", 18.0), ("lowest of knee.torque", -18.0)] and own.shown == [True]
+
+
+def test_a_leg_is_found_by_the_names_of_its_joints_and_its_sensors():
+    scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0)})
+    [limb], [sensor] = scene.limbs, scene.sensors
+    assert (limb.side, set(limb.joints)) == ("left", {"knee"}) and (limb.joints["knee"].position, limb.joints["knee"].torque) == (0, 1)
+    assert limb.joints["knee"].limit == 18.0 and (sensor.side, sensor.segment, sensor.columns) == ("left", "shank", (3, 4, 5, 6))
+    assert Scene("robot", signals("a.x m"), {}).limbs == []
+
+
+@needs_rerun
+def test_every_row_of_a_run_is_in_the_file_in_order_and_to_the_bit(tmp_path):
+    odd = [0.1, -0.0, 5e-324, math.inf, math.nan, 1 / 3]
+    rows = [(tick, *(odd[(tick + place) % 6] for place in range(len(LEG)))) for tick in range(700) if tick != 300]
+    target = sink(RERUN, "rerun", columns(*LEG), target=str(tmp_path / "live.rrd"), port=9876, web_port=9090)
+    report = record(plan(None, target, limits={"left/knee.torque": [-18.0, 18.0]}), [row(*values) for values in rows])
+    assert report["sinks"]["rerun"] == {"rows": 699, "lost": 0} and report["problems"] == []
+    verify(tmp_path / "live.rrd")
+    found = vectors(tmp_path / "live.rrd")
+    ticks, values = found["/left"]
+    assert ticks == [values[0] for values in rows]
+    assert np.array(values).tobytes() == np.array([values[1:8] for values in rows]).tobytes()
+    assert np.array(found["/bench"][1]).tobytes() == np.array([values[8:] for values in rows]).tobytes()
+    assert found["/left/limits"][1][0] == [18.0, -18.0] and found["/left/limits"][0][0] == 0
+
+
+@needs_rerun
+def test_a_recording_becomes_a_file_with_every_sample(command_line, tmp_path):
+    rows = [(tick, *(math.sin(tick + place) for place in range(len(LEG)))) for tick in range(500)]
+    record(plan(tmp_path, sink(CSV, "csv", columns(*LEG)), stem="trial"), [row(*values) for values in rows])
+    code, out, err = command_line("convert", tmp_path / "trial.mcap", "--to", "rrd")
+    assert (code, err) == (OK, "")
+    verify(out.strip())
+    trial = runtime.load(tmp_path / "trial.mcap")
+    ticks, values = vectors(out.strip())["/left"]
+    assert ticks == trial.tick.tolist() and np.array(values).tobytes() == np.ascontiguousarray(trial.rows[:, :7]).tobytes()
+
+
+@needs_rerun
+def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
+    process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
+    assert process.returncode == OK, process.stderr
+    assert "walk.rrd  (12000 ticks of 36 signals, for Rerun)" in process.stdout
+    ticks, _ = vectors(tmp_path / "walk.rrd")["/left"]
+    assert ticks == list(range(12000))
+    again = finished(KNEE_EXO, "--fast", "--duration", "1", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
+    assert "walk-2.rrd  (200 ticks" in again.stdout                             # nothing is overwritten
+
+
+@needs_rerun
+def test_a_server_is_told_listens_on_loopback_alone_and_ends_with_the_run(tmp_path):
+    port, web = free_port(), free_port()
+    path = knee(tmp_path)
+    path.write_text(f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, web_port={web})\n")
+    run = started(path, "--no-record", cwd=tmp_path)
+    assert run.stderr.readline() == f"tickwork: Rerun in a browser: http://127.0.0.1:{web}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy\n"
+    assert {listening(port), listening(web)} == {"0100007F"}
+    patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 0)
+    run.send_signal(signal.SIGTERM)
+    run.communicate(timeout=60)
+    assert run.returncode == 143
+    patient(lambda: listening(port) is None and listening(web) is None)
+
+
+def listening(port):
+    """The address that somebody listens on, in the digits of /proc/net/tcp; None where nobody does."""
+    for name in ("/proc/net/tcp", "/proc/net/tcp6"):
+        for line in open(name).read().splitlines()[1:]:
+            _, local, _, state, *_ = line.split()
+            if state == "0A" and int(local.rpartition(":")[2], 16) == port:
+                return local.rpartition(":")[0]
+    return None
+
+
+@needs_rerun
+def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
+    port = free_port()
+    viewer = subprocess.Popen(
+        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        patient(lambda: listening(port))
+        run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", f"127.0.0.1:{port}", cwd=tmp_path)
+        time.sleep(3.0)
+        viewer.kill()
+        line = run.stderr.readline()
+        assert re.fullmatch(r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; the run goes on\n", line), line
+        assert run.poll() is None
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=60)
+        assert run.returncode == 130
+    finally:
+        viewer.kill()
+        viewer.wait()
+
+
+@needs_rerun
+def test_when_its_process_is_killed_that_is_told_and_the_run_goes_on(tmp_path):
+    run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", "a.rrd", cwd=tmp_path)
+    feeder = patient(lambda: descendant(run.pid, "runtime.rerun.process"))
+    patient(lambda: (tmp_path / "a.rrd").exists() and (tmp_path / "a.rrd").stat().st_size > 100_000)
+    os.kill(feeder, signal.SIGKILL)
+    assert "rerun stopped at" in run.stderr.readline() and run.poll() is None
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=60)
+    assert run.returncode == 130
+
+
+def descendant(pid, word):
+    """Number of the process below another whose command line has a word; None where there is none."""
+    below = {pid}
+    for entry in sorted((int(name) for name in os.listdir("/proc") if name.isdigit())):
+        try:
+            stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
+            words = open(f"/proc/{entry}/cmdline", "rb").read()
+        except OSError:
+            continue
+        if int(stat[1]) in below:
+            below.add(entry)
+            if word.encode() in words and stat[0] != "Z":
+                return entry
+    return None
+
+
+@needs_rerun
+def test_a_disk_that_is_full_is_told_and_the_rest_goes_on(tmp_path):
+    """The process that feeds Rerun may write no more than 60 kB into its file."""
+    run = started(KNEE_EXO, "--duration", "60", "--record", "out", "--rerun", "a.rrd", cwd=tmp_path)
+    feeder = patient(lambda: descendant(run.pid, "runtime.rerun.process"))
+    patient(lambda: run.poll() is not None or (tmp_path / "out").is_dir() and list((tmp_path / "out").glob("*.mcap")))
+    resource.prlimit(feeder, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    line = run.stderr.readline()
+    assert "a.rrd: is the disk full?; the run goes on" in line, line
+    run.send_signal(signal.SIGINT)
+    out, _ = run.communicate(timeout=60)
+    assert run.returncode == 130 and "a.rrd  (incomplete)" in out
+    [recording] = (tmp_path / "out").glob("*.mcap")
+    trial = runtime.load(recording)
+    assert trial.complete and len(trial) == trial.end["statistics"]["ticks"]
+
+
+@needs_rerun
+def test_what_cannot_begin_is_told_before_the_run(tmp_path):
+    where = {"port": free_port(), "web_port": 9090}
+    with pytest.raises(RecorderError, match="cannot start: no viewer of Rerun answers on 127.0.0.1 port"):
+        record(plan(None, sink(RERUN, "rerun", columns(*LEG), target=f"127.0.0.1:{where['port']}", **where)), [])
+    with pytest.raises(RecorderError, match="No such file or directory"):
+        record(plan(None, sink(RERUN, "rerun", columns(*LEG), target=str(tmp_path / "nowhere" / "a.rrd"), **where)), [])
+
+
+def test_without_the_library_the_extra_is_named(tmp_path):
+    path = [entry for entry in sys.path if importlib.util.find_spec("rerun") is None]
+    if not path:
+        process = subprocess.run(
+            [sys.executable, "-c", "import sys; sys.modules['rerun'] = None\nimport importlib.util\nimportlib.util.find_spec = lambda name: None\n"
+             f"from runtime.cli import main\nsys.exit(main([{str(KNEE_EXO)!r}, '--rerun', '--duration', '1']))"],
+            cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+    else:
+        process = finished(KNEE_EXO, "--rerun", "--duration", "1", cwd=tmp_path)
+    assert process.returncode == 2 and process.stderr == "tickwork: --rerun needs rerun: pip install 'tickwork[rerun]'\n"

@@ -1,0 +1,227 @@
+"""I2C on a rig: what is found, set up and handed over, and in which words it fails."""
+
+import errno
+import math
+import time
+
+import pytest
+
+from blocks.imus import ICM20948, MPU9250
+from blocks.sensors import ADS1115, NAU7802
+from cext.i2c_memory import MemoryI2c
+from graph import Diagram, compile
+from runtime.rig.buses import RigBuses
+from runtime.rig.chips import Chips, KnownChips
+from runtime.rig.file import RigBus, parse
+from runtime.rig.i2c import I2cInterface, SeveralRefused, known, open_adapter, paths
+from runtime.rig.overrides import override
+from runtime.rig.troubles import Refused, RigError
+from tests.runtime.rig.wires import ADJUSTMENT, Wires, add_mpu, opened
+
+RIG = '[bus.imus]\ninterface = "i2c"\nchannel = "/dev/i2c-1"\n'
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch):
+    """Chips in memory need no time to wake up."""
+    monkeypatch.setattr("runtime.rig.i2c.time.sleep", lambda seconds: None)
+
+
+def imus(*kinds, **parameters):
+    with Diagram("robot", rate=200):
+        return [kind(name=f"imu{k}", bus="imus", **parameters) for k, kind in enumerate(kinds)]
+
+
+def refused(wires, *devices):
+    with pytest.raises(SeveralRefused) as found:
+        opened(wires, *devices)
+    return [str(trouble) for trouble in found.value.troubles]
+
+
+def test_a_chip_is_recognised_set_up_and_asked():
+    wires = MemoryI2c()
+    number, mag = add_mpu(wires, name=0x73)
+    wires.write(number, 0x3B, b"\x10\x00" + bytes(12))
+    wires.write(mag, 0x02, b"\x01\x64\x00\x00\x00\x00\x00\x10")
+    (imu,) = imus(MPU9250, accel_range=16)
+    interface = opened(wires, imu)
+    assert interface.remarks == ["imu0 is a MPU-9255"]
+    assert wires.read(number, 0x19, 5) == imu.settings() and wires.read(number, 0x37) == b"\x02" and wires.read(mag, 0x0A) == b"\x16"
+    interface.start(0)
+    deadline = time.monotonic() + 5.0
+    while interface.counts["devices"]["imu0"]["answers"] < 4 and time.monotonic() < deadline:
+        pass
+    interface.close()
+    frames = {frame[0] >> 16: frame[2] for frame in interface.end.receive()}
+    assert frames[0] == b"\x10\x00" + bytes(12) and frames[1] == b"\x01\x64\x00\x00\x00\x00\x00\x10" + ADJUSTMENT
+
+
+def test_every_sensor_of_ours_is_set_up_by_its_table():
+    wires = MemoryI2c()
+    icm, adc, nau = wires.add(0x68), wires.add(0x48, wide=True), wires.add(0x2A)
+    wires.write(icm, 0x00, b"\xEA")
+    wires.write(nau, 0x1F, b"\x0F")
+    with Diagram("robot", rate=200):
+        sensors = ICM20948(bus="imus", magnetometer=False), ADS1115(bus="imus"), NAU7802(bus="imus")
+    interface = opened(wires, *sensors)
+    assert wires.read(icm, 0x06) == b"\x01" and wires.read(adc, 1, 2).hex() == "c3e3" and wires.read(nau, 0x01) == b"\x2f"
+    assert interface.remarks == []
+
+
+def test_a_wrong_address_names_those_that_answer():
+    wires = MemoryI2c()
+    add_mpu(wires, 0x69)
+    wires.add(0x48)
+    (said,) = refused(wires, *imus(MPU9250))
+    assert "TW128" in said and '[device."imu0"] /dev/i2c-1, address 0x68: nobody answers' in said
+    assert "on this bus 0x0c, 0x48, 0x69 answer: write address, mux or channel" in said
+
+
+def test_another_chip_at_the_address_is_told():
+    wires = MemoryI2c()
+    wires.write(wires.add(0x68), 0x75, b"\x68")
+    (said,) = refused(wires, *imus(MPU9250))
+    assert "TW134" in said and "it says 0x68, and a MPU-9250 says 0x71 (MPU-9250) or 0x73 (MPU-9255)" in said
+
+
+def test_a_magnetometer_that_is_not_there_is_told_and_the_way_to_do_without():
+    wires = MemoryI2c()
+    wires.write(wires.add(0x68), 0x75, b"\x71")
+    (said,) = refused(wires, *imus(MPU9250))
+    assert "TW128" in said and "nobody answers at 0x0c, inside it" in said
+    wires.add(0x0C)
+    (said,) = refused(wires, *imus(MPU9250))
+    assert "TW129" in said and "magnetometer=False reads it without" in said
+
+
+def test_a_multiplexer_that_does_not_answer_is_told():
+    wires = MemoryI2c((0x71,))
+    wires.add(0x48)
+    (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
+    assert "TW133" in said and "no multiplexer answers at 0x70" in said and "0x48, 0x71 answer on the bus itself" in said
+
+
+def test_a_device_behind_another_channel_is_told_with_who_answers_there():
+    wires = MemoryI2c((0x70,))
+    add_mpu(wires, 0x69, 1 + 3)
+    (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
+    assert "multiplexer 0x70 channel 3, address 0x68: nobody answers" in said
+    assert "on channel 3 of the multiplexer 0x70 0x0c, 0x69, 0x70 answer" in said
+
+
+def test_all_that_is_wrong_on_a_bus_is_told_at_once():
+    wires = MemoryI2c()
+    wires.write(wires.add(0x2A), 0x1F, b"\x01")
+    with Diagram("robot", rate=200):
+        sensors = MPU9250(bus="imus"), NAU7802(bus="imus"), ADS1115(bus="imus")
+    codes = [said.split()[1] for said in refused(wires, *sensors)]
+    assert codes == ["TW134", "TW128", "TW128"]
+
+
+class Held(Wires):
+    """A driver of the kernel has the chip, or the bus hangs."""
+
+    def __init__(self, wires, error):
+        super().__init__(wires)
+        self.error = error
+
+    def read_byte_data(self, address, register):
+        raise OSError(self.error, "")
+
+    def write_quick(self, address):
+        raise OSError(self.error, "")
+
+
+@pytest.mark.parametrize("error, code, words", [
+    (errno.EBUSY, "TW135", "a driver of the kernel has this address"), (errno.ETIMEDOUT, "TW128", "the bus hangs"),
+])
+def test_a_bus_that_hangs_and_a_chip_of_the_kernels_are_told(error, code, words):
+    wires = MemoryI2c()
+    with pytest.raises(SeveralRefused, match=f"{code}.*{words}"):
+        I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), imus(MPU9250), (Chips(Held(wires, error)), wires))
+
+
+class Deaf(Wires):
+    """Its settings do not arrive."""
+
+    def write_byte_data(self, address, register, value):
+        super().write_byte_data(address, register, 0 if register == 0x1C else value)
+
+
+def test_settings_that_do_not_stick_are_told():
+    wires = MemoryI2c()
+    add_mpu(wires)
+    with pytest.raises(SeveralRefused, match="TW129.*it was told 04 03 10 10 03 and says 04 03 10 00 03"):
+        I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), imus(MPU9250), (Chips(Deaf(wires)), wires))
+
+
+def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
+    with pytest.raises(Refused) as found:
+        open_adapter(RigBus("imus", "i2c", "/dev/i2c-77"))
+    said = str(found.value.trouble)
+    assert "TW131" in said and "there is no such bus" in said and "raspi-config nonint do_i2c 0" in said and "jetson-io" in said
+    with pytest.raises(Refused, match="TW131.*is no I2C bus"):
+        open_adapter(RigBus("imus", "i2c", str(tmp_path)))
+    with pytest.raises(Refused, match="TW131.*/dev/null is no I2C bus"):
+        open_adapter(RigBus("imus", "i2c", "/dev/null"))
+    for name in ("i2c-10", "i2c-2", "i2c-x"):
+        (tmp_path / name).touch()
+    assert paths(tmp_path) == [str(tmp_path / "i2c-2"), str(tmp_path / "i2c-10")] and "i2c-10; " in known(tmp_path)
+
+
+def test_everything_on_a_bus_is_named_and_told_once():
+    wires = MemoryI2c((0x70,))
+    add_mpu(wires)
+    wires.add(0x49, wide=True)
+    nau = wires.add(0x2A, 1 + 2)
+    wires.write(nau, 0x1F, b"\x0F")
+    wires.exchange_bytes(0x70, -1, b"\x04")                             # what a run before has left open
+    found = KnownChips(Chips(Wires(wires))).everywhere()
+    assert [(mux, channel, address, name) for mux, channel, address, name, _ in found] == [
+        (0, 0, 0x0C, "AK8963"), (0, 0, 0x49, "ADS1115 or ADS1015"), (0, 0, 0x68, "MPU-9250"), (0, 0, 0x70, "TCA9548A multiplexer"),
+        (0x70, 2, 0x2A, "NAU7802")]
+    assert wires.exchange_bytes(0x70, -1, count=1) == b"\x00"           # closed again
+
+
+# The rig file
+
+@pytest.mark.parametrize("line, words", [
+    ("bitrate = 400_000", "bitrate: an I2C bus has none"), ("fd = true", "fd: an I2C bus has none"), ('options = { a = 1 }', "options: an I2C bus"),
+    ('channel = "i2c-1"', "an I2C bus is a file in /dev"),
+])
+def test_what_an_i2c_bus_does_not_have_is_refused(tmp_path, line, words):
+    text = RIG.replace('channel = "/dev/i2c-1"', line) if line.startswith("channel") else RIG + line
+    with pytest.raises(RigError, match=words):
+        parse(tmp_path / "lab.toml", text)
+
+
+def test_a_rig_says_where_a_sensor_sits(tmp_path):
+    rig = parse(tmp_path / "lab.toml", RIG + '[device."imu0"]\naddress = 0x69\nmux = 0x71\nchannel = 4\n')
+    with Diagram("robot", rate=200) as robot:
+        imu = MPU9250(name="imu0", bus="imus")
+    override(rig, robot)
+    assert (imu.address, imu.mux, imu.channel) == (0x69, 0x71, 4) and imu.identity == (1 + 8 + 4) << 8 | 0x69
+
+
+@pytest.mark.parametrize("kind, interface, words", [
+    ("imu", "socketcan", "what is on it speaks I2C"), ("knee", "i2c", "what is on it speaks CAN"),
+])
+def test_an_interface_of_another_medium_is_refused(tmp_path, kind, interface, words):
+    from blocks.actuators import CubeMars
+
+    channel = "/dev/i2c-1" if interface == "i2c" else "can0"
+    rig = parse(tmp_path / "lab.toml", f'[bus.one]\ninterface = "{interface}"\nchannel = "{channel}"\n')
+    with Diagram("robot", rate=200) as robot:
+        if kind == "imu":
+            MPU9250(bus="one")
+        else:
+            CubeMars("AK80-9", bus="one", can_id=1)(torque_command=0.0)
+    override(rig, robot)
+    with pytest.raises(RigError, match=f"TW105.*{words}"):
+        RigBuses(rig, robot, ["one"])
+
+
+def test_a_diagram_with_sensors_on_i2c_compiles_and_has_no_load_of_can():
+    with Diagram("robot", rate=200) as robot:
+        MPU9250(bus="imus")
+    assert compile(robot).loads == [] and math.isfinite(robot.rate)
