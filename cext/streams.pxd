@@ -17,6 +17,7 @@ cdef enum: # id of a frame
     BYTES = 0                       # its data
     LOST = 1                        # the line is gone: unplugged, hung up
     BACK = 2                        # and there again
+    LEVEL = 3                       # of an input of the computer as a run begins: 1 or 0
 
 cdef enum:
     LONGEST_PATH = 512
@@ -28,6 +29,8 @@ cdef struct Source:
     int record                      # bytes that belong together: no frame ends within
     bint is_tty
     bint datagrams                  # one of which may be empty
+    bint is_gpio                    # it gives Linux's gpio_v2_line_event, and its level when it is asked
+    bint asks                       # for that, at the next receive
     char path[LONGEST_PATH]         # "": what is gone stays away
     termios settings                # of a tty
     uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message

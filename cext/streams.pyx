@@ -7,6 +7,7 @@ to drain. It never takes the GIL, never waits for one of them, and sleeps while 
     BYTES    up to 64 bytes as they came; flags START on the first of a read, GAP where frames before it were written over unread
     LOST     the line is gone: nothing more comes
     BACK     it is there again, set up as it was
+    LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
 
 A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told.
 What the tick sends goes out at once, as far as the line takes it without waiting.
@@ -50,7 +51,9 @@ cdef extern from *:
     #define _GNU_SOURCE
     #endif
     #include <fcntl.h>
+    #include <stdint.h>
     #include <sys/file.h>
+    #include <sys/ioctl.h>
     #include <unistd.h>
     /* Open a line that is back, ours alone; -1 where it is not to be had. */
     static int tw_open_line(const char *path, int mine) {
@@ -61,9 +64,21 @@ cdef extern from *:
         }
         return fd;
     }
+    /* What a line of <linux/gpio.h> asks and is told: GPIO_V2_LINE_GET_VALUES_IOCTL and GPIO_V2_LINE_SET_VALUES_IOCTL, of line 0 of a request. */
+    struct tw_line_values { uint64_t bits, mask; };
+    static int tw_gpio_level(int fd) {
+        struct tw_line_values values = {0, 1};
+        return ioctl(fd, _IOWR(0xB4, 0x0E, struct tw_line_values), &values) == 0 ? (int)(values.bits & 1) : -1;
+    }
+    static int tw_set_gpio(int fd, int value) {
+        struct tw_line_values values = {value != 0, 1};
+        return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
+    }
     static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
     int dup3(int, int, int);
     """
+    int gpio_level "tw_gpio_level"(int fd) noexcept nogil
+    int set_gpio "tw_set_gpio"(int fd, int value) noexcept nogil
     int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
     int put_in_place "tw_dup3"(int one, int other) noexcept nogil
 
@@ -75,6 +90,7 @@ cdef enum:
     BELL = 0xFFFFFFFF
     EVENTS = 32
     AT_ONCE = 16                        # frames of one write
+    EVENT = 48                          # bytes of a gpio_v2_line_event
 
 cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
 cdef size_t STACK = 256 << 10           # bytes
@@ -83,10 +99,38 @@ cdef size_t STACK = 256 << 10           # bytes
 cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nogil:
     cdef Source *source = <Source *>context
     cdef int count = 0
+    if source.asks and capacity > 0:
+        source.asks = False
+        count = level_of(source, frames)
     while count < capacity and pull(&source.ring, &frames[count]):
         frames[count].time = max(frames[count].time - source.began, 0)
+        if source.is_gpio and frames[count].id == BYTES:
+            move_times(&frames[count], source.began)
         count += 1
     return count
+
+
+cdef int level_of(Source *source, Frame *frame) noexcept nogil:
+    """A frame with the level of a GPIO line. What was read before has been forgotten, so that any edge since is told behind it."""
+    cdef int level = gpio_level(source.fd)
+    if level < 0:
+        return 0
+    memset(frame, 0, sizeof(Frame))
+    frame.id, frame.length = LEVEL, 1
+    frame.data[0] = <uint8_t>level
+    frame.time = max(monotonic() - source.began, 0)
+    return 1
+
+
+cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
+    """The kernel's times of edges, ns of CLOCK_MONOTONIC, to the clock of the run. Each begins its record."""
+    cdef int64_t when
+    cdef int at = 0
+    while at + EVENT <= frame.length:
+        memcpy(&when, &frame.data[at], sizeof(int64_t))
+        when -= began
+        memcpy(&frame.data[at], &when, sizeof(int64_t))
+        at += EVENT
 
 
 cdef int stream_send(void *context, const Frame *frames, int count) noexcept nogil:
@@ -107,10 +151,21 @@ cdef int stream_send(void *context, const Frame *frames, int count) noexcept nog
     return count
 
 
+cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil:
+    """Its level is the first byte of a frame."""
+    cdef Source *source = <Source *>context
+    cdef int index
+    for index in range(count):
+        if load_i32(&source.gone) or set_gpio(source.fd, frames[index].data[0]) != 0:
+            source.refused += 1
+    return count
+
+
 cdef void stream_begin(void *context, int64_t began) noexcept nogil:
     cdef Source *source = <Source *>context
     forget(&source.ring)
     source.began = began
+    source.asks = source.is_gpio
 
 
 cdef class Stream:
@@ -182,13 +237,14 @@ cdef class Streams:
         free(self.buffer)
         free(self.sources)
 
-    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1):
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False):
         """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
 
         path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
             whatever port it returns
         setup : messages, as bytes, that are then written to it, `pause` s before each
         record : bytes that belong together, 1 to 64; then a frame holds whole records
+        is_gpio : it is a request of one GPIO line; what is sent to it sets its level
         """
         cdef Stream stream = Stream()
         cdef Source *source = stream.source
@@ -203,7 +259,9 @@ cdef class Streams:
         if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
             raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
-        source.fd, source.record, source.pause = stream.own, record, round(pause * 1e9)
+        source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
+        if is_gpio:
+            stream.end.bus.send = gpio_send
         memcpy(source.path, <const char *>encoded, len(encoded))
         for message in setup:
             memcpy(source.setup + at, <const char *>message, len(message))

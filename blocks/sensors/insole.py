@@ -31,12 +31,14 @@ class Insole(StreamDevice):
 
     side = Param("left", "1", "whose frames are taken", choices=tuple(SIDES))
     transport = Param("udp", "1", "how they come: udp, to the port of `address`, or tcp, from a bridge that waits there", choices=("udp", "tcp"))
-    address = Param("127.0.0.1:5005", "1", "where this computer listens (udp; 0.0.0.0:5005 for any of its networks), or the bridge does (tcp)", dtype=str)
+    address = Param("127.0.0.1:5005", "1", "where this computer listens (udp; 0.0.0.0:5005 for any of its networks), or the bridge does (tcp)",
+                    dtype=str)
     rows = Param(31, "1", "of cells, from the heel to the toes", min=1, max=120, fixed=True, kernel=False)
     columns = Param(9, "1", "of cells", min=1, max=60, fixed=True, kernel=False)
     length = Param(0.27, "m", "of the field of cells", above=0.0, max=1.0, fixed=True, kernel=False)
     breadth = Param(0.09, "m", "of it", above=0.0, max=1.0, fixed=True, kernel=False)
-    regions_at = Param((0.3, 0.6, 0.85), "1", "where regions end, as shares of the length from the heel: heel, midfoot, forefoot, and what is left, the toes")
+    regions_at = Param((0.3, 0.6, 0.85), "1", "where regions end, as shares of the length from the heel: heel, midfoot, forefoot; the rest are "
+                       "the toes")
     least = Param(20.0, "N", "under which a centre of pressure means nothing", min=0.0, fixed=True, kernel=False)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
 

@@ -120,7 +120,8 @@ cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, cons
     arena[slots[DEAD]] = dead
 
 
-cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double *state, const uint8_t *data) noexcept nogil:
+cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double *state,
+                     const uint8_t *data) noexcept nogil:
     """TAKEN, NOTED for one of the other foot, MALFORMED"""
     cdef int size = bytes_of(plan)
     cdef uint32_t number = u16(data + 6)

@@ -74,6 +74,19 @@ cdef int told(double *arena, const int32_t *slots, uint32_t group, const Frame *
     return NOTED
 
 
+cdef void never(double *arena, const int32_t *slots, bint nothing_yet) noexcept nogil:
+    """What it does not send is NaN, and so is all of it before it has told its settings."""
+    cdef uint32_t types = <uint32_t>arena[slots[WANTED] + TYPES]
+    cdef int i
+    if not types & SENDS_SLOPE:
+        arena[slots[ROLL]] = arena[slots[PITCH]] = NAN
+    for i in range(3):
+        if not types & SENDS_FIELD:
+            arena[slots[MAG] + i] = NAN
+        if nothing_yet:
+            arena[slots[ACCEL] + i] = arena[slots[GYRO] + i] = NAN
+
+
 cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef const double *wanted = arena + slots[WANTED]
     cdef double *state = arena + slots[STATE]
@@ -97,14 +110,12 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         return NOTED
     if frame.length != 8:
         return MALFORMED
-    if frame.time * 1e-9 - state[LAST] > wanted[GAP]:           # long enough to have lost its power, even if its claim was not heard
+    if state[LAST] > 0.0 and frame.time * 1e-9 - state[LAST] > wanted[GAP]:     # it may have lost its power, and its claim been lost
         arena[slots[SETTINGS]] = state[ARRIVED] = state[NEXT] = 0.0
     state[LAST] = frame.time * 1e-9
-    if state[STARTED] == 0.0:                                   # what is never measured stays so
+    if state[STARTED] == 0.0:                                   # at the start, and once more when it has been armed
         state[STARTED] = 1.0
-        arena[slots[ROLL]] = arena[slots[PITCH]] = NAN
-        for i in range(3):
-            arena[slots[ACCEL] + i] = arena[slots[GYRO] + i] = arena[slots[MAG] + i] = NAN
+        never(arena, slots, (<uint32_t>arena[slots[SETTINGS]] & needed) != needed)
     if (<uint32_t>arena[slots[SETTINGS]] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
         return NOTED
     state[NEXT] = -1.0

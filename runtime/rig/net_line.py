@@ -52,7 +52,8 @@ def in_words(name, transport, port, error):
     if isinstance(error, socket.gaierror):
         return Trouble("TW122", f"{name}: {error.strerror}", "write the number of the computer, as in 192.168.1.7:5005")
     if transport == "udp" and error.errno == errno.EADDRINUSE:
-        return Trouble("TW121", f"{name}: another program has UDP port {port} open", f"end that one, or choose another port; who it is: ss -lunp sport = :{port}")
+        hint = f"end that one, or choose another port; who it is: ss -lunp sport = :{port}"
+        return Trouble("TW121", f"{name}: another program has UDP port {port} open", hint)
     if transport == "udp" and error.errno == errno.EADDRNOTAVAIL:
         return Trouble("TW122", f"{name} is an address of another machine", f"for udp it is where this computer listens: 0.0.0.0:{port}")
     if error.errno == errno.EACCES:

@@ -14,6 +14,8 @@ from cext.streams import Streams
 
 KINDS = {                       # kind of line: the module that opens it
     "serial": "runtime.rig.serial_line",
+    "evdev": "runtime.rig.evdev_line",
+    "gpio": "runtime.rig.gpio_line",
     "microstrain": "runtime.rig.microstrain",
     "net": "runtime.rig.net_line",
 }
@@ -25,7 +27,7 @@ class Opened:
 
     fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None
     channel : which one, for people
-    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record : as of cext.streams.Streams.add
+    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio : as of cext.streams.Streams.add
     remarks : lines that a person should read before the run
     """
 
@@ -34,6 +36,7 @@ class Opened:
     path: str = ""
     setup: tuple = ()
     record: int = 1
+    is_gpio: bool = False
     remarks: tuple = ()
     close: object = None
 
@@ -81,7 +84,7 @@ class StreamLines:
 
     def add(self, device, kind, opened):
         stream = self.streams.add(
-            opened.fd, device.bus, path=opened.path, setup=opened.setup, record=opened.record)
+            opened.fd, device.bus, path=opened.path, setup=opened.setup, record=opened.record, is_gpio=opened.is_gpio)
         os.close(opened.fd)
         if opened.close is not None:
             self.closers.append(opened.close)

@@ -174,6 +174,15 @@ def test_after_a_silence_in_which_it_may_have_lost_its_power_it_must_tell_its_se
     assert (together(200, {"silent": silent})["imu.settings"] == 31.0).all()
 
 
+def test_a_long_arming_takes_nothing_back():
+    """What blocks remember is reset when it is over: that is no silence, and no first sample."""
+    silent = np.zeros(2000, bool)
+    silent[:400] = True
+    recording = together(100, {"silent": silent, "gyro": (0.5, 0.0, 0.0)})
+    assert (recording["imu.settings"] == 31.0).all() and recording["imu.age"].max() < 0.02
+    assert np.isfinite(vector(recording, "accel")).all() and recording["imu.gyro[0]"] == pytest.approx(np.full(100, 0.5), abs=2e-4)
+
+
 def test_drives_and_a_unit_as_it_is_sold_on_one_bus_are_refused():
     for bitrate, codes in ((250_000.0, {"TW025"}), (1e6, set())):
         with Diagram("robot", rate=100) as diagram:

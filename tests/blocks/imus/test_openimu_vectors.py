@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from blocks.imus import EmulatedOpenImu, OpenImu
+from blocks.imus import EmulatedOpenImu
 from blocks.imus.openimu import frames
 from tests.blocks.actuators.wire import EXTENDED, TAKEN, Wired
 from tests.blocks.imus.test_openimu import NOTED, identifier, listener  # noqa: F401
