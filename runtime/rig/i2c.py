@@ -95,8 +95,9 @@ class I2cInterface:
         if check is not None:
             said = chips.read(device.address, check[0], len(check[1]))
             if said != check[1]:
+                what = f"it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on"
                 raise Refused(Trouble(
-                    "TW129", f"{who} {self.where(device)}: it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on",
+                    "TW129", f"{who} {self.where(device)}: {what}",
                     "a wire that is too long or without pull-ups, two chips at one address, or a chip that only looks like one"))
 
     def where(self, device):
@@ -108,7 +109,7 @@ class I2cInterface:
         if error.errno == errno.EBUSY:
             return Trouble(
                 "TW135", f"{who} {self.where(device)}: a driver of the kernel has this address",
-                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt (0x{error.address:02x})")
+                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt")
         if error.mux:
             return Trouble(
                 "TW133", f"{who} {self.bus.channel}: no multiplexer answers at {device.mux:#04x}",
@@ -122,7 +123,7 @@ class I2cInterface:
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
         return Trouble(
             "TW128", f"{who} {self.where(device)}: nobody answers {what}({os.strerror(error.errno)})",
-            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in {who}; its supply; its wires")
+            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in {who}; or its supply")
 
     def hand_over(self, device):
         at = device.address

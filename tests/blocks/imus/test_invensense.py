@@ -127,7 +127,8 @@ def test_a_magnetometer_in_14_bits_has_lost_its_settings(mpu):
 
 
 def test_the_age_of_the_magnetometer_is_counted_at_each_burst(mpu):
-    for at, kind, data in ((0.010, 1, mag_frame((1, 2, 3))), (0.015, 0, bytes(14)), (0.020, 1, mag_frame((4, 5, 6), st1=0)), (0.035, 0, bytes(14))):
+    frames = ((0.010, 1, mag_frame((1, 2, 3))), (0.015, 0, bytes(14)), (0.020, 1, mag_frame((4, 5, 6), st1=0)), (0.035, 0, bytes(14)))
+    for at, kind, data in frames:
         mpu.hear(identifier(kind), data, time=round(at * 1e9))
     assert mpu["mag_age"] == pytest.approx(0.025, abs=1e-12)
 
@@ -275,7 +276,7 @@ def test_its_bytes_are_those_of_the_registers():
     """1 g at ±8 g is 4096 codes, 1 rad/s at ±1000 °/s 1877.47; the AK8963 has x and y exchanged and z the other way."""
     played = block_of(EmulatedMPU9250, {"adjustment": (176, 100, 166)})
     answers = played.say(accel=(0.0, -G, G), gyro=(1.0, 0.0, -1.0), mag=(20.0, -10.0, -44.0), temperature=21.0)
-    raw = (round(-10.0 / (4912 / 32760 * (48 / 256 + 1))), round(20.0 / (4912 / 32760 * (-28 / 256 + 1))), round(44.0 / (4912 / 32760 * (38 / 256 + 1))))
+    raw = [round(field / (4912 / 32760 * ((asa - 128) / 256 + 1))) for field, asa in ((-10.0, 176), (20.0, 100), (44.0, 166))]
     assert answers == [
         (identifier(0), int16s((0, -4096, 4096, 0, 1877, 0, -1877), "big")), (identifier(1), mag_frame(raw, asa=(176, 100, 166)))]
 
