@@ -39,6 +39,8 @@ class I2cInterface:
         troubles = []
         try:
             self.wires = I2cBus(adapter, bus.name)
+            for device in devices:
+                self.release(device, chips)
             for device in sorted(devices, key=lambda device: (device.place, device.address)):
                 try:
                     self.set_up(device, chips)
@@ -50,6 +52,24 @@ class I2cInterface:
             chips.close()
         if troubles:
             raise SeveralRefused(troubles)
+
+    def release(self, device, chips):
+        """What a run before has left open is closed. Whether it is there at all is told later."""
+        try:
+            chips.switch(device.mux, device.channel)
+            if device.release() and not self.strange(device, chips):
+                for write in device.release():
+                    chips.write(device.address, write.register, write.data)
+        except NoAnswer:
+            pass
+
+    def strange(self, device, chips):
+        """(Identity, what it says) where a chip says that it is another; None where it is the one."""
+        for identity in device.identities():
+            said = chips.read(device.address, identity.register, 1)[0]
+            if said & identity.mask not in identity.values:
+                return identity, said
+        return None
 
     def set_up(self, device, chips):
         """Refused, with the cause in words."""
@@ -68,14 +88,15 @@ class I2cInterface:
     def recognise(self, device, chips, who):
         if not device.identities():
             chips.probe(device.address)
+        found = self.strange(device, chips)
+        if found is not None:
+            identity, said = found
+            wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
+            raise Refused(Trouble(
+                "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
+                f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
         for identity in device.identities():
-            said = chips.read(device.address, identity.register, 1)[0]
-            if said & identity.mask not in identity.values:
-                wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
-                raise Refused(Trouble(
-                    "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
-                    f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
-            name = identity.values[said & identity.mask]
+            name = identity.values[chips.read(device.address, identity.register, 1)[0] & identity.mask]
             if name != device.kind:
                 self.remarks.append(f"{device.path} is a {name}")
 
