@@ -3,7 +3,7 @@
 import importlib
 from pathlib import Path
 
-from runtime.bench import bus_command, can_command, clock_command, goals, netlists
+from runtime.bench import bus_command, can_command, clock_command, goals, netlists, views_command
 from runtime.bench.measure import check, interleave
 from runtime.bench.report import Report, machine, words
 from runtime.commands.parsing import Parser, count, number
@@ -29,9 +29,12 @@ def main(arguments):
         return bus_command.main(arguments[1:])
     if arguments[:1] == ["can"]:
         return can_command.main(arguments[1:])
+    if arguments[:1] == ["views"]:
+        return views_command.main(arguments[1:])
     parser = Parser("bench", "Measure ticks and compiles on this machine, beside the same by hand and in other frameworks.",
                     "`bench start [FILE]` measures start-up and memory, `bench clock` how well the clock is kept, `bench bus` what\n"
-                    "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, beside python-can.")
+                    "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, beside python-can,\n"
+                    "`bench views` how late the loop is with every recorder and viewer on.")
     parser.add_argument("--only", type=parts, default=PARTS, metavar="PART,...", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.05, metavar="S",
                         help="of each measurement (default 0.05)")

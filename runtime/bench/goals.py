@@ -21,6 +21,7 @@ GUARDIAN = 100.0                                            # µs of a round tri
 DRIVES = 5.0                                                # µs a tick of eight drives, beyond the system calls
 PYTHON_CAN = 0.1                                            # of what python-can takes
 STOP = 20.0                                                 # ms from kill -9, p99
+VIEWS = 1.5                                                 # times the lateness without any, p99
 
 
 @dataclass(frozen=True)
@@ -114,4 +115,12 @@ def of_can(found):
         Goal("the same over a socket, of python-can's time", found["share"], PYTHON_CAN, "times"),
         Goal("answers missed beyond those of the C loop",
              max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]), 0, ""),
+    ]
+
+
+def of_views(looked_at, alone, dropped):
+    """looked_at, alone : Kept; dropped : records"""
+    return [
+        Goal("all viewers on, lateness p99", looked_at.late(0.99) / alone.late(0.99), VIEWS, "times"),
+        Goal("all viewers on, records dropped", dropped, 0, "records"),
     ]

@@ -70,7 +70,7 @@ class Recording:
             for sink in self.plan["sinks"]:
                 doing = f"{sink['path']} cannot start"
                 service = find(sink["service"])(self.plan, sink)
-                service.say = lambda line: self.say(line)
+                service.say, service.page = self.say_later, self.page
                 self.services.append((sink["path"], service))
                 service.open()
                 self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
@@ -84,6 +84,10 @@ class Recording:
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
+
+    def say_later(self, line):
+        """`say`, which is there once the files are open."""
+        self.say(line)
 
     def open_folder(self):
         folder = self.plan["folder"]
