@@ -15,6 +15,7 @@ COMMANDS = {
     "replay": "run a recording again, bit for bit, or through a changed diagram",
     "diff": "compare two recordings: a table and a picture",
     "convert": "write a recording as CSV, Parquet, MATLAB, Rerun or OpenSim",
+    "plot": "draw signals of a recording, over time or over the gait cycle",
     "plotjuggler": "make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with",
     "blocks": "list the blocks that are installed, or tell all about one",
     "profile": "run a diagram and tell where the time of a tick goes, block by block",

@@ -8,11 +8,9 @@ from xml.etree import ElementTree as tree
 
 from blocks.sinks import PlotJuggler
 from runtime.diagram_file import compiled, load
-from runtime.recordings.messages import split
+from runtime.recordings.grouping import by_unit
 
 STREAMER, PROTOCOL, STAMP = "UDP Server", "json", "timestamp"
-PLOTS, CURVES = 6, 12           # of a tab; of a plot
-FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")      # units that come first, in this order
 BUFFER = 60                     # s that PlotJuggler keeps
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")      # (Okabe and Ito 2008)
 
@@ -37,7 +35,7 @@ def layout(name, signals, host, port):
         f" Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
         f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that. "))
     tabs = tree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
-    for title, plots in tabs_of(name, signals).items():
+    for title, plots in by_unit(name, signals).items():
         tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")
         container = tree.SubElement(tab, "Container")
         share = ";".join([f"{1.0 / len(plots):.6f}"] * len(plots))
@@ -62,16 +60,3 @@ def layout(name, signals, host, port):
 def curve(path):
     """What PlotJuggler calls a signal: its own parser makes a path of nested names."""
     return "/" + path.replace(".", "/")
-
-
-def tabs_of(name, signals):
-    """{subsystem: [(title of a plot, [path])]}, in the order of the signals."""
-    found = {}
-    for signal in signals:
-        folder, _, _ = split(signal["path"])
-        found.setdefault(folder or name, {}).setdefault(signal["unit"], []).append(signal["path"])
-    tabs = {}
-    for title, units in found.items():
-        order = sorted(units, key=lambda unit: FIRST.index(unit) if unit in FIRST else len(FIRST))
-        tabs[title] = [(f"{title} [{unit}]" if unit not in ("1", "any") else title, units[unit][:CURVES]) for unit in order[:PLOTS]]
-    return tabs

@@ -61,7 +61,7 @@ def paper(stream=None):
     stream = stream or sys.stdout
     if not stream.isatty():
         return Paper()
-    return Paper(shutil.get_terminal_size().columns, "NO_COLOR" not in os.environ and os.environ.get("TERM") != "dumb")
+    return Paper(shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb")
 
 
 def length(text):

@@ -2,7 +2,7 @@
 
 import time
 
-from runtime.recorder.status import BAR_CHARACTERS
+from runtime.recorder.status import bar
 from runtime.recorder.terminal import Terminal
 
 PATIENCE = 1.0                  # s before anything is shown
@@ -35,10 +35,8 @@ class Progress:
             return
         self.next = now + REFRESH
         share = min(1.0, max(0.0, share))
-        full, rest = BAR_CHARACTERS[:2] if self.terminal.unicode else BAR_CHARACTERS[2:]
-        done = int(share * BAR + 0.5)
         left = f", {(now - self.began) * (1.0 - share) / share:.0f} s left" if share > 0.02 else ""
-        line = f"{self.what} {full * done}{rest * (BAR - done)} {100 * share:.0f} %{left}"
+        line = f"{self.what} {bar(share, self.terminal.unicode, BAR)} {100 * share:.0f} %{left}"
         self.terminal.draw(line[: self.terminal.columns - 1])
 
     def part(self, first, last):

@@ -3,7 +3,7 @@
 import importlib
 from pathlib import Path
 
-from runtime.bench import bus_command, can_command, clock_command, goals, netlists, sensors_command
+from runtime.bench import bus_command, can_command, clock_command, goals, netlists, sensors_command, views_command
 from runtime.bench.measure import check, interleave
 from runtime.bench.report import Report, machine, words
 from runtime.commands.parsing import Parser, count, number
@@ -16,6 +16,7 @@ PEERS = {                       # module: its contenders, and what pip calls it
     "pathsim_peer": (("PathSim",), "pathsim"),
     "bdsim_peer": (("Bdsim",), "bdsim"),
 }
+COMMANDS = {"bus": bus_command, "can": can_command, "clock": clock_command, "sensors": sensors_command, "views": views_command}
 KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
 
 
@@ -23,18 +24,13 @@ def main(arguments):
     """Returns the exit code."""
     if arguments[:1] == ["start"]:
         return start_command(arguments[1:])
-    if arguments[:1] == ["clock"]:
-        return clock_command.main(arguments[1:])
-    if arguments[:1] == ["bus"]:
-        return bus_command.main(arguments[1:])
-    if arguments[:1] == ["can"]:
-        return can_command.main(arguments[1:])
-    if arguments[:1] == ["sensors"]:
-        return sensors_command.main(arguments[1:])
+    if arguments and arguments[0] in COMMANDS:
+        return COMMANDS[arguments[0]].main(arguments[1:])
     parser = Parser("bench", "Measure ticks and compiles on this machine, beside the same by hand and in other frameworks.",
                     "`bench start [FILE]` measures start-up and memory, `bench clock` how well the clock is kept, `bench bus` what\n"
-                    "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, beside python-can, and\n"
-                    "`bench sensors` what eight inertial sensors on serial lines cost, and what their parser does a second.")
+                    "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, beside python-can,\n"
+                    "`bench sensors` what eight inertial sensors on serial lines cost, and what their parser does a second, and\n"
+                    "`bench views` how late the loop is with every recorder and viewer on.")
     parser.add_argument("--only", type=parts, default=PARTS, metavar="PART,...", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.05, metavar="S",
                         help="of each measurement (default 0.05)")

@@ -25,6 +25,7 @@ SENSORS = 0.1                                               # of one processor: 
 BESIDE = 1.5                                                # times the lateness of the loop alone
 PARSER = 200.0                                              # MB/s
 OVER_PYTHON = 10.0
+VIEWS = 1.5                                                 # times the lateness without any, p99
 
 
 @dataclass(frozen=True)
@@ -128,4 +129,12 @@ def of_sensors(found):
         Goal("late p99 beside them, over the loop alone", found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"], BESIDE, "times"),
         Goal("MIP, parsed natively", found["native_mb_s"], PARSER, "MB/s", True),
         Goal("the same, over the parser in Python", found["native_mb_s"] / found["python_mb_s"], OVER_PYTHON, "times", True),
+    ]
+
+
+def of_views(looked_at, alone, dropped):
+    """looked_at, alone : Kept; dropped : records"""
+    return [
+        Goal("all viewers on, lateness p99", looked_at.late(0.99) / alone.late(0.99), VIEWS, "times"),
+        Goal("all viewers on, records dropped", dropped, 0, "records"),
     ]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from runtime.commands.parsing import Parser
 from runtime.errors import CHECK_FAILED, OK
+from runtime.progress import Progress
 from runtime.recordings import diff
 from runtime.recordings.compare import compare
 from runtime.recordings.trial import Trial
@@ -16,8 +17,9 @@ def main(arguments):
     parser.add_argument("second", type=Path, metavar="B", help="and of another")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
     options = parser.parse_args(arguments)
-    here, there = Trial(options.first), Trial(options.second)
-    comparison = compare(here, there)
+    with Progress("comparing") as progress:
+        here, there = Trial(options.first, progress.part(0.0, 0.5)), Trial(options.second, progress.part(0.5, 0.9))
+        comparison = compare(here, there)
     tell(diff.table(here, there, comparison))
     if comparison.differences:
         tell([f"  {diff.draw(options.output or Path('diff.png'), here, there, comparison)}"])

@@ -21,8 +21,9 @@ class Parser(argparse.ArgumentParser):
                          formatter_class=argparse.RawDescriptionHelpFormatter)
         self.name = name
 
-    def parse_args(self, arguments):
-        options, unknown = self.parse_known_args(arguments)
+    def parse_args(self, arguments, mixed=False):
+        """mixed : words may stand between and behind options"""
+        options, unknown = (self.parse_known_intermixed_args if mixed else self.parse_known_args)(arguments)
         if unknown:
             self.error(self.explain(unknown[0]))
         return options

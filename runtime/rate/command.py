@@ -1,11 +1,14 @@
 """`python -m runtime rate`: the command line, and what it prints."""
 
+import itertools
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from graph.budget import frame_bits
 from runtime.commands.parsing import Parser, add_rig, count, number
 from runtime.errors import CHECK_FAILED, OK, BadInput
+from runtime.progress import Progress
 from runtime.rate.robot import MOST
 from runtime.rate.search import HIGHEST, LOWEST, RESOLUTION, highest
 from runtime.terminal import complain, tell
@@ -125,7 +128,15 @@ def one(options, make, ids, rig, bitrate, confirmed):
 
     simulated = Simulated(make, ids, bitrate, options.seconds, options.upper_zero)
     attempt = simulated if rig is None else OnRig(make, ids, rig, options.seconds, confirmed, options.realtime, complain)
-    rate, steps = highest(attempt, options.low, options.high, options.resolution)
+    with Progress(f"{len(ids)} actuators: searching") as progress:
+        most = 1 + math.ceil(math.log2(max(2.0, (options.high - options.low) / options.resolution)))
+        tried = itertools.count()
+
+        def told(rate):
+            progress(next(tried) / most)
+            return attempt(rate)
+
+        rate, steps = highest(told, options.low, options.high, options.resolution)
     validated = None
     if options.paper and rate > 0.0:
         attempt.seconds = PAPER_VALIDATION

@@ -31,7 +31,9 @@ class CsvWriter(Service):
         if self.plan["folder"] is None:
             return
         stem = os.path.join(self.plan["folder"], parameters.get("file") or self.plan["stem"])
-        self.file = WholeFile(*create(stem, ".csv"))
+        first = self.plan.get("part", 1) == 1           # the recorder that goes on after one that died must not replace its file
+        self.file = WholeFile(*create(stem, ".csv", parameters.get("overwrite", False) and first))
+        self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
         self.files[self.file.path] = ""
         self.file.write(header(columns, delimiter))
         self.file.flush()
@@ -39,6 +41,10 @@ class CsvWriter(Service):
     def row(self, tick, time, values):
         if self.file is None:
             return
+        if self.device_time:
+            if self.began is None:
+                self.began = (self.page.wall + self.page.first_tick) * 1e-9
+            time += self.began
         self.file.write(self.lines.line(time, tick, values))
         self.rows += 1
         if self.rows % self.flush_rows == 0:

@@ -17,8 +17,14 @@ def make_folder(path):
     return made
 
 
-def create(stem, ending):
-    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file descriptor)."""
+def create(stem, ending, overwrite=False):
+    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file descriptor).
+
+    overwrite : what has the name is replaced instead
+    """
+    if overwrite:
+        path = f"{stem}{ending}"
+        return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
     for number in count(1):
         path = f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}"
         try:

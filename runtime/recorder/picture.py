@@ -16,12 +16,13 @@ ROWS = (
 INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
 
 
-def draw(name, legs, file):
-    """Write a PNG.
+def draw(name, legs, file, kind="png"):
+    """Write a picture.
 
     name : of the diagram
     legs : what StrideAverage reports of each leg, with at least one stride
     file : open for writing bytes
+    kind : "png" or "svg"
     """
     figure = Figure(figsize=(4.2 * len(legs) + 1.0, 7.6), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
@@ -39,7 +40,7 @@ def draw(name, legs, file):
     figure.suptitle(f"{name}: the average stride", fontsize=13, fontweight="bold", color=INK)
     marks = [Line2D([], [], color=GREY, linewidth=2.0, label="mean"), Patch(color=GREY, alpha=0.25, label="± 1 standard deviation")]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
-    figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
+    figure.savefig(file, format=kind, metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None})
 
 
 def plot(axis, curve, colour, convert):

@@ -106,8 +106,9 @@ def record(page, answers, control, keys, recording, terminal, ready):
     if ready is not None:
         answer(answers, ready)
     recording.begin()
-    panel = Panel(page, Keyboard(keys, page.control), recording) if keys >= 0 and plan["status_line"] and terminal.interactive else None
-    status = StatusLine(terminal, plan, page, panel)
+    answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
+    panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
+    status = StatusLine(terminal, plan, page, panel, recording)
     try:
         heir = drain(page, control, recording, status, panel, heir, IDLE_VIRTUAL if plan["virtual"] else IDLE)
     finally:

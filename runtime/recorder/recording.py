@@ -25,6 +25,7 @@ from runtime.recorder.mcap import FlightLog
 from runtime.recorder.service import find
 
 KEPT_EVENTS = 100_000
+BUS_OF_FRAME = 14               # bytes into struct Frame of cext/abi.pxd
 STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 
 
@@ -47,6 +48,8 @@ class Recording:
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
         self.changes = Changes(table.read(page).parameters)
+        self.newest = None                      # the newest row: tick, lateness, values
+        self.traffic = [0] * len(plan["buses"])         # frames of each bus, received or sent
         self.services = []                      # (path, service), those that live
         self.pickers = []                       # (what picks the columns out of a row, service)
         self.about = {}
@@ -67,7 +70,7 @@ class Recording:
             for sink in self.plan["sinks"]:
                 doing = f"{sink['path']} cannot start"
                 service = find(sink["service"])(self.plan, sink)
-                service.say = lambda line: self.say(line)
+                service.say, service.page = self.say_later, self.page
                 self.services.append((sink["path"], service))
                 service.open()
                 self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
@@ -81,6 +84,10 @@ class Recording:
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
+
+    def say_later(self, line):
+        """`say`, which is there once the files are open."""
+        self.say(line)
 
     def open_folder(self):
         folder = self.plan["folder"]
@@ -104,7 +111,7 @@ class Recording:
         """Records as the page's `drain` returns them."""
         for kind, payload in records:
             if kind == RECORD_ROW:
-                row = self.row.unpack(payload)
+                row = self.newest = self.row.unpack(payload)
                 tick, lateness = int(row[0]), row[1]
                 time = tick / self.plan["rate"]
                 if self.flight_log is not None:
@@ -122,6 +129,7 @@ class Recording:
                 self.ticks += 1
                 self.last_tick, self.time = tick, time
             elif kind == RECORD_FRAME:
+                self.traffic[payload[BUS_OF_FRAME]] += 1
                 for log in list(self.logs):
                     try:
                         log.frame(payload)

@@ -10,7 +10,7 @@ The recorder calls, in this order and from one thread:
     close()                     returns what the report shall say of this sink: a dict that JSON can carry
     conclude(plan, services)    on the class, once, with all its closed services: what they make together, a dict for the report
 
-`say` is there to be called with a line that the person at the terminal shall read; a `problem` in what close() returns is told, too.
+`page` is that of the run, and `say` is there to be called with a line that the person at the terminal shall read; a `problem` in what close() returns is told, too.
 `files` maps the path of each file the service has made to a remark on it. While open() or row() works the ring waits, and a
 full ring drops records: a service must never block. One that raises is stopped and reported; the run and the others go on.
 """
@@ -22,7 +22,7 @@ class Service:
     def __init__(self, plan, sink):
         self.plan, self.sink = plan, sink
         self.files = {}
-        self.say = lambda line: None
+        self.say, self.page = (lambda line: None), None
 
     def open(self):
         pass

@@ -1,8 +1,8 @@
 """The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
 
-    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0
+    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0 · left/knee ━━╌╌ −4.5 N·m
 
-What the keys have chosen stands behind the time. Lateness is the median and the 99th percentile of the run so far; rate, load and
+What the keys have chosen stands behind the time; of several buses each is told. A bar is a torque's share of its limit. Lateness is the median and the 99th percentile of the run so far; rate, load and
 frames are those of the last second.
 """
 
@@ -12,15 +12,17 @@ REFRESH = 0.1                   # s
 WINDOW = 10                     # refreshes over which rates are taken
 BAR = 8                         # characters
 BAR_CHARACTERS = "━╌#."
-HIGH_LOAD = 0.8                 # share of the time in ticks
+TORQUE_BAR = 4                  # characters
+HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95      # share of the time in ticks; of the limit
 COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
 STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow", "ready": "yellow", "waiting": "red"}
 
 
 class StatusLine:
-    def __init__(self, terminal, plan, page, panel=None):
-        self.terminal, self.plan, self.page, self.panel = terminal, plan, page, panel
+    def __init__(self, terminal, plan, page, panel=None, recording=None):
+        self.terminal, self.plan, self.page, self.panel, self.recording = terminal, plan, page, panel, recording
+        self.torques = torques_of(plan)
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history = deque(maxlen=WINDOW + 1)
@@ -32,17 +34,38 @@ class StatusLine:
         self.next = now + REFRESH
         statistics = self.page.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
-        self.history.append((now, statistics["ticks"], statistics["busy"], frames))
+        buses = self.recording.traffic if self.recording is not None and len(self.plan["buses"]) > 1 else ()
+        self.history.append((now, statistics["ticks"], statistics["busy"], frames, *buses))
         parts = describe(self.plan, self.page.state, statistics, rates(self.history), self.terminal.unicode,
                          [] if self.panel is None else self.panel.parts(now))
+        if self.recording is not None and self.recording.newest is not None:
+            parts += torque_parts(self.torques, self.recording.newest, self.terminal.unicode)
         self.terminal.draw(fit(parts, self.terminal.columns - 1, self.terminal.coloured, self.terminal.unicode))
 
     def erase(self):
         self.terminal.erase()
 
 
+def torques_of(plan):
+    """[(name of the actuator, place in the recorded row, limit)] of a run whose plan says what their limits are."""
+    limits = {path: max(map(abs, ends)) for path, ends in plan.get("limits", {}).items() if path.endswith(".torque")}
+    return [(signal["path"].removesuffix(".torque"), 2 + place, limits[signal["path"]]) for place, signal in enumerate(plan["signals"])
+            if limits.get(signal["path"])]
+
+
+def torque_parts(torques, row, unicode):
+    """Parts of the line. row : tick, lateness, values"""
+    parts = []
+    for number, (name, place, limit) in enumerate(torques):
+        torque, share = row[place], abs(row[place]) / limit
+        if share == share:                      # a NaN is a fault, and told as one
+            text = f"{name} {bar(share, unicode, TORQUE_BAR)} {torque:.1f} N·m"
+            parts.append((3.5 - 0.01 * number, text.replace("-", "−") if unicode else text, "red" if share > HIGH_TORQUE else None))
+    return parts
+
+
 def rates(history):
-    """(ticks/s, share of the time spent in ticks, frames/s) over the window, or None while there is too little of it."""
+    """(ticks/s, share of the time spent in ticks, frames/s, and those of each bus) over the window, or None while there is too little of it."""
     (start, *first), (stop, *last) = history[0], history[-1]
     return tuple((b - a) / (stop - start) for a, b in zip(first, last)) if stop > start else None
 
@@ -60,7 +83,7 @@ def describe(plan, state, statistics, speeds, unicode, chosen=()):
     parts.append((8, f"{seconds:.1f}/{duration:g} s" if duration else f"{seconds:.1f} s", None))
     parts += chosen
     if speeds is not None:
-        ticks, load, frames = speeds
+        ticks, load, frames, *each = speeds
         if plan["virtual"]:
             parts.append((7, f"{ticks / plan['rate']:.0f} times real time", None))
         else:
@@ -70,17 +93,18 @@ def describe(plan, state, statistics, speeds, unicode, chosen=()):
                 parts.append((4, f"late {both(late['p50'], late['p99'])}", None))
             parts.append((3, f"load {100 * load:.1f} %", "red" if load > HIGH_LOAD else None))
         if plan["buses"]:
-            parts.append((2, f"{frames:.0f} frames/s", None))
+            told = ", ".join(f"{name} {speed:.0f}" for name, speed in zip(plan["buses"], each)) or f"{frames:.0f}"
+            parts.append((2, f"{told} frames/s", None))
     for word in ("missed", "dropped"):
         count = statistics[word]
         parts.append((7.5 if count else 6, f"{word} {count}", "red" if count else None))
     return parts
 
 
-def bar(share, unicode):
-    done = min(BAR, max(0, int(share * BAR + 0.5)))
+def bar(share, unicode, width=BAR):
+    done = min(width, max(0, int(share * width + 0.5)))
     full, rest = BAR_CHARACTERS[:2] if unicode else BAR_CHARACTERS[2:]
-    return full * done + rest * (BAR - done)
+    return full * done + rest * (width - done)
 
 
 def both(median, high):

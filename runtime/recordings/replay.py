@@ -23,6 +23,7 @@ from graph.store import content_hash, from_json, to_json
 from runtime.recordings.compare import Comparison, compare, sent_frames
 from runtime.errors import BadInput
 from runtime.live.table import describe
+from runtime.progress import Progress
 from runtime.diagram_file import compiled, load
 from runtime.recorder import RecorderProcess
 from runtime.recordings.trial import Trial
@@ -80,7 +81,8 @@ def replay(path, file=None, folder=None):
 
     BadInput where the recording cannot be run again.
     """
-    trial = Trial(path)
+    with Progress(f"reading {Path(path).name}") as progress:
+        trial = Trial(path, progress)
     check(trial)
     fault = up_to_the_first_fault(trial)
     diagram, where = diagram_of(trial, file)
@@ -231,10 +233,11 @@ def run(trial, diagram, schedule, ends, changes, folder):
 
 def plan(trial, diagram, schedule, folder):
     return {
-        "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "duration": None, "virtual": True,
+        "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "virtual": True,
+        "duration": float(trial.time[-1]) + 1.0 / schedule.rate, "keys": False,
         "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses,
         "media": schedule.media, "sinks": [],
-        "status_line": False, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
+        "status_line": True, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
     }
 
 

@@ -4,7 +4,7 @@ import re
 from xml.etree import ElementTree
 
 from runtime.errors import OK
-from runtime.layout import tabs_of
+from runtime.recordings.grouping import by_unit
 from tests.runtime.runs import KNEE_EXO, Listener, knee
 
 
@@ -46,7 +46,7 @@ def test_a_splitter_says_how_many_plots_it_holds_and_their_shares(command_line):
 def test_positions_and_torques_come_first_and_each_unit_has_its_plot():
     signals = [{"path": path, "unit": unit} for path, unit in (
         ("left/knee.fault", "1"), ("left/knee.torque", "N·m"), ("left/knee.position", "rad"), ("left/ankle.position", "rad"), ("clock.t", "s"))]
-    assert tabs_of("robot", signals) == {
+    assert by_unit("robot", signals) == {
         "left": [("left [rad]", ["left/knee.position", "left/ankle.position"]), ("left [N·m]", ["left/knee.torque"]), ("left", ["left/knee.fault"])],
         "robot": [("robot [s]", ["clock.t"])]}
 

@@ -3,14 +3,18 @@
 import math
 import resource
 import struct
+import time
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from blocks.recorders import CsvRecorder
+from cext.page import Page
+from graph import Diagram
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.files import WholeFile, create
-from tests.runtime.recorder.running import CSV, columns, plan, read_csv, record, row, sink
+from tests.runtime.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink
 
 
 def written(folder, columns, rows, **parameters):
@@ -120,3 +124,24 @@ def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (tmp_path / "x.csv").read_text() == "first\nsecond\n"
     file.close()
+
+
+def test_the_time_is_that_of_the_device_where_it_is_asked_for(tmp_path):
+    page = Page(1 << 20)
+    with Diagram("clocked", rate=200) as diagram:
+        Counter(name="counter")
+        CsvRecorder(time="device")
+    began = time.time()
+    run(diagram, tmp_path, 20, virtual=False, page=page)
+    header, rows = read_csv(tmp_path / "clocked.csv")
+    times = [float(cells[0]) for cells in rows]
+    assert header[0] == "time [s]" and began < times[0] < began + 5.0
+    assert times[0] == pytest.approx((page.wall + page.first_tick) * 1e-9, abs=1e-6)
+    assert [time - times[0] for time in times] == pytest.approx([int(cells[1]) / 200 for cells in rows], abs=1e-6)
+
+
+def test_a_file_is_replaced_only_where_that_is_asked_for(tmp_path):
+    for number in range(2):
+        record(plan(tmp_path, sink(CSV, "csv", columns("a.x m"), file="mine", overwrite=True)), [row(0, float(number))])
+    assert sorted(path.name for path in tmp_path.glob("*.csv")) == ["mine.csv"]
+    assert read_csv(tmp_path / "mine.csv")[1] == [["0.0", "0", "1.0"]]

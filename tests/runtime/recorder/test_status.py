@@ -1,18 +1,24 @@
 """The status line: what it says, that it fits, and where it keeps quiet."""
 
+import fcntl
 import os
 import pty
 import re
 import select
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
 import pytest
 
-from runtime.recorder.status import StatusLine, describe, fit, rates
+from runtime.progress import Progress
+from runtime.recorder.status import StatusLine, describe, fit, rates, torque_parts
 from runtime.recorder.terminal import Terminal
 from tests.runtime.recorder.running import plan
+from tests.runtime.runs import KNEE_EXO, finished, knee
+from tests.runtime.terminals import WIDE
+from tests.runtime.terminals import Terminal as PseudoTerminal
 
 ROOT = Path(__file__).parents[3]
 STATISTICS = {
@@ -172,3 +178,76 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
     drawn = seen()
     assert re.search(r"\r\x1b\[32mrunning\x1b\[0m [━╌]{8} 0\.\d/0\.4 s", drawn)
     assert drawn.endswith("\r\x1b[K")
+
+
+class Heard:
+    """What a recording has counted and heard last."""
+
+    def __init__(self, traffic, newest):
+        self.traffic, self.newest = traffic, newest
+
+
+def test_each_torque_has_a_bar_of_its_limit(screen):
+    slave, seen = screen
+    signals = [{"path": path} for path in ("left/knee.position", "left/knee.torque", "right/knee.torque")]
+    limits = {"left/knee.torque": [-18.0, 18.0], "right/knee.torque": [-10.0, 10.0], "left/knee.position": [0.0, 2.0]}
+    status = StatusLine(terminal(slave), plan(None, status_line=True, signals=signals, limits=limits), Still(), None, Heard([], (7, 0.0, 0.4, -9.1, 9.9)))
+    parts = torque_parts(status.torques, status.recording.newest, True)
+    assert [(text, colour) for _, text, colour in parts] == [("left/knee ━━╌╌ −9.1 N·m", None), ("right/knee ━━━━ 9.9 N·m", "red")]
+    assert torque_parts(status.torques, (7, 0.0, 0.4, float("nan"), -5.0), False)[0][1] == "right/knee ##.. -5.0 N·m"
+    slave_columns = fit(describe(status.plan, "running", STATISTICS, (200.0, 0.03, 0.0), True) + parts, 300, False, True)
+    assert slave_columns.endswith("dropped 0 · left/knee ━━╌╌ −9.1 N·m · right/knee ━━━━ 9.9 N·m")
+
+
+def test_of_several_buses_each_is_told(screen):
+    fcntl.ioctl(screen[0], termios.TIOCSWINSZ, WIDE)
+    heard = Heard([0, 0], None)
+    status = StatusLine(terminal(screen[0]), plan(None, status_line=True, buses=["legs", "imus"]), Still(), None, heard)
+    status.update(5.0)
+    heard.traffic = [160, 40]
+    status.update(5.2)
+    assert "legs 800, imus 200 frames/s" in screen[1]()
+
+
+def test_a_run_with_drives_shows_their_torque(tmp_path):
+    with PseudoTerminal() as shown:
+        shown.run(knee(tmp_path), "--duration", "20", "--no-record", cwd=tmp_path)
+        shown.wait_for(r"running .* knee [━╌]{4} −?\d\.\d N·m")
+        shown.press(b" ")
+        assert shown.end() == 0
+
+
+def test_a_replay_tells_how_far_it_is_and_asks_for_no_keys(tmp_path):
+    done = finished(KNEE_EXO, "--fast", "--duration", "30", "--record", "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    [recording] = (tmp_path / "out").glob("*.mcap")
+    with PseudoTerminal() as shown:
+        shown.run("replay", recording, cwd=tmp_path)
+        shown.wait_for(r"(running|safe) [━╌]{8} \d+\.\d/30 s")
+        assert not shown.takes_keys and shown.end(60) == 0
+        assert "the same, bit for bit" in shown.look()
+
+
+def test_what_takes_a_second_tells_how_far_it_is(screen):
+    slave, seen = screen
+    now = 0.0
+    with Progress("converting walk.mcap", terminal(slave), lambda: now) as progress:
+        half = progress.part(0.0, 0.5)
+        for step in range(24):
+            now = 0.125 * step
+            half(step / 30)
+    drawn = seen()
+    assert "converting walk.mcap ━━━━━╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 25 %, 6 s left" in drawn and drawn.endswith("\r\x1b[K")
+    assert drawn.count("converting") == 16                                  # not in the first second
+
+
+def test_progress_is_silent_in_a_pipe_and_where_it_is_quick(screen):
+    reader, writer = os.pipe()
+    with Progress("converting", terminal(writer), iter(range(100)).__next__) as progress:
+        progress(0.5)
+    os.close(writer)
+    assert os.read(reader, 100) == b""
+    os.close(reader)
+    with Progress("converting", terminal(screen[0])) as progress:
+        progress(0.5)
+    assert screen[1]() == ""

@@ -1,0 +1,88 @@
+"""`plot RECORDING SIGNAL...`: pictures of a recording."""
+
+import re
+from pathlib import Path
+
+from runtime.commands.parsing import Parser
+from runtime.errors import OK, BadInput
+from runtime.progress import Progress
+from runtime.recorder.files import create
+from runtime.recordings.trial import Trial
+from runtime.terminal import tell
+
+KINDS = (".png", ".svg")
+EPILOG = """\
+  plot trial.mcap                                       a picture a subsystem, a plot a unit
+  plot trial.mcap left/knee.position left/knee.torque
+  plot trial.mcap --strides                             angle, assistance and power over the gait cycle, a column a leg
+  plot trial.mcap --strides left/knee.torque -o torque.svg
+"""
+
+
+def main(arguments):
+    parser = Parser("plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG)
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="as in left/knee.position (default: one picture of each subsystem)")
+    parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
+    parser.add_argument("--events", metavar="SIGNAL", help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)")
+    parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw (default: beside the recording)")
+    options = parser.parse_args(arguments, mixed=True)
+    if options.events is not None and not options.strides:
+        raise BadInput("--events needs --strides")
+    if options.output is not None and options.output.suffix not in KINDS:
+        raise BadInput(f"-o {options.output}: a picture ends in {' or '.join(KINDS)}")
+    with Progress(f"drawing {options.recording.name}") as progress:
+        trial = Trial(options.recording, progress.part(0.0, 0.5))
+        try:
+            wanted = pictures(trial, options)
+            for number, (name, draw) in enumerate(wanted):
+                path = write(options, name if len(wanted) > 1 or options.output is None else "", draw)
+                progress(0.5 + 0.5 * (number + 1) / len(wanted))
+                progress.terminal.erase()
+                tell([path])
+        except KeyError as error:
+            raise BadInput(error.args[0]) from None
+    return OK
+
+
+def pictures(trial, options):
+    """[(name, function that draws it into a file)]"""
+    from runtime.recordings import pictures
+
+    if options.strides and options.signals:
+        return [("strides", lambda file, kind: pictures.over_the_stride(trial, options.signals, options.events, file, kind))]
+    if options.strides:
+        return [("strides", lambda file, kind: pictures.average_stride(trial, options.events, file, kind))]
+    if not len(trial):
+        raise BadInput(f"{trial.path} holds no tick")
+    if options.signals:
+        rows = pictures.rows_of(trial, options.signals)
+        return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
+    return [
+        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind))
+        for title, rows in pictures.overview(trial).items()]
+
+
+def write(options, name, draw):
+    """Returns the path. A file that was not named is never overwritten."""
+    name = re.sub(r"[^\w.-]+", "_", name)
+    suffix = options.output.suffix if options.output is not None else ".svg" if options.svg else ".png"
+    try:
+        if options.output is None:
+            path, descriptor = create(str(options.recording.parent / f"{options.recording.stem}_{name}"), suffix)
+        else:
+            path = str(options.output.with_stem(f"{options.output.stem}_{name}" if name else options.output.stem))
+            descriptor = path
+        file = open(descriptor, "wb")
+    except OSError as error:
+        raise BadInput(f"cannot write {options.output or options.recording.parent}: {error.strerror}") from None
+    try:
+        with file:
+            draw(file, suffix[1:])
+    except BaseException as error:
+        Path(path).unlink()
+        if isinstance(error, OSError):
+            raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
+        raise
+    return path
