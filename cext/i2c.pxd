@@ -79,6 +79,7 @@ cdef struct Member:
     uint64_t forgiven           # failures before the run began
     uint64_t failures
     uint64_t answers
+    uint64_t samples            # of those, to its first round
     uint64_t losses
     uint64_t returns
 
@@ -101,6 +102,7 @@ cdef class I2cBus:
     cdef uint64_t switches
     cdef uint64_t rounds
     cdef int64_t origin         # ns, CLOCK_MONOTONIC: due is what is whole periods later
+    cdef int64_t ended          # ns, CLOCK_MONOTONIC; 0 while it asks
     cdef int32_t run            # that failures are counted for
     cdef pthread_t thread
     cdef bint running

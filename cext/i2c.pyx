@@ -222,7 +222,7 @@ cdef class I2cBus:
             self.members[index].next_check = now + CHECK
         for index in range(sum(len(table[4]) for table in self.tables)):
             self.cycles[index].due = now
-        self.origin, self.run = now, self.inbox.runs
+        self.origin, self.ended, self.run = now, 0, self.inbox.runs
         self.open, self.leave, self.bell, self.priority = -1, 0, 0, priority
         pthread_attr_init(&attributes)
         pthread_attr_setstacksize(&attributes, STACK)               # all of it is locked in memory where memory is
@@ -245,6 +245,7 @@ cdef class I2cBus:
         rouse(&self.bell)
         with nogil:
             pthread_join(self.thread, NULL)
+        self.ended = monotonic()
 
     def begin(self, int64_t began):
         """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
@@ -253,14 +254,17 @@ cdef class I2cBus:
     @property
     def counts(self):
         """switches of multiplexers; rounds; frames that were written over before a tick took them; and of each device, in the order added:
-        state, answers, failures, how often it was lost and came back, errno of the last failure (-1: it had lost its settings; None)"""
+        state, answers, Hz of those to its first round, failures, how often it was lost and came back, errno of the last failure (-1: it had
+        lost its settings; None)"""
         cdef int index
+        cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
         cdef Member *member
         devices = []
         for index in range(self.count):
             member = &self.members[index]
             devices.append({
-                "state": STATES[load_i32(&member.state)], "answers": load_u64(&member.answers), "failures": load_u64(&member.failures),
+                "state": STATES[load_i32(&member.state)], "answers": load_u64(&member.answers),
+                "rate": load_u64(&member.samples) / seconds, "failures": load_u64(&member.failures),
                 "losses": load_u64(&member.losses), "returns": load_u64(&member.returns), "error": load_i32(&member.error) or None})
         return {
             "switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds), "overflows": self.inbox.ring.skipped,
@@ -416,6 +420,8 @@ cdef class I2cBus:
             cycle.due = max(cycle.due, monotonic() + cycle.settle)
         member.in_a_row = 0
         store_u64(&member.answers, member.answers + 1)
+        if cycle == &self.cycles[member.first_cycle]:
+            store_u64(&member.samples, member.samples + 1)
         if length + asked.appended > 0:
             push(&self.inbox.ring, &frame)
         return True

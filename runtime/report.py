@@ -59,6 +59,8 @@ def summary(result):
     for index, (path, found) in enumerate(result.control.latencies.items()):
         if found["count"]:
             row("" if index else "answers", f"{path} after {spread(found)}")
+    for index, words in enumerate(result.rig.sensors() if result.rig is not None else ()):
+        row("" if index else "sensors", words)
     for entry in result.control.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)

@@ -203,6 +203,19 @@ class RigBuses:
         """Ids of frames for nobody here, by bus."""
         return {name: bus["stranger_ids"] for name, bus in self.after.items() if bus["stranger_ids"]}
 
+    def sensors(self):
+        """'shank 200 Hz' of each device on I2C, with what was amiss."""
+        lines = []
+        for name, bus in self.after.items():
+            for path, told in bus["devices"].items() if self.media[name] == "i2c" else ():
+                words = f"{path} {told['rate']:.4g} Hz"
+                if told["failures"]:
+                    words += f", failed {told['failures']} times ({error_in_words(told['error'])})"
+                if told["losses"]:
+                    words += f", lost {told['losses']} times, back {told['returns']}"
+                lines.append(words)
+        return lines
+
     def failures(self):
         """(path, what was counted, why it failed last) of devices on I2C that did not always answer."""
         return [(path, told, error_in_words(told["error"])) for name, bus in self.after.items() if self.media[name] == "i2c"

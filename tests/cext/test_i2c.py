@@ -79,6 +79,8 @@ def test_each_round_has_its_own_period():
     frames = bus.end.receive()
     fast, slow = len(answers(frames)), len(answers(frames, 1))
     assert 8 <= slow <= 11 and 3.4 <= fast / slow <= 4.6
+    told = bus.counts["devices"][0]
+    assert told["answers"] == fast + slow and told["rate"] == pytest.approx(fast / 0.2, rel=0.1)
 
 
 @pytest.mark.parametrize("muxes, channels, least", [

@@ -1,5 +1,7 @@
 """A whole run from the command line on the chips of i2c-stub: opened, set up, armed, recorded. Under User Mode Linux."""
 
+import re
+
 import pytest
 
 from tests.hardware.test_i2c import NODE, ROBOT, assert_read, converting, needs_stub, stub          # noqa: F401
@@ -16,6 +18,7 @@ def test_a_run_records_every_sensor(stub, converting, tmp_path):                
     files = Files(tmp_path / "out")
     assert_read({header.split(" [")[0]: column[-1] for header, column in files.table.items()})
     assert len(files.table["tick"]) == 30
+    assert all(re.search(rf" {name} \d[\d.]* Hz\n", done.stdout) for name in ("handle", "insole", "shank", "thigh")), done.stdout
 
 
 def test_a_wrong_address_ends_before_anything_is_armed(stub, tmp_path):                             # noqa: F811
