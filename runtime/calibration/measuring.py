@@ -1,4 +1,4 @@
-"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing else of the robot is armed."""
+"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing else is armed."""
 
 import math
 import struct
