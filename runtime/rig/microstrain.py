@@ -26,7 +26,7 @@ from runtime.rig.troubles import Refused, Trouble
 PORTS = "TICKWORK_PORTS"        # in the environment: patterns of the ports to look at, in place of what pyserial lists
 VENDORS = (0x199B, 0x0403, 0x10C4, 0x067B, 0x1A86)              # MicroStrain, and makers of USB adapters
 BAUDRATES = "115200 and 921600 are what MicroStrain sells"
-QUICK = 0.1                     # s, in which one that is asked who it is answers
+QUICK = 0.25                    # s, in which one that is asked who it is answers
 GENERIC_FORMAT, GENERIC_BASE_RATE = 0x0C0F, 0x0C0E
 LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}     # commands format and base rate, its reply, stream
 HEADING, MEASUREMENT = 0x0D18, 0x0D50

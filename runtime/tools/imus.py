@@ -79,7 +79,7 @@ class WatchedImus:
         """{path of a port: its values} once something new has come, None if nothing has in time."""
         deadline = time.monotonic() + patience
         while time.monotonic() < deadline:
-            if any([self.drain(block) for block in self.blocks]):
+            if any([self.drain(block) for block in self.blocks]) and all(self.told(block, "packets")[0] for block in self.blocks):
                 return {f"{block.path}.{name}": self.told(block, name) for block in self.blocks for name in self.channels}
             time.sleep(REST)
         return None

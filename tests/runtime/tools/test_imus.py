@@ -42,7 +42,7 @@ def test_two_are_shown_recorded_and_plotted(command_line):
     assert re.search(r"^imu_3931: \d+ packets, 0 corrupt, 0 samples lost", out, re.MULTILINE)
     [file] = (command_line.folder / "out").glob("imu_*.csv")
     lines = file.read_text().splitlines()
-    assert "imu_3931.accel[2] [m/s^2]" in lines[0] and "imu_3932.quaternion[0]," in lines[0] and len(lines) > 30
+    assert "imu_3931.accel[2] [m/s^2]" in lines[0] and "imu_3932.quaternion[0]," in lines[0] and len(lines) > 10
     assert told[-1]["imu_3932"]["accel"][2] == pytest.approx(-9.80665)
 
 

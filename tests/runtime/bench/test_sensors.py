@@ -1,0 +1,26 @@
+"""`python -m runtime bench sensors`: that it measures what it says. How fast this machine is, is not tested."""
+
+import json
+
+from runtime.bench import sensors
+from runtime.errors import OK
+
+
+def test_it_tells_what_eight_sensors_cost_and_lose(command_line):
+    code, out, err = command_line("bench", "sensors", "--seconds", "0.2", "--repeats", "1", "--json")
+    told = json.loads(out)
+    assert (code, err) == (OK, "")
+    found = told["sensors"]
+    assert 8 * 2 * 500 * 0.15 < found["packets"] < 8 * 2 * 500 * 0.4 and found["corrupt"] == found["overflows"] == 0
+    assert 0.0 < found["processor"] < 1.0 and found["native_mb_s"] > found["python_mb_s"] > 0.0
+    assert all(0.0 < found[name][row] for name in ("late_p50_us", "late_p99_us") for row in ("alone", "beside"))
+    assert [goal["unit"] for goal in told["goals"]] == ["", "", "times", "MB/s", "times"]
+
+
+def test_both_parsers_read_every_packet_of_the_stream():
+    from blocks.imus.microstrain import mip
+
+    data = sensors.stream()
+    packets, rest, corrupt = mip.split(data)
+    assert len(packets) == 2 * sensors.PACKETS and not rest and not corrupt
+    assert set(sensors.in_python(data[:2000])) <= {"accel", "gyro", "mag", "temperatures", "sensor_time", "filter_time", "filter_quaternion"}
