@@ -197,6 +197,8 @@ def open_adapter(bus):
         from smbus2 import SMBus
 
         wires = SMBus(bus.channel)
+    except ImportError:
+        raise Refused(Trouble("TW119", f"{name}: smbus2 is not installed", "pip install smbus2, into the environment that this runs in")) from None
     except OSError as error:
         raise Refused(in_words(name, bus.channel, error)) from None
     try:

@@ -2,6 +2,7 @@
 
 import errno
 import math
+import sys
 import time
 
 import pytest
@@ -191,6 +192,12 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
     for name in ("i2c-10", "i2c-2", "i2c-x"):
         (tmp_path / name).touch()
     assert paths(tmp_path) == [str(tmp_path / "i2c-2"), str(tmp_path / "i2c-10")] and "i2c-10; " in known(tmp_path)
+
+
+def test_a_library_that_is_missing_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "smbus2", None)                    # as where it is not installed
+    with pytest.raises(Refused, match="TW119.*smbus2 is not installed"):
+        open_adapter(RigBus("imus", "i2c", "/dev/null"))
 
 
 def test_a_bus_that_may_not_be_opened_has_the_line_that_changes_that():
