@@ -17,7 +17,7 @@ from blocks.imus import MicroStrain
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.models import Limb
-from blocks.quaternions import QuaternionFromEuler
+from blocks.quaternions import QuaternionConjugate, QuaternionFromEuler, RotateVector
 from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler
 from blocks.sources import Sine
@@ -66,5 +66,7 @@ def plant(robot, stride_time=1.1):
                 limb(torque=drive.torque, angle=angle, rate=rate, acceleration=acceleration)
                 drive(position=limb.position, velocity=limb.velocity)
                 imu = robot[f"{side}/thigh_imu"].emulator()
-                imu(quaternion=QuaternionFromEuler()(0.0, limb.position, 0.0), gyro=stack(0.0, limb.velocity, 0.0))
+                turned = QuaternionFromEuler()(0.0, limb.position, 0.0)
+                weight = RotateVector()(QuaternionConjugate()(turned), (0.0, 0.0, -9.80665))
+                imu(quaternion=turned, gyro=stack(0.0, limb.velocity, 0.0), accel=weight)
     return wearer

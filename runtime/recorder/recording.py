@@ -173,8 +173,9 @@ class Recording:
             self.attempt(path, service, service.flush)
 
     def sizes(self):
-        """{path: bytes} of every file, as it is on the disk."""
-        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] != self.sidecar}
+        """{path: bytes} of every file that this process writes, as it is on the disk."""
+        others = {self.sidecar, *(path for _, service in self.services if service.elsewhere for path in service.files)}
+        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] not in others}
 
     def next_part(self, will):
         """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""

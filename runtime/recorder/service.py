@@ -19,6 +19,8 @@ from importlib import import_module
 
 
 class Service:
+    elsewhere = False           # whether another process writes its files
+
     def __init__(self, plan, sink):
         self.plan, self.sink = plan, sink
         self.files = {}

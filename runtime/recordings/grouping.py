@@ -1,4 +1,4 @@
-"""Which signals a person wants to see together: those of a subsystem, a plot a unit."""
+"""Which signals a person wants to see together: those of a subsystem, a plot a unit; counts and states apart from what is measured."""
 
 from runtime.recordings.messages import split
 
@@ -10,14 +10,21 @@ PLAIN = ("1", "any")
 def by_unit(name, signals):
     """{subsystem: [(title of a plot, [path])]}, in the order of the signals.
 
-    name : of the diagram, for what is in no subsystem; signals : [{"path", "unit"}]
+    name : of the diagram, for what is in no subsystem; signals : [{"path", "unit", "dtype"}]
     """
     found = {}
     for signal in signals:
         folder, _, _ = split(signal["path"])
-        found.setdefault(folder or name, {}).setdefault(signal["unit"], []).append(signal["path"])
+        whole = signal["dtype"] != "float"
+        found.setdefault(folder or name, {}).setdefault((whole, signal["unit"]), []).append(signal["path"])
     groups = {}
     for title, units in found.items():
-        order = sorted(units, key=lambda unit: FIRST.index(unit) if unit in FIRST else len(FIRST))
-        groups[title] = [(f"{title} [{unit}]" if unit not in PLAIN else title, units[unit][:CURVES]) for unit in order[:PLOTS]]
+        order = sorted(units, key=lambda kind: (kind[0], FIRST.index(kind[1]) if kind[1] in FIRST else len(FIRST)))
+        groups[title] = [(heading(title, *kind), units[kind][:CURVES]) for kind in order[:PLOTS]]
     return groups
+
+
+def heading(title, whole, unit):
+    if unit not in PLAIN:
+        return f"{title} [{unit}]"
+    return f"{title}, counts and states" if whole else title

@@ -81,6 +81,10 @@ class Trial:
                 self.rows[:, place] = values[str(place)]
         self.frames = reader.frames
 
+    def __repr__(self):
+        what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
+        return f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, {len(self.names)} signals{', ' if what else ''}{what}>"
+
     def __getitem__(self, path):
         """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that is what it is.
 

@@ -40,6 +40,9 @@ class Trials:
         self.trials = list(trials)
         self.fields = list(dict.fromkeys(name for trial in self.trials for name in trial.fields))
 
+    def __repr__(self):
+        return "\n".join([f"<Trials: {len(self)}, {len(self.names)} columns>", *(f"  {trial!r}" for trial in self)])
+
     def __len__(self):
         """How many trials."""
         return len(self.trials)

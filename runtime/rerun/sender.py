@@ -61,6 +61,8 @@ class Feeder(ChildProcess):
 class RerunSender(Service):
     """Serves blocks.sinks.Rerun."""
 
+    elsewhere = True
+
     def open(self):
         parameters = self.sink["parameters"]
         target = parse(parameters["target"], parameters["port"])
@@ -70,7 +72,6 @@ class RerunSender(Service):
         if target.kind == "file":
             path, descriptor = create(target.place.removesuffix(".rrd"), ".rrd")
             os.close(descriptor)
-            path = os.path.abspath(path)
             self.files[path] = ""
         self.batch, self.rows, self.lost = array("d"), 0, 0
         self.sent = time.monotonic()

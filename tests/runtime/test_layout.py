@@ -44,10 +44,12 @@ def test_a_splitter_says_how_many_plots_it_holds_and_their_shares(command_line):
 
 
 def test_positions_and_torques_come_first_and_each_unit_has_its_plot():
-    signals = [{"path": path, "unit": unit} for path, unit in (
-        ("left/knee.fault", "1"), ("left/knee.torque", "N·m"), ("left/knee.position", "rad"), ("left/ankle.position", "rad"), ("clock.t", "s"))]
+    signals = [{"path": path, "unit": unit, "dtype": dtype} for path, unit, dtype in (
+        ("left/knee.fault", "1", "int"), ("left/knee.torque", "N·m", "float"), ("left/knee.position", "rad", "float"),
+        ("left/ankle.position", "rad", "float"), ("left/gait.phase", "1", "float"), ("clock.t", "s", "float"))]
     assert by_unit("robot", signals) == {
-        "left": [("left [rad]", ["left/knee.position", "left/ankle.position"]), ("left [N·m]", ["left/knee.torque"]), ("left", ["left/knee.fault"])],
+        "left": [("left [rad]", ["left/knee.position", "left/ankle.position"]), ("left [N·m]", ["left/knee.torque"]), ("left", ["left/gait.phase"]),
+                 ("left, counts and states", ["left/knee.fault"])],
         "robot": [("robot [s]", ["clock.t"])]}
 
 

@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -171,7 +170,7 @@ def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
     try:
         patient(lambda: listening(port))
         run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", f"127.0.0.1:{port}", cwd=tmp_path)
-        time.sleep(3.0)
+        patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 200)
         viewer.kill()
         line = run.stderr.readline()
         assert re.fullmatch(r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; the run goes on\n", line), line
@@ -210,6 +209,24 @@ def descendant(pid, word):
             if word.encode() in words and stat[0] != "Z":
                 return entry
     return None
+
+
+@needs_rerun
+def test_when_the_recorder_is_killed_both_files_are_whole_and_hold_every_tick_between_them(tmp_path):
+    run = started(KNEE_EXO, "--duration", "60", "--record", "out", "--rerun", "a.rrd", cwd=tmp_path)
+    recorder = patient(lambda: descendant(run.pid, "runtime.recorder.process"))
+    patient(lambda: (tmp_path / "a.rrd").exists() and (tmp_path / "a.rrd").stat().st_size > 100_000)
+    os.kill(recorder, signal.SIGKILL)
+    patient(lambda: (tmp_path / "a-2.rrd").exists() and (tmp_path / "a-2.rrd").stat().st_size > 100_000)
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=60)
+    assert run.returncode == 130
+    ticks = set()
+    for name in ("a.rrd", "a-2.rrd"):
+        verify(tmp_path / name)
+        ticks |= set(vectors(tmp_path / name)["/left"][0])
+    recorded = [tick for path in (tmp_path / "out").glob("*.mcap") for tick in runtime.load(path).tick.tolist()]
+    assert sorted(recorded) == sorted(ticks) and len(recorded) == len(set(recorded))
 
 
 @needs_rerun
