@@ -40,6 +40,8 @@ class PtyLines:
 
     def close(self):
         self.streams.end()
+        for line in self.lines.values():
+            line.close()
         for link in self.links:
             link.unlink(missing_ok=True)
         for descriptor in self.kept:
