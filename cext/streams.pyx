@@ -183,9 +183,15 @@ cdef class Stream:
         self.end.owner = self
 
     def __dealloc__(self):
+        self.close()
+        free(self.source)
+
+    def close(self):
+        """Let go of the line, once nothing reads it any more. What has been read can still be received."""
+        store_i32(&self.source.gone, 1)
         if self.own >= 0:
             close(self.own)
-        free(self.source)
+        self.own = -1
 
     def begin(self, int64_t began):
         """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""

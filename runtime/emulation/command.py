@@ -15,6 +15,7 @@ def main(arguments):
     options = parse(arguments)
     from runtime.diagram_file import load
     from runtime.emulation.buses import PlantBuses
+    from runtime.emulation.lines import PtyLines, on_terminals
     from runtime.emulation.serving import Service
     from runtime.rig import read
     from runtime.simulation import plant_of
@@ -24,21 +25,25 @@ def main(arguments):
     diagram, schedule = plant_of(file, robot)
     if schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has nothing on a bus that could be emulated")
-    stranger = next((name for name in schedule.buses if name not in rig.buses), None)
+    terminals = on_terminals(robot, schedule)
+    stranger = next((name for name in schedule.buses if name not in rig.buses and name not in terminals), None)
     if stranger is not None:
         raise BadInput(f"{options.rig}: the plant emulates a device on bus {stranger!r}, and the rig has no [bus.{stranger}]")
-    buses = PlantBuses(rig, schedule.buses)
+    buses = PlantBuses(rig, [name for name in schedule.buses if name not in terminals])
+    lines = PtyLines(terminals, options.lines)
     try:
         complain(buses.remarks)
         consent(buses.real, options.yes)
-        tell(introduction(options, diagram, schedule, rig, file.has_plant))
-        service = Service(schedule, buses.ends(), options.bitrate)
+        tell(introduction(options, diagram, schedule, rig, file.has_plant, lines))
+        ends = dict(zip(buses.names, buses.ends())) | {name: lines.end(name) for name in terminals}
+        service = Service(schedule, [ends[name] for name in schedule.buses], options.bitrate)
         outcome = service.run(options.duration)
         if outcome.faulted:
             complain(fault(outcome, buses))
         tell(summary(service.statistics, schedule))
         return FAULT if outcome.faulted else OK
     finally:
+        lines.close()
         buses.close()
 
 
@@ -50,6 +55,7 @@ def parse(arguments):
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
                         help="end after S seconds (default: Ctrl-C)")
     add_bitrate(parser, "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)")
+    parser.add_argument("--lines", type=Path, metavar="DIR", help="an existing folder for links to the terminals of sensors on serial lines")
     parser.add_argument("--yes", action="store_true", help="on real CAN: no real drive is there, do not ask")
     return parser.parse_args(arguments)
 
@@ -65,15 +71,16 @@ def consent(real, given):
         raise BadInput("nobody has said that no real drive is there")
 
 
-def introduction(options, diagram, schedule, rig, given):
+def introduction(options, diagram, schedule, rig, given, serial):
     kind = "the plant of the file" if given else "every device, each actuator on a free inertia"
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
     for index, name in enumerate(schedule.buses):
-        bus = rig.buses[name]
         here = [diagram[device.name] for device in schedule.devices if device.bus == index]
-        lines.append(f"  {name:<12}{bus.interface} {bus.channel}")
+        lines.append(f"  {name:<12}terminal {serial.paths[name]}" if name in serial.paths else
+                     f"  {name:<12}{rig.buses[name].interface} {rig.buses[name].channel}")
         lines += [f"    {title(block)}" for block in here]
-    return [*lines, f"in another terminal: {program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
+    found = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
+    return [*lines, f"in another terminal: {found}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]
 
 
 def title(block):

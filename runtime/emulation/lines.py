@@ -5,6 +5,16 @@ import tty
 from pathlib import Path
 
 from cext.streams import Streams
+from graph import StreamDevice
+
+
+SERIAL = ("serial", "microstrain")          # kinds of line that a terminal can stand for
+
+
+def on_terminals(robot, schedule):
+    """Names of the plant's buses that are serial lines of the robot. robot : Diagram; schedule : of the plant"""
+    serial = {block.bus for block in robot if isinstance(block, StreamDevice) and block.line in SERIAL}
+    return [name for name in schedule.buses if name in serial]
 
 
 class PtyLines:
@@ -40,6 +50,8 @@ class PtyLines:
 
     def close(self):
         self.streams.end()
+        for line in self.lines.values():
+            line.close()
         for link in self.links:
             link.unlink(missing_ok=True)
         for descriptor in self.kept:

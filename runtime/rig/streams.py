@@ -100,6 +100,8 @@ class StreamLines:
         if self.streams is None:
             return
         self.streams.end()
+        for _, stream in self.lines.values():
+            stream.close()                          # its port is somebody else's from here on
         self.streams, closers, self.closers = None, self.closers, []
         for close in closers:
             close()

@@ -181,6 +181,19 @@ def test_a_thread_that_has_nothing_to_read_costs_nothing(streams):
     os.close(master)
 
 
+def test_a_line_that_is_let_go_of_is_free_for_others_although_it_is_still_known(streams):
+    here, there = socket.socketpair()
+    stream = streams.add(here.fileno())
+    here.close()
+    streams.start()
+    there.send(b"last")
+    until(lambda: stream.counts["bytes"] == 4)
+    streams.end()
+    stream.close()
+    assert there.recv(1) == b"" and stream.end.receive()[0][2] == b"last"
+    assert stream.end.send(0, b"to nobody") and stream.counts["refused"] == 1
+
+
 def test_streams_end_and_can_be_started_again(streams):
     here, there = socket.socketpair()
     stream = streams.add(here.fileno())

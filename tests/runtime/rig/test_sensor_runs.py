@@ -15,8 +15,8 @@ from blocks.recorders import CsvRecorder
 from graph import Diagram
 
 with Diagram("walker", rate=200) as diagram:
-    MicroStrain(name="shank", rate=500.0, timeout=0.1)
-    MicroStrain(name="thigh", rate=200.0, timeout=0.1)
+    MicroStrain(name="shank", rate=500.0, timeout=0.5)
+    MicroStrain(name="thigh", rate=200.0, timeout=0.5)
     CsvRecorder()
 """
 RIG = """
@@ -65,6 +65,6 @@ def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
     run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
     await_rows(robot.folder)
     robot.unplug()
-    out, err = run.communicate(timeout=10)
+    out, err = run.communicate(timeout=20)
     assert run.returncode == FAULT
-    assert "no reply for longer than its timeout (0.1 s); " in err and "tty13393" in err and "which was lost 1 time and is gone" in err
+    assert "no reply for longer than its timeout (0.5 s); " in err and "tty13393" in err and "which was lost 1 time and is gone" in err
