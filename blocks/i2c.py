@@ -123,6 +123,10 @@ class I2cDevice(Device):
         """Identity of each chip that tells what it is, to be read before it is set up."""
         return ()
 
+    def release(self):
+        """Write by Write, before any device of the bus is set up: chips inside it that others have too leave the bus."""
+        return ()
+
     def set_up(self):
         """Write by Write, from whatever state it is in."""
         return ()

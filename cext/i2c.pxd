@@ -11,8 +11,8 @@ cdef enum:
     LONGEST_READ = 32           # of one step: what a block of SMBus holds
     MUXES = 8
 
-# One exchange with one chip, whoever carries it: `count` bytes from a register on, read or written; without a register (below 0) one byte is
-# written. Returns 0 or an errno.
+# One exchange with one chip, whoever carries it: `count` bytes from a register on, read or written; without a register (below 0) they
+# are written, or read, as they are. Returns 0 or an errno.
 ctypedef int (*exchange_t)(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
 
 cdef struct Adapter:

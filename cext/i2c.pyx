@@ -4,8 +4,8 @@
     round     everything that is due is asked place by place, beginning with the one that is open: with n channels of a multiplexer in use
               that takes n - 1 switches, the fewest there are
     answer    a frame: what was read, stamped before it was asked; a ring keeps the newest for the tick
-    failure   is counted and told in a frame; before the device is believed again it has to show that it is still set up. After three in a row
-              it is lost, and tried again every 100 ms
+    failure   is counted and told in a frame; before the device is believed again it has to show that it is still set up. After three in a
+              row it is lost, and tried again every 100 ms
     set-up    as before the run, one write at a time: while one device wakes up the others are asked
     check     a register is compared ten times a second, since what has lost its supply for a moment may answer with wrong ranges
 
@@ -154,7 +154,7 @@ cdef class I2cBus:
                 read = sum(what for _, what in steps if isinstance(what, int))
                 longest = max((what if isinstance(what, int) else 2 * len(what) for _, what in steps), default=0)
                 if not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > LONGEST_READ or len(appended) > BYTES:
-                    raise ValueError("an exchange has a number below 15, at most %d steps, each of %d bytes at most" % (STEPS, LONGEST_READ))
+                    raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes" % (STEPS, LONGEST_READ))
                 if read + len(appended) > 64:
                     raise ValueError("an answer has at most 64 bytes, not %d" % (read + len(appended)))
         if any(len(data) > BYTES for _, _, data, _ in set_up) or (check is not None and not 0 < len(check[1]) <= BYTES):
@@ -262,7 +262,9 @@ cdef class I2cBus:
             devices.append({
                 "state": STATES[load_i32(&member.state)], "answers": load_u64(&member.answers), "failures": load_u64(&member.failures),
                 "losses": load_u64(&member.losses), "returns": load_u64(&member.returns), "error": load_i32(&member.error) or None})
-        return {"switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds), "overflows": self.inbox.ring.skipped, "devices": devices}
+        return {
+            "switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds), "overflows": self.inbox.ring.skipped,
+            "devices": devices}
 
     # The thread
 

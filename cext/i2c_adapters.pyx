@@ -1,8 +1,8 @@
 # cython: freethreading_compatible=True
 """An I2C adapter of Linux, /dev/i2c-1: one ioctl an exchange.
 
-    combined    I2C_RDWR: the register is written and, without letting go of the bus, the answer read. No more than one read a call, and that at
-                its end: all that the Raspberry Pi's own adapter takes
+    combined    I2C_RDWR: the register is written and, without letting go of the bus, the answer read. No more than one read a call, and that
+                at its end: all that the Raspberry Pi's own adapter takes
     SMBus       where the adapter has no such transfers: a byte, a word or a block of up to 32 bytes. On the wire they are the same
 """
 

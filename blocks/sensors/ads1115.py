@@ -18,8 +18,8 @@ ADDRESSES = (0x48, 0x49, 0x4A, 0x4B)
 class ADS1115(I2cDevice):
     """An ADS1115 on I2C: voltages, single-ended or differential, 16 bits, converted one after the other.
 
-    u = code · full_scale / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences; each is new
-    at 0.86 of `rate` over the number of channels, 185 Hz with four at 860 a second. Every answer carries the configuration that it was
+    u = code · full_scale / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences; each is
+    new at 0.86 of `rate` over the number of channels, 185 Hz with four at 860 a second. Every answer carries the configuration that it was
     made with. No input may be below ground or above the chip's supply, whatever the full scale.   (SBAS444E)
     """
 

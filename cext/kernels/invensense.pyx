@@ -3,6 +3,7 @@
 
     MPU-9250, 9255   transfer 0, 14 bytes from 0x3B: accel, temperature, gyro, int16 each, most significant byte first
                      transfer 1, 8 bytes from 0x02 of the AK8963 and its adjustment: ST1, x, y, z least significant byte first, ST2, ASA
+                     transfer 2, where it reads its magnetometer itself: 22 bytes from 0x3B, the same two one after the other
     ICM-20948        transfer 0, 14 bytes from 0x2D: accel, gyro, temperature, as above
                      transfer 1, 9 bytes from 0x10 of the AK09916: ST1, x, y, z least significant byte first, one byte, ST2
 
@@ -30,7 +31,7 @@ cdef enum: # of the emulator: inputs, memory
     TRUE_ACCEL, TRUE_GYRO, TRUE_MAG, TRUE_TEMPERATURE, SILENT, STUCK, WRONG_ADDRESS, OVERFLOWS, NOT_READY
     OWN_IDENTITY
     OWN_SCALES
-    PERIODS                     # s between transfers of each kind; 0 for never
+    PERIODS                     # s between transfers of each kind, 0 for never; whether they are one
     ADJUSTMENT                  # the three bytes of ASA
     STATE                       # as the enum below
 
@@ -45,6 +46,7 @@ cdef enum:
     OVERFLOW = 0x08             # ST2
     WIDE = 0x10                 # ST2 of the AK8963
     BURST = 14                  # bytes
+    FIELD = 11                  # of an AK8963, with its adjustment
 
 cdef double DEGREES_PER_CODE = 1.0 / 333.87
 cdef double ROOM_TEMPERATURE = 21.0
@@ -93,11 +95,23 @@ cdef int take_trouble(double *arena, const int32_t *slots, const Frame *frame) n
     return NOTED
 
 
-cdef int mpu_decode_(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
-    cdef int transfer = transfer_of(frame, <uint32_t>arena[slots[IDENTITY]])
+cdef int take_ak8963(double *arena, const int32_t *slots, const Frame *frame, const uint8_t *data) noexcept nogil:
+    """Its eight bytes and its adjustment."""
     cdef double field[3]
     cdef double own[3]
     cdef int axis
+    if not data[7] & WIDE:
+        return MALFORMED
+    if not data[0] & READY:
+        return NOTED
+    for axis in range(3):
+        own[axis] = (arena + slots[SCALES])[2] * little(&data[1 + 2 * axis]) * ((data[8 + axis] - 128) / 256.0 + 1.0)
+    field[0], field[1], field[2] = own[1], own[0], -own[2]
+    return take_field(arena, slots, frame, field, data[7] & OVERFLOW != 0)
+
+
+cdef int mpu_decode_(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef int transfer = transfer_of(frame, <uint32_t>arena[slots[IDENTITY]])
     if transfer == 0:
         if frame.length != BURST:
             return MALFORMED
@@ -105,16 +119,15 @@ cdef int mpu_decode_(double *arena, const int32_t *slots, const int32_t *sizes, 
         return TAKEN
     if transfer == TROUBLE:
         return take_trouble(arena, slots, frame)
-    if transfer != 1:
+    if transfer == 1:
+        return take_ak8963(arena, slots, frame, frame.data) if frame.length == FIELD else MALFORMED
+    if transfer != 2:
         return FOREIGN
-    if frame.length != 11 or not frame.data[7] & WIDE:
+    if frame.length != BURST + FIELD:
         return MALFORMED
-    if not frame.data[0] & READY:
-        return NOTED
-    for axis in range(3):
-        own[axis] = (arena + slots[SCALES])[2] * little(&frame.data[1 + 2 * axis]) * ((frame.data[8 + axis] - 128) / 256.0 + 1.0)
-    field[0], field[1], field[2] = own[1], own[0], -own[2]
-    return take_field(arena, slots, frame, field, frame.data[7] & OVERFLOW != 0)
+    take_ak8963(arena, slots, frame, &frame.data[BURST])
+    take_burst(arena, slots, frame, 8, 6)
+    return TAKEN
 
 
 cdef int icm_decode_(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
@@ -205,29 +218,37 @@ cdef inline bint sayable(double *arena, const int32_t *slots) noexcept nogil:
             and isfinite(arena[slots[TRUE_TEMPERATURE]]))
 
 
-cdef int mpu_answers_(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+cdef void write_ak8963(double *arena, const int32_t *slots, uint8_t *data) noexcept nogil:
     cdef double *field = arena + slots[TRUE_MAG]
     cdef double *adjustment = arena + slots[ADJUSTMENT]
     cdef double own[3]
-    cdef int count = 0
     cdef int axis
+    own[0], own[1], own[2] = field[1], field[0], -field[2]
+    for axis in range(3):
+        own[axis] /= (adjustment[axis] - 128.0) / 256.0 + 1.0
+        data[8 + axis] = <uint8_t>adjustment[axis]
+    data[7] = WIDE
+    write_field(arena, slots, own, data, 7)
+    hold(arena, slots, data, 8, HELD_FIELD)
+
+
+cdef int mpu_answers_(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef bint together = (arena + slots[PERIODS])[2] != 0.0
+    cdef int count = 0
     cdef uint8_t *data
     if not sayable(arena, slots):
         return -NOT_FINITE
     if due(arena, slots, 0):
-        data = fresh(arena, slots, &frames[count], 0, BURST).data
+        data = fresh(arena, slots, &frames[count], 2 if together else 0, BURST + FIELD if together else BURST).data
         write_burst(arena, slots, data, 8, 6)
         hold(arena, slots, data, BURST, HELD_BURST)
+        if together:
+            write_ak8963(arena, slots, &data[BURST])
+            if not due(arena, slots, 1):
+                data[BURST] = 0                 # it has read the same measurement before
         count += 1
-    if due(arena, slots, 1):
-        data = fresh(arena, slots, &frames[count], 1, 11).data
-        own[0], own[1], own[2] = field[1], field[0], -field[2]
-        for axis in range(3):
-            own[axis] /= (adjustment[axis] - 128.0) / 256.0 + 1.0
-            data[8 + axis] = <uint8_t>adjustment[axis]
-        data[7] = WIDE
-        write_field(arena, slots, own, data, 7)
-        hold(arena, slots, data, 8, HELD_FIELD)
+    if not together and due(arena, slots, 1):
+        write_ak8963(arena, slots, fresh(arena, slots, &frames[count], 1, FIELD).data)
         count += 1
     return 0 if arena[slots[SILENT]] != 0.0 else count
 

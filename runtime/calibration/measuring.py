@@ -1,4 +1,4 @@
-"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing else of the robot is armed."""
+"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing else is armed."""
 
 import math
 import struct
@@ -18,6 +18,7 @@ from runtime.simulation import Simulation
 
 PORTS = ("accel", "gyro", "mag")
 LONGEST = 1200.0                # s
+PAUSE = 0.05                    # s between two readings, about: each arms anew
 FRAME_BYTES = 96                # of a frame in the page, and what is around it
 
 FAILURES = {"no answer": "it does not answer", "silent": "it has fallen silent"}
@@ -32,7 +33,7 @@ class Readings:
         self.mag = mag[fresh]
 
     def plus(self, later):
-        start = self.time[-1] if len(self.time) else 0.0
+        start = self.time[-1] + PAUSE if len(self.time) else 0.0
         joined = Readings(np.concatenate([self.time, start + later.time]), np.concatenate([self.accel, later.accel]),
                           np.concatenate([self.gyro, later.gyro]), np.zeros((0, 3)))
         joined.mag = np.concatenate([self.mag, later.mag])

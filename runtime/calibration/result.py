@@ -38,14 +38,16 @@ class Found:
         said = []
         if self.rates_after is not None:
             bias = ", ".join(f"{value:+.3f}" for value in np.degrees(self.calibration.gyro_bias))
-            said.append(f"  gyroscope      bias {bias} deg/s; at rest {worst_rate(self.rates):.3f} before, {worst_rate(self.rates_after):.3f} deg/s after")
+            before, after = worst_rate(self.rates), worst_rate(self.rates_after)
+            said.append(f"  gyroscope      bias {bias} deg/s; at rest {before:.3f} before, {after:.3f} deg/s after")
         if self.gravity_after is not None:
             before, after = (np.abs(gravity - fits.G).max() for gravity in (self.gravity, self.gravity_after))
             said.append(f"  accelerometer  {len(self.gravity)} positions; |a| off by up to {before:.3f} before, {after:.4f} m/s² after")
         if self.field_after is not None:
             before, after = (spread(field) for field in (self.field, self.field_after))
             offset = ", ".join(f"{value:+.1f}" for value in self.calibration.mag_offset)
-            said.append(f"  magnetometer   offset {offset} µT; strength {self.strength:.1f} µT, varying by {before:.0%} before, {after:.1%} after")
+            strength = f"strength {self.strength:.1f} µT, varying by {before:.0%} before, {after:.1%} after"
+            said.append(f"  magnetometer   offset {offset} µT; {strength}")
         return said + [f"  {part:<14} not calibrated: {why}" for part, why in self.missing.items()]
 
 

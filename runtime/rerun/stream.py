@@ -1,6 +1,5 @@
 """Rows and events as Rerun takes them: a vector a subsystem in columns, limits, limbs, sensors, and texts."""
 
-import math
 
 import numpy as np
 import rerun as rr

@@ -187,9 +187,10 @@ def check_i2c(bus, table, wrong):
     """wrong : called with what is wrong, and the cure"""
     for key in table:
         if key not in ("interface", "channel"):
-            wrong(f"{key}: an I2C bus has none", "take it out; how fast the bus is, the system's configuration says: dtparam=i2c_arm_baudrate")
+            wrong(f"{key}: an I2C bus has none", "take it out; how fast it is, the system's configuration says: dtparam=i2c_arm_baudrate")
     if not bus.channel.startswith("/dev/"):
-        wrong(f"channel = {bus.channel!r}: an I2C bus is a file in /dev", 'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine')
+        wrong(f"channel = {bus.channel!r}: an I2C bus is a file in /dev",
+              'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine')
 
 
 def kinds():

@@ -39,6 +39,8 @@ class I2cInterface:
         troubles = []
         try:
             self.wires = I2cBus(adapter, bus.name)
+            for device in devices:
+                self.release(device, chips)
             for device in sorted(devices, key=lambda device: (device.place, device.address)):
                 try:
                     self.set_up(device, chips)
@@ -50,6 +52,24 @@ class I2cInterface:
             chips.close()
         if troubles:
             raise SeveralRefused(troubles)
+
+    def release(self, device, chips):
+        """What a run before has left open is closed. Whether it is there at all is told later."""
+        try:
+            chips.switch(device.mux, device.channel)
+            if device.release() and not self.strange(device, chips):
+                for write in device.release():
+                    chips.write(device.address, write.register, write.data)
+        except NoAnswer:
+            pass
+
+    def strange(self, device, chips):
+        """(Identity, what it says) where a chip says that it is another; None where it is the one."""
+        for identity in device.identities():
+            said = chips.read(device.address, identity.register, 1)[0]
+            if said & identity.mask not in identity.values:
+                return identity, said
+        return None
 
     def set_up(self, device, chips):
         """Refused, with the cause in words."""
@@ -68,14 +88,15 @@ class I2cInterface:
     def recognise(self, device, chips, who):
         if not device.identities():
             chips.probe(device.address)
+        found = self.strange(device, chips)
+        if found is not None:
+            identity, said = found
+            wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
+            raise Refused(Trouble(
+                "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
+                f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
         for identity in device.identities():
-            said = chips.read(device.address, identity.register, 1)[0]
-            if said & identity.mask not in identity.values:
-                wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
-                raise Refused(Trouble(
-                    "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
-                    f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
-            name = identity.values[said & identity.mask]
+            name = identity.values[chips.read(device.address, identity.register, 1)[0] & identity.mask]
             if name != device.kind:
                 self.remarks.append(f"{device.path} is a {name}")
 
@@ -95,8 +116,9 @@ class I2cInterface:
         if check is not None:
             said = chips.read(device.address, check[0], len(check[1]))
             if said != check[1]:
+                what = f"it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on"
                 raise Refused(Trouble(
-                    "TW129", f"{who} {self.where(device)}: it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on",
+                    "TW129", f"{who} {self.where(device)}: {what}",
                     "a wire that is too long or without pull-ups, two chips at one address, or a chip that only looks like one"))
 
     def where(self, device):
@@ -108,7 +130,7 @@ class I2cInterface:
         if error.errno == errno.EBUSY:
             return Trouble(
                 "TW135", f"{who} {self.where(device)}: a driver of the kernel has this address",
-                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt (0x{error.address:02x})")
+                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt")
         if error.mux:
             return Trouble(
                 "TW133", f"{who} {self.bus.channel}: no multiplexer answers at {device.mux:#04x}",
@@ -122,7 +144,7 @@ class I2cInterface:
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
         return Trouble(
             "TW128", f"{who} {self.where(device)}: nobody answers {what}({os.strerror(error.errno)})",
-            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in {who}; its supply; its wires")
+            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in {who}; or its supply")
 
     def hand_over(self, device):
         at = device.address

@@ -10,7 +10,7 @@ from runtime.tools.scan import Report
 
 BLOCKS = {"MPU-9250": "mpu9250", "MPU-9255": "mpu9250", "ICM-20948": "icm20948", "NAU7802": "nau7802", "ADS1115 or ADS1015": "ads1115"}
 NOBODY = (
-    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, and is there a pull-up to each? on a Raspberry Pi pins 3 and 5 are bus 1")
+    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 and 5 are bus 1")
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def look(bus, opened=None):
         lock = BusLock(bus.interface, bus.channel)
     except BusTaken as taken:
         raise Refused(Trouble(
-            "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}", "end that one first: it has its multiplexers in its hands")) from None
+            "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
+            "end that one first: it has its multiplexers in its hands")) from None
     try:
         chips, _ = opened or open_adapter(bus)
         try:

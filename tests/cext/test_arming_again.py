@@ -1,5 +1,6 @@
 """After a fault: behind the fence until somebody arms again, and only once nothing stands in the way. In virtual time, on in-memory buses."""
 
+import ctypes
 import math
 
 import numpy as np
@@ -13,6 +14,8 @@ from cext.mailbox_writer import Writer
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
+SIGNATURE = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32))
 FADE = 0.1                      # s
 RATE = 200
 
@@ -197,6 +200,27 @@ def test_an_exception_is_survived_too_and_told_each_time():
     assert [(fault.status, fault.culprit, fault.tick, str(fault.error)) for fault in outcome.faults] == [
         ("exception", "law", 50, "a wire has come loose"), ("exception", "law", 120, "a wire has come loose")]
     assert [entry[0] for entry in robot.heard] == ["fault", "refused", "rearm", "fault", "rearm"]
+
+
+def test_a_fault_in_the_very_first_tick_is_survived_as_well():
+    robot = Survivor({0: nan}, asks=[30])
+    outcome = robot.run(100)
+    assert outcome.status == "ok" and [fault.tick for fault in outcome.faults] == [0]
+
+
+@pytest.mark.parametrize("status", [64, 70])
+def test_a_status_of_a_labs_own_kernel_is_survived(status):
+    @SIGNATURE
+    def kernel(arena, slots, sizes):
+        return status if arena[1] == 50.0 else 0                    # the slot of the tick
+
+    class Own(Block):
+        y = Output("1")
+
+    Own.kernel = kernel
+    robot = Survivor({}, asks=[80], more=lambda: Own(name="own"))
+    outcome = robot.run(120)
+    assert outcome.status == "ok" and [(fault.culprit, fault.tick) for fault in outcome.faults] == [("own", 50)]
 
 
 def test_without_leave_to_arm_again_a_fault_ends_the_run():

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
+from importlib.util import find_spec
 
 import pytest
 
@@ -13,7 +14,8 @@ from runtime.live.runs import page_of
 from tests.runtime.runs import ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient
 
-README, RUNNING, BLOCKS = ((ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md"))
+README, RUNNING, BLOCKS, RECORDINGS = (
+    (ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md", "docs/recordings.md"))
 
 
 def python_of(text):
@@ -88,6 +90,26 @@ def test_commands_of_the_pages_run(tmp_path):
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
 
 
+def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
+    write(tmp_path, python_of(RUNNING)[0], "hold.py")
+    for _ in range(2):
+        assert finished("hold.py", "--fast", "--duration", "1", "--trial", "subject=S03", cwd=tmp_path).returncode == OK
+    reader = subprocess.run(
+        [sys.executable, write(tmp_path, python_of(RECORDINGS)[0], "read.py")], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+    assert reader.stdout.splitlines() == [
+        "200 samples in rad, until 0.995 s, of {'subject': 'S03'}", "996 samples at 1000 Hz", "2 trials, 400 rows"], reader.stderr
+    commands = [line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")]
+    assert len(commands) == 7
+    one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
+    for words in commands:
+        needs = {"parquet": "pyarrow", "mat": "scipy"}
+        if any(find_spec(module) is None for kind, module in needs.items() if any(kind in word.split(",") for word in words)):
+            continue
+        words = [one if word.startswith("recordings/") else "0.1" if word == "10" else word for word in words]
+        process = finished(*words, cwd=tmp_path)
+        assert process.returncode == OK, f"{words}: {process.stderr}"
+
+
 def test_the_pages_set_prints_what_the_page_shows(tmp_path):
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
     shown = shown_after(RUNNING, "From another shell")
@@ -124,7 +146,7 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
     assert process.stdout == "9.0\n", process.stderr
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md", "docs/realtime.md", "docs/rate.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md", "docs/realtime.md", "docs/rate.md", "docs/recordings.md"])
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text()):
         assert ((ROOT / page).parent / target).exists(), target

@@ -33,7 +33,7 @@ class _Emulated(I2cDevice):
 
     identity = Memory(0.0, "place and address")
     scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
-    periods = Memory((0.0,) * 2, "s between answers of the burst and of the magnetometer; 0 for never")
+    periods = Memory((0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one")
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
     state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
 
@@ -52,7 +52,7 @@ class _Emulated(I2cDevice):
         self.identity = self.own_identity()
         self.mag_scale = self.sensor.mag_scale
         self.scales = self.scales_of()
-        self.periods = (1.0 / self.rate, 1.0 / self.mag_rate if self.magnetometer else 0.0)
+        self.periods = (1.0 / self.rate, 1.0 / self.mag_rate if self.magnetometer else 0.0, 0.0)
 
 
 class EmulatedMPU9250(_Emulated):
@@ -63,14 +63,17 @@ class EmulatedMPU9250(_Emulated):
 
     adjustment = Param(tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True)
 
+    bypass = MPU9250.parameters["bypass"]
+
     encode = kernels.mpu_answers
-    sensor = MPU9250
+    sensor, chips = MPU9250, MPU9250.chips
 
     def configure(self):
         super().configure()
         if len(self.adjustment) != 3 or not all(isinstance(byte, int) and 0 <= byte <= 255 for byte in self.adjustment):
             raise ValueError(f"adjustment: three bytes are wanted, got {self.adjustment!r}")
         self.fuses = tuple(map(float, self.adjustment))
+        self.periods = (*self.periods[:2], float(self.magnetometer and not self.bypass))
 
 
 class EmulatedICM20948(_Emulated):

@@ -34,6 +34,10 @@ class ICM20948(InvenSense):
     def identities(self):
         return (Identity(WHO_AM_I, {0xEA: "ICM-20948"}),)
 
+    def release(self):
+        """Its magnetometer leaves the bus to that of another, which may be set up first."""
+        return Write(BANK, b"\x00"), Write(INTERRUPT_PINS, b"\x00")
+
     def set_up(self):
         code = LOW_PASSES[self.low_pass] << 3 | FILTERED
         divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read

@@ -7,6 +7,8 @@ from graph import Param
 
 SAMPLE_RATE_DIVIDER, CONFIG, INTERRUPT_PINS, BURST, USER_CONTROL, POWER, WHO_AM_I = 0x19, 0x1A, 0x37, 0x3B, 0x6A, 0x6B, 0x75
 RESET, AUTOMATIC_CLOCK, BYPASS = 0x80, 0x01, 0x02
+MASTER, MASTER_CONTROL, SLAVE = 0x20, 0x24, 0x25            # a bit of USER_CONTROL; of the bus inside; address, register, control of whom it asks
+KHZ_400, READS, ENABLED = 0x0D, 0x80, 0x80
 LOW_PASSES = {184: 1, 92: 2, 41: 3, 20: 4, 10: 5, 5: 6}     # Hz of the gyroscope, code of both filters; the accelerometer's are near them
 INTERNAL_RATE = 1000.0                                      # Hz, with one of these filters
 
@@ -20,15 +22,25 @@ class MPU9250(InvenSense):
     """An MPU-9250 or MPU-9255 on I2C: accelerometer, gyroscope, and the magnetometer AK8963 with its factory adjustment.
 
     mag = raw · 4912/32760 · ((ASA − 128)/256 + 1) µT, turned into the accelerometer's axes. (RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02)
-    Two on one piece of bus, 0x68 and 0x69, have their magnetometers at the same address: put one behind a multiplexer, or read it without.
+    Two on one piece of bus, 0x68 and 0x69, have their magnetometers at one address: with `bypass=False` each reads its own by itself.
     """
 
     low_pass = Param(41, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
+
+    bypass = Param(
+        True, "1", "whether its magnetometer is asked past it; else it asks by itself, as two on one piece of bus need", fixed=True, kernel=False)
 
     kind = "MPU-9250"
     decode = kernels.mpu_decode
     mag_scale = 4912.0 / 32760.0
     adjustment = UNADJUSTED     # of the magnetometer, once it has been asked
+
+    def chips(self):
+        return InvenSense.chips(self) if self.bypass else (self.address,)
+
+    def release(self):
+        """Its magnetometer leaves the bus to that of another, which may be set up first."""
+        return (Write(INTERRUPT_PINS, b"\x00"),)
 
     def settings(self):
         """Registers from SAMPLE_RATE_DIVIDER on: divider, low-pass, gyroscope, accelerometer, its low-pass."""
@@ -47,8 +59,17 @@ class MPU9250(InvenSense):
         ]
         if self.magnetometer:
             writes += [self.mag_write(MAG_CONTROL_2, MAG_RESET, 0.01), self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001),
-                       self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001)]
+                       self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001), *self.asks_by_itself()]
         return tuple(writes)
+
+    def asks_by_itself(self):
+        """The way past it is closed, and at each of its samples it reads what `rounds` then finds behind the burst."""
+        if self.bypass:
+            return ()
+        values = (
+            (INTERRUPT_PINS, 0x00), (USER_CONTROL, MASTER), (MASTER_CONTROL, KHZ_400), (SLAVE, READS | self.mag_address),
+            (SLAVE + 1, MAG_STATUS), (SLAVE + 2, ENABLED | MAG_BYTES))
+        return tuple(Write(register, bytes((value,))) for register, value in values)
 
     def mag_write(self, register, value, wait):
         return Write(register, bytes((value,)), wait, self.mag_address)
@@ -57,6 +78,9 @@ class MPU9250(InvenSense):
         """The factory adjustment stands in fuses, which are read in a mode of their own."""
         if not self.magnetometer:
             return
+        if not self.bypass:
+            write(Write(USER_CONTROL, b"\x00"))
+            write(Write(INTERRUPT_PINS, bytes((BYPASS,)), 0.001))
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x48:
             raise ValueError(f"its magnetometer says {found:#04x}, and an AK8963 says 0x48: magnetometer=False reads it without")
@@ -64,7 +88,8 @@ class MPU9250(InvenSense):
         write(self.mag_write(MAG_CONTROL, MAG_FUSES, 0.001))
         self.adjustment = bytes(read(MAG_ADJUSTMENT, 3, self.mag_address))
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
-        write(self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001))
+        for one in (self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001), *self.asks_by_itself()):
+            write(one)
 
     def check(self):
         return SAMPLE_RATE_DIVIDER, self.settings()
@@ -73,6 +98,8 @@ class MPU9250(InvenSense):
         inertial = Round(1.0 / self.rate, (Transfer(0, (Read(BURST, 14),)),))
         if not self.magnetometer:
             return (inertial,)
+        if not self.bypass:
+            return (Round(inertial.period, (Transfer(2, (Read(BURST, 14 + MAG_BYTES),), appended=self.adjustment),)),)
         return inertial, Round(
             1.0 / self.mag_rate, (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), appended=self.adjustment, address=self.mag_address),))
 

@@ -127,7 +127,8 @@ def test_a_magnetometer_in_14_bits_has_lost_its_settings(mpu):
 
 
 def test_the_age_of_the_magnetometer_is_counted_at_each_burst(mpu):
-    for at, kind, data in ((0.010, 1, mag_frame((1, 2, 3))), (0.015, 0, bytes(14)), (0.020, 1, mag_frame((4, 5, 6), st1=0)), (0.035, 0, bytes(14))):
+    frames = ((0.010, 1, mag_frame((1, 2, 3))), (0.015, 0, bytes(14)), (0.020, 1, mag_frame((4, 5, 6), st1=0)), (0.035, 0, bytes(14)))
+    for at, kind, data in frames:
         mpu.hear(identifier(kind), data, time=round(at * 1e9))
     assert mpu["mag_age"] == pytest.approx(0.025, abs=1e-12)
 
@@ -160,7 +161,7 @@ def test_any_frame_leaves_finite_numbers_within_what_is_promised(mpus, icms, num
 
 
 @pytest.mark.parametrize("number", [
-    identifier(0, 0x69), identifier(0, place=1), identifier(0) & ~EXTENDED, identifier(2), identifier(0) | 0x100000, identifier(0) | 0x40000000,
+    identifier(0, 0x69), identifier(0, place=1), identifier(0) & ~EXTENDED, identifier(3), identifier(0) | 0x100000, identifier(0) | 0x40000000,
 ])
 def test_the_answer_of_another_is_not_taken(mpu, number):
     assert mpu.hear(number, bytes(14)) == FOREIGN
@@ -225,6 +226,7 @@ def test_what_cannot_be_is_refused_in_words(parameters, words):
 @pytest.mark.parametrize("first, second, fine", [
     ({"address": 0x68}, {"address": 0x69}, False),                      # their magnetometers
     ({"address": 0x68}, {"address": 0x69, "magnetometer": False}, True),
+    ({"address": 0x68}, {"address": 0x69, "bypass": False}, True),      # it reads its own by itself
     ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 2}, True),
     ({"mux": 0x70, "channel": 1}, {"mux": 0x71, "channel": 1}, True),
     ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 1}, False),
@@ -239,6 +241,36 @@ def test_two_chips_on_one_address_are_an_error(first, second, fine):
         return
     with pytest.raises(DiagramError, match=r"TW013.*shares I2C address 0x(68|0c) on bus 'imus'"):
         compile(diagram)
+
+
+def test_one_that_asks_its_magnetometer_by_itself_is_read_in_one_burst(mpus):
+    """22 bytes from 0x3B: the fourteen, then ST1 to ST2 as its own bus has read them; the factory adjustment behind."""
+    imu = MPU9250(bypass=False, rate=200.0)
+    imu.adjustment = bytes((176, 178, 166))
+    (cycle,) = imu.rounds()
+    assert cycle.period == 0.005 and cycle.transfers[0].steps[0].count == 22 and cycle.transfers[0].number == 2
+    assert [(write.register, write.data[0]) for write in imu.set_up()][-6:] == [
+        (0x37, 0x00), (0x6A, 0x20), (0x24, 0x0D), (0x25, 0x8C), (0x26, 0x02), (0x27, 0x88)]
+    one, two = Wired.again(mpus[8, 1000]), Wired.again(mpus[8, 1000])
+    burst, field = int16s((100, -200, 4096, 5, 6, 7, 8), "big"), mag_frame((300, -200, 400), asa=(176, 178, 166))
+    assert one.hear(identifier(2), burst + field) == TAKEN
+    two.hear(identifier(1), field)
+    two.hear(identifier(0), burst)
+    assert all(np.array_equal(one[name], two[name]) for name in ("accel", "gyro", "mag", "temperature"))
+    before = one["mag"]
+    assert one.hear(identifier(2), burst + mag_frame((1, 2, 3), st1=0)) == TAKEN and np.array_equal(one["mag"], before)
+    assert one.hear(identifier(2), burst + mag_frame((1, 2, 3), st2=0)) == TAKEN and np.array_equal(one["mag"], before)
+    assert one.hear(identifier(2), burst + field[:-1]) == MALFORMED
+
+
+def test_in_a_simulation_it_reads_its_magnetometer_by_itself_too():
+    with Diagram("robot", rate=200) as robot:
+        imu = MPU9250(name="imu", bypass=False, timeout=0.0)
+    with Diagram("plant", rate=1000) as plant:
+        imu.emulator(adjustment=(176, 100, 166))()
+    record = run(robot, 40, plant=plant, substeps=5)
+    assert record["imu.mag[0]"][10:] == pytest.approx(20.0, abs=0.1) and record["imu.mag[2]"][10:] == pytest.approx(-44.0, abs=0.1)
+    assert max(record["imu.age"][2:]) <= 0.005 + 1e-9 and max(record["imu.mag_age"][10:]) <= 0.010 + 1e-9
 
 
 # The ones that are not there
@@ -275,7 +307,7 @@ def test_its_bytes_are_those_of_the_registers():
     """1 g at ±8 g is 4096 codes, 1 rad/s at ±1000 °/s 1877.47; the AK8963 has x and y exchanged and z the other way."""
     played = block_of(EmulatedMPU9250, {"adjustment": (176, 100, 166)})
     answers = played.say(accel=(0.0, -G, G), gyro=(1.0, 0.0, -1.0), mag=(20.0, -10.0, -44.0), temperature=21.0)
-    raw = (round(-10.0 / (4912 / 32760 * (48 / 256 + 1))), round(20.0 / (4912 / 32760 * (-28 / 256 + 1))), round(44.0 / (4912 / 32760 * (38 / 256 + 1))))
+    raw = [round(field / (4912 / 32760 * ((asa - 128) / 256 + 1))) for field, asa in ((-10.0, 176), (20.0, 100), (44.0, 166))]
     assert answers == [
         (identifier(0), int16s((0, -4096, 4096, 0, 1877, 0, -1877), "big")), (identifier(1), mag_frame(raw, asa=(176, 100, 166)))]
 

@@ -56,6 +56,30 @@ def test_a_chip_is_recognised_set_up_and_asked():
     assert frames[0] == b"\x10\x00" + bytes(12) and frames[1] == b"\x01\x64\x00\x00\x00\x00\x00\x10" + ADJUSTMENT
 
 
+def test_two_on_one_piece_of_bus_are_set_up_without_each_others_magnetometers():
+    """What a run before has left open is closed on both first; afterwards each asks its own by itself."""
+    wires = MemoryI2c()
+    first, _ = add_mpu(wires)
+    second = wires.add(0x69)
+    wires.write(second, 0x75, b"\x71")
+    wires.write(second, 0x37, b"\x02")
+    closed = []
+
+    class Watching(Wires):
+        def read_byte_data(self, address, register):
+            if address == 0x0C:
+                closed.append((wires.read(first, 0x37), wires.read(second, 0x37)))
+            return super().read_byte_data(address, register)
+
+    with Diagram("robot", rate=200):
+        devices = [MPU9250(name=f"imu{k}", bus="imus", address=0x68 + k, bypass=False) for k in range(2)]
+    I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), devices, (Chips(Watching(wires)), wires))
+    assert closed == [(b"\x02", b"\x00"), (b"\x00", b"\x02")]
+    for number in (first, second):
+        assert wires.read(number, 0x6A) == b"\x20" and wires.read(number, 0x37) == b"\x00" and wires.read(number, 0x25, 3) == b"\x8c\x02\x88"
+    assert devices[0].adjustment == ADJUSTMENT
+
+
 def test_every_sensor_of_ours_is_set_up_by_its_table():
     wires = MemoryI2c()
     icm, adc, nau = wires.add(0x68), wires.add(0x48, wide=True), wires.add(0x2A)

@@ -28,6 +28,14 @@ serial = "133932"
 """
 
 
+def await_rows(folder):
+    """Until a run in that folder has written something."""
+    deadline = time.monotonic() + 15.0
+    while not any(file.stat().st_size for file in folder.glob("recordings/*.csv")):
+        assert time.monotonic() < deadline, "it did not begin"
+        time.sleep(0.02)
+
+
 @pytest.fixture
 def robot(tmp_path, monkeypatch):
     monkeypatch.setenv("TICKWORK_PORTS", str(tmp_path / "tty*"))
@@ -55,7 +63,7 @@ def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot
 
 def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
     run = started("robot.py", "--rig", "lab.toml", "--yes", "--duration", "20", cwd=robot.folder)
-    time.sleep(1.5)
+    await_rows(robot.folder)
     robot.unplug()
     out, err = run.communicate(timeout=10)
     assert run.returncode == FAULT
