@@ -56,7 +56,7 @@ def slot_words(table):
     return words(table.counts + table.slots + (0,))
 
 
-def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, int identifier=0, int flags=0):
+def feed(decode, double[::1] arena, table, const unsigned char[::1] data, int chunk=64, int64_t time=0, uint32_t identifier=0, int flags=0):
     """Offer a stream of bytes to a device's decode, cut into frames of `chunk` bytes: {answer of cext.abi: how often}.
 
     For tests, tools and measurements, not for the tick. time : ns, of all frames
