@@ -74,6 +74,9 @@ class PlotJugglerSender(Service):
             self.socket.sendto(datagram, self.address)
             self.sent += 1
         except OSError as error:
+            if not self.lost:
+                self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: the network does not take what is sent to {self.address[0]} port {self.address[1]} "
+                         f"({error.strerror}); the run goes on")
             self.lost += 1
             self.trouble = error.strerror
 

@@ -133,12 +133,14 @@ def test_it_speaks_ipv6():
     assert messages == [{"timestamp": 0.0, "a": {"x": 1.0}}]
 
 
-def test_datagrams_that_the_network_refuses_are_counted_and_stop_nothing(tmp_path):
+def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothing(tmp_path, capfd):
     signals = columns("a.x m")
     broadcast = sink(JUGGLER, "juggler", signals, host="255.255.255.255", port=9870)          # was not asked for: EACCES
     report = record(plan(tmp_path, broadcast), [row(tick, 1.0) for tick in range(10)])
     assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
     assert report["ticks"] == 10 and report["problems"] == []
+    assert capfd.readouterr().err == (
+        "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); the run goes on\n")
 
 
 def test_nobody_listening_is_no_error():
