@@ -167,8 +167,10 @@ cdef class Arming:
     cdef void halt(self, double timeout) noexcept nogil:
         """Fence, then zero torque and disable, again and again until every device has confirmed or time is up.
 
-        Devices that are to be damped first are, where they may have been under torque.
+        Devices that are to be damped first are, where they may have been under torque. On a real bus answers to the last torques may still be on
+        their way, and look like those to the stop: the first round is confirmed by the second.
         """
+        cdef int rounds = 0
         cdef int64_t step = max(100000, min(self.pace.period, 5000000))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.longest_damping
@@ -189,13 +191,14 @@ cdef class Arming:
             self.journal.make_room(True)
             damped = since < damping
             self.control.devices.send_stop(since, now, self.layout)
+            rounds += not damped
             self.body.advance_plant(now)
             now += step
             since += step
             if not self.virtual:
                 self.pace.sleep_until(monotonic() + step)
             self.control.devices.receive(now, self.layout)
-            if since >= limit or (not damped and self.control.devices.all_answered()):
+            if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.all_answered()):
                 break
         self.control.devices.failed = blame
         self.halted = True

@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+import time
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.limiters import TorqueLimiter
 from blocks.safety import EmergencyStop, Rearm
 from cext.mailbox_writer import Writer
+from cext.page import Page
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
@@ -247,6 +249,47 @@ def test_another_process_that_fences_while_it_waits_ends_the_run_for_good():
     outcome = robot.run()
     assert (outcome.status, [fault.status for fault in outcome.faults]) == ("fenced", ["not finite"])
     assert robot.rig.sent().count(ENABLE) == 1 and ends_in_the_safe_stop(robot.rig)
+
+
+def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_does():
+    beats, page = [], Page(1 << 24)
+
+    def live():
+        beats.append(page.beat)
+        page.look_after(time.monotonic_ns())
+        return 2.0
+
+    script = {tick: live for tick in range(200)} | {50: nan, 90: lambda: page.look_after(0) or 2.0}
+    robot = Survivor(script, page=page, guard=5.0)
+    page.look_after(time.monotonic_ns())
+    outcome = robot.run()
+    assert (outcome.status, [fault.status for fault in outcome.faults], robot.rig.tick[-1]) == ("unguarded", ["not finite"], 90)
+    assert len(set(beats)) == len(beats) and beats == sorted(beats) and len(beats) > 80
+
+
+def test_a_run_without_a_device_is_ended_by_a_fence_as_well():
+    with Diagram("thoughts", rate=RATE) as robot:
+        Law({20: lambda: rig.page.raise_fence() or 2.0}, name="law")(0.0)
+    rig = Rig(robot)
+    outcome = rig.run(100)
+    assert outcome.status == "fenced" and rig.tick[-1] == 20
+
+
+def test_in_real_time_the_rounds_of_a_stop_are_5_ms_apart_until_time_is_up():
+    def plant(robot):
+        model = plant_of(robot)
+        with model:
+            plant.thief = Thief(range(5 * 20, 5 * 10**6), name="thief")
+            plant.thief()
+        return model
+
+    robot = Survivor({20: nan}, plant=plant, virtual=False)
+    plant.thief.host = robot.rig.buses["can"].host
+    outcome = robot.run(40, rearm=None)
+    assert outcome.status == "not finite" and outcome.unconfirmed == ("knee",)
+    times = [frame.time for frame in robot.rig.frames if frame.sent and frame.data == DISABLE]
+    assert len(times) == 40                                         # of 200 ms
+    assert all(after - before == 5_000_000 for before, after in zip(times, times[1:]))
 
 
 def test_a_fence_of_another_process_is_no_fault_to_be_survived():
