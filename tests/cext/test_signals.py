@@ -92,7 +92,7 @@ def test_a_signal_ends_in_zero_torque_then_disable_and_the_recording_is_complete
     assert len(told["ticks"]) == statistics["ticks"] and told["ticks"][-1] == told["tick"] == statistics["last_tick"]
     assert len(told["ticks"]) + statistics["missed"] == told["tick"] + 1
     commands = [data for data in told["sent"] if bytes.fromhex(data) not in (ENABLE, DISABLE)]
-    assert len(commands) == 1 + statistics["ticks"] + 1                    # arming, one a tick, the safe stop
+    assert len(commands) == 1 + statistics["ticks"] + 2                    # arming, one a tick, two rounds of the safe stop
     assert told["restored"] and told["during"] == [] and told["after"] == [signal.SIGINT]
 
 
