@@ -29,9 +29,9 @@ serial = "133932"
 
 
 def await_rows(folder):
-    """Until a run in that folder has written something."""
+    """Until a run in that folder has written rows."""
     deadline = time.monotonic() + 15.0
-    while not any(file.stat().st_size for file in folder.glob("recordings/*.csv")):
+    while not any(file.read_bytes().count(b"\n") > 1 for file in folder.glob("recordings/*.csv")):      # a header is there before it is armed
         assert time.monotonic() < deadline, "it did not begin"
         time.sleep(0.02)
 
