@@ -10,6 +10,7 @@ class CsvRecorder(Sink):
     flush_rows = Param(200, "1", "rows between flushes to the disk", min=1, fixed=True)
     time = Param("relative", "1", "relative: s since tick 0; device: s since 1970 by the clock of the computer", choices=("relative", "device"))
     overwrite = Param(False, "1", "whether a file of this name is replaced; else the new one gets a number", fixed=True)
+    during = Param("", "1", "signal among its own, such as mocap.on: rows only of ticks in which that is true; by default of all")
     file = Param("", "1", "name of the file without its ending; the diagram's name and the time by default")
 
     service = "runtime.recorder.csv:CsvWriter"

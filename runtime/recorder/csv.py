@@ -5,6 +5,7 @@ as the same number, ints and bools are whole numbers, and what is not a number i
 """
 
 import csv
+import difflib
 import io
 import os
 from math import isfinite
@@ -26,6 +27,7 @@ class CsvWriter(Service):
         delimiter = parameters.get("delimiter", ",")
         self.flush_rows = parameters.get("flush_rows", 200)
         self.rows = 0
+        self.gate = place_of(parameters.get("during"), columns)
         self.lines = Lines(columns, delimiter)
         self.file = None
         if self.plan["folder"] is None:
@@ -39,7 +41,7 @@ class CsvWriter(Service):
         self.file.flush()
 
     def row(self, tick, time, values):
-        if self.file is None:
+        if self.file is None or self.gate is not None and not values[self.gate] > 0.0:      # NaN is not true
             return
         if self.device_time:
             if self.began is None:
@@ -60,6 +62,17 @@ class CsvWriter(Service):
         self.file.close()
         self.files[self.file.path] = f"{self.rows} rows of {len(self.sink['columns'])} signals"
         return {"file": self.file.path, "rows": self.rows, "bytes": self.file.size}
+
+
+def place_of(path, columns):
+    """Which column has that path, None for an empty one. ValueError"""
+    paths = [column["path"] for column in columns]
+    if not path:
+        return None
+    if path not in paths:
+        near = difflib.get_close_matches(path, paths, n=1)
+        raise ValueError(f"during: it records no signal {path!r}; " + (f"did you mean {near[0]!r}?" if near else "as in mocap.on"))
+    return paths.index(path)
 
 
 class Lines:

@@ -84,6 +84,21 @@ def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(
     assert report["files"] == [] and report["ticks"] == 1 and list(tmp_path.iterdir()) == []
 
 
+def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
+    kept = sink(CSV, "csv_recorder", columns("mocap.on", "a.x m"), during="mocap.on")
+    report = record(plan(tmp_path, kept), [row(tick, on, 0.5 * tick) for tick, on in enumerate((0.0, 1.0, 1.0, math.nan, 0.0, 1.0))])
+    [file] = tmp_path.glob("*.csv")
+    assert [line.split(",")[1] for line in file.read_text().splitlines()[1:]] == ["1", "2", "5"]
+    assert report["ticks"] == 6                                     # and the flight recorder has them all
+
+
+def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on"), during="mocap.off"))
+    with pytest.raises(ValueError, match="it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
+        writer.open()
+    assert not list(tmp_path.iterdir())
+
+
 @settings(deadline=None)
 @given(st.lists(st.floats(), min_size=1, max_size=5))
 @example([5e-324, -0.0, 1e16, 0.1 + 0.2, 1.7976931348623157e308])
