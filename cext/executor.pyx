@@ -116,6 +116,7 @@ cdef class Executor(Waiting):
         switching = sys.getswitchinterval()
         sys.setswitchinterval(min(switching, SWITCH))
         collecting = gc.isenabled()
+        frozen = gc.get_freeze_count()                             # who has frozen objects of its own keeps them so, with what is there now
         gc.collect()
         gc.freeze()
         gc.disable()
@@ -158,7 +159,8 @@ cdef class Executor(Waiting):
             give_back_fatal()
             self.signals.give_back()
             sys.setswitchinterval(switching)
-            gc.unfreeze()
+            if not frozen:
+                gc.unfreeze()
             if collecting:
                 gc.enable()
         if self.layout != NULL:

@@ -305,7 +305,7 @@ def test_frames_that_get_lost_now_and_then_do_not_end_a_run():
     assert rig.run(1000).status == "ok" and 0.004 < rig["drive.age"].max() < 0.05
 
 
-def strange(kind, model, frame, guard=0.5):
+def strange(kind, model, frame, guard=30.0):
     """A run into which somebody else sends a frame at tick 20."""
     page = Page(1 << 20)
     page.look_after(time.monotonic_ns())

@@ -44,7 +44,7 @@ class Watcher(Block):
         self.seen.append(bool(enabled))
 
 
-def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=0.5, **parameters):
+def lived(action=lambda: None, tick=20, *, kind=RobStride, substeps=5, guard=30.0, **parameters):
     """(rig, drive, watcher): one drive under a guardian that has just looked. action : called in a tick"""
     page = Page(1 << 20)
     page.look_after(time.monotonic_ns())

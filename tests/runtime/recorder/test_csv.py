@@ -85,7 +85,7 @@ def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(
 
 
 def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
-    kept = sink(CSV, "csv_recorder", columns("mocap.on", "a.x m"), during="mocap.on")
+    kept = sink(CSV, "csv_recorder", columns("mocap.on 1", "a.x m"), during="mocap.on")
     report = record(plan(tmp_path, kept), [row(tick, on, 0.5 * tick) for tick, on in enumerate((0.0, 1.0, 1.0, math.nan, 0.0, 1.0))])
     [file] = tmp_path.glob("*.csv")
     assert [line.split(",")[1] for line in file.read_text().splitlines()[1:]] == ["1", "2", "5"]
@@ -93,7 +93,7 @@ def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
 
 
 def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
-    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on"), during="mocap.off"))
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on 1"), during="mocap.off"))
     with pytest.raises(ValueError, match="it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
         writer.open()
     assert not list(tmp_path.iterdir())
