@@ -8,7 +8,7 @@
 import sys
 import time
 
-from blocks.actuators.cubemars import CubeMars
+from blocks.actuators.cubemars import CubeMars, CubeMarsServo, CubeMarsV3, frames
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import RobStride, RobStrideMIT
 from blocks.actuators.robstride import asking as private
@@ -17,6 +17,7 @@ from runtime.terminal import tell
 from runtime.tools.asking import entered
 from runtime.tools.scan import refuse_company
 
+KNOWN = (CubeMars, CubeMarsV3, CubeMarsServo, RobStride, RobStrideMIT)
 PERIOD = 0.02                   # s between two questions
 SILENT = 0.5                    # s without an answer
 STILL = 0.05                    # rad that a joint that stands still may move in WINDOW
@@ -27,25 +28,37 @@ BENT = 0.2                      # rad that tell which way a joint was bent
 class Motor:
     """The drive of a joint, asked again and again with the frame that takes its torque away.
 
-    block : CubeMars, RobStride or RobStrideMIT, as the diagram and the rig have it
+    block : of KNOWN, as the diagram and the rig have it
     """
 
     def __init__(self, bus, block):
         self.bus, self.block = bus, block
-        if not isinstance(block, (CubeMars, RobStride, RobStrideMIT)):
-            raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows CubeMars, RobStride and RobStrideMIT")
+        if not isinstance(block, KNOWN):
+            known = ", ".join(kind.__name__ for kind in KNOWN)
+            raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows {known}")
         refuse_company(bus)
 
     def read(self, *frame):
         if isinstance(self.block, RobStride):
             return private.feedback(*frame, self.block.can_id, self.block.found, self.block.host_id)
+        if isinstance(self.block, (CubeMarsV3, CubeMarsServo)):
+            found = mit.servo_status(*frame, self.block.found)
+            return found if found is not None and found.can_id == self.block.can_id else None
         return mit.answer(*frame, self.block.can_id, self.block.found)
+
+    def question(self):
+        block = self.block
+        if isinstance(block, RobStride):
+            return private.stop(block.can_id, block.host_id)
+        if isinstance(block, CubeMarsV3):
+            return mit.question_of_v3(block.can_id)
+        if isinstance(block, CubeMarsServo):                # it has no other way to be off, and reports by itself
+            return frames.amperes(frames.CURRENT, 0.0, block.can_id)
+        return mit.question(block.can_id)
 
     def answer(self):
         """The newest Answer. BadInput where it is silent."""
-        block = self.block
-        question = private.stop(block.can_id, block.host_id) if isinstance(block, RobStride) else mit.question(block.can_id)
-        found = self.bus.ask(question, "disable", self.read, patience=SILENT / 2)
+        found = self.bus.ask(self.question(), "disable", self.read, patience=SILENT / 2)
         if found is None:
             raise BadInput(f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; `scan` tells who does")
         return found

@@ -6,14 +6,18 @@ import time
 
 import pytest
 
+from blocks.actuators import CubeMarsServo, CubeMarsV3
+from graph import Diagram
 from runtime.diagram_file import compiled, load
 from runtime.errors import BadInput
 from runtime.preflight import marks, position_range
 from runtime.rig import override, read
-from runtime.rig.file import parse
+from runtime.rig.file import RigBus, parse
 from runtime.tools import rig_edit
+from runtime.tools.bus import ToolBus
+from runtime.tools.mounting import Motor
 from tests.runtime.runs import environment, finished, knee, write
-from tests.runtime.tools.nodes import DISABLE, ENABLE, Commander, Mit, Nodes
+from tests.runtime.tools.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, Servo
 
 RIG = '''# the lab's exo
 [bus.legs]      # both knees
@@ -46,6 +50,19 @@ class Person:
     def end(self):
         out, err = self.process.communicate(timeout=20)
         return self.process.returncode, out, err
+
+
+def test_boards_in_extended_frames_are_asked_with_what_keeps_them_off():
+    servo, board = Servo(4), V3(5)
+    with Diagram("boards", rate=100) as robot:
+        CubeMarsServo("AK60-6-V1.1", can_id=4, gear_ratio=2.0, name="hip")(current_command=0.0)
+        CubeMarsV3("AK80-9-V3.0", can_id=5, name="knee")(torque_command=0.0)
+    with Nodes(48, servo, board) as nodes, ToolBus(RigBus("can", "udp_multicast", nodes.channel)) as bus:
+        assert Motor(bus, robot["hip"]).angle() == pytest.approx(1.5708 / 2.0, abs=1e-4)
+        assert Motor(bus, robot["knee"]).angle() == pytest.approx(1.5708, abs=1e-4)
+        bus.listen(0.05)
+    told = {frame for node in nodes.nodes for frame in node.heard if frame[0] >> 8 != 0x29}
+    assert told == {(1 << 8 | 4, True, bytes(4)), (15 << 8 | 5, True, b"")}          # no current; disable
 
 
 def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path):
