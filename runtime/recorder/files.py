@@ -4,6 +4,7 @@ import os
 from itertools import accumulate, count
 
 SIDECAR = ".json"
+AT_ONCE = 16 << 10              # bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
 
 
 def make_folder(path):
@@ -71,11 +72,11 @@ class WholeFile:
 
     def flush(self):
         pieces, self.pieces, self.waiting = self.pieces, [], 0
-        data = b"".join(pieces)
+        data = memoryview(b"".join(pieces))
         written = 0
         try:
             while written < len(data):
-                written += os.write(self.descriptor, data[written:])
+                written += os.write(self.descriptor, data[written:written + AT_ONCE])
         except OSError:
             whole = accumulate(map(len, pieces))
             self.size += max((end for end in whole if end <= written), default=0)
