@@ -19,7 +19,7 @@ from cext.tape import Tape, TapeBus
 
 from blocks.recorders import CsvRecorder
 from graph import DiagramError, Sink
-from graph.store import content_hash, from_json, to_json
+from graph.store import from_json, to_json
 from runtime.recordings.compare import Comparison, compare, sent_frames
 from runtime.errors import BadInput
 from runtime.live.table import describe
@@ -30,6 +30,7 @@ from runtime.recordings.trial import Trial
 from runtime.rig.file import parse
 
 RING = 1 << 22                  # bytes
+SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
 FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")      # ends whose cause is not among what was recorded
 
 
@@ -99,7 +100,7 @@ def replay(path, file=None, folder=None):
         here = Trial(next(name for name in files if name.endswith(".mcap")))
     mine, theirs = sent_frames(trial), sent_frames(here)
     frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
-    unchanged = trial.about.get("hash") == content_hash(diagram)
+    unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
     return Replayed(trial, here, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [], fault)
 
 
@@ -138,6 +139,14 @@ def add_recorder(trial, diagram):
     if not any(isinstance(block, CsvRecorder) if recorded else isinstance(block, Sink) for block in diagram):
         with diagram:
             CsvRecorder()
+
+
+def computation(description):
+    """What a described diagram computes: without what takes alone, as the options of a run add it."""
+    taking = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
+    return {key: value for key, value in description.items() if key not in ("hash", "blocks", "wires", "libraries")} | {
+        "blocks": [block for block in description.get("blocks", []) if block["path"] not in taking],
+        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in taking]}
 
 
 def buses(trial, schedule):

@@ -60,7 +60,7 @@ STUCK = "if tick > 40: lock = ctypes.create_string_buffer(64); take = ctypes.PyD
 
 
 @needs_compiler
-@pytest.mark.parametrize("by, where", [(signal.SIGINT, "late/spin"), (signal.SIGTERM, "left/law")])
+@pytest.mark.parametrize("by, where", [(signal.SIGINT, "late/spin"), pytest.param(signal.SIGTERM, "left/law", marks=pytest.mark.soak)])
 def test_what_nothing_can_break_is_told_and_ended_by_a_person(bus, tmp_path, by, where):
     if where == "late/spin":
         how = {

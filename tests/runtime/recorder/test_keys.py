@@ -117,7 +117,7 @@ def test_in_virtual_time_the_space_bar_stops_as_well(tmp_path, terminal):
     assert "stopped by the space bar" in terminal.look() and "1 change of live" in terminal.look()
 
 
-@pytest.mark.parametrize("victim", ["control", "recorder", "both"])
+@pytest.mark.parametrize("victim", ["control", pytest.param("recorder", marks=pytest.mark.soak), pytest.param("both", marks=pytest.mark.soak)])
 def test_after_kill_9_of_either_process_or_both_the_terminal_is_as_it_was(tmp_path, terminal, victim):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--no-record", cwd=tmp_path)

@@ -143,6 +143,12 @@ def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, comman
     assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
 
 
+def test_a_viewer_that_was_asked_for_on_the_command_line_is_no_change(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.2", "--plotjuggler", "127.0.0.1:9")
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "") and "the diagram as it was recorded" in out
+
+
 def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.5")
     other = law(tmp_path, STEADY.replace("0.5", "0.6"), "other.py")
