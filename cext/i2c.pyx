@@ -22,30 +22,8 @@ from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
 from cext.kernels.i2c_answers cimport TROUBLE, answer_id
 from cext.newest_ring cimport forget, pull, push
 from cext.pace cimport monotonic
-from cext.posix cimport (
-    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
-    pthread_attr_t, pthread_create, pthread_join, pthread_sigmask, sched_param, sched_setscheduler, sigfillset, sigset_t,
-)
-
-cdef extern from *:
-    """
-    #include <linux/futex.h>
-    #include <stdint.h>
-    #include <sys/syscall.h>
-    #include <time.h>
-    #include <unistd.h>
-
-    /* Sleep until an instant of CLOCK_MONOTONIC in ns, or until somebody wakes the word, while it is 0. */
-    static void tw_rest(int32_t *word, int64_t until) {
-        struct timespec at = {until / 1000000000, until % 1000000000};
-        syscall(SYS_futex, word, FUTEX_WAIT_BITSET_PRIVATE, 0, &at, NULL, FUTEX_BITSET_MATCH_ANY);
-    }
-    static void tw_rouse(int32_t *word) {
-        syscall(SYS_futex, word, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
-    }
-    """
-    void rest "tw_rest"(int32_t *word, int64_t until) noexcept nogil
-    void rouse "tw_rouse"(int32_t *word) noexcept nogil
+from cext.posix cimport pthread_join
+from cext.threads cimport be_called, doze, start_thread, wake
 
 cdef int64_t RETRY = 100000000          # ns between attempts to reach what is lost
 cdef int64_t CHECK = 100000000          # ns between looks whether a device is still set up
@@ -210,8 +188,6 @@ cdef class I2cBus:
 
     def start(self, int priority=0):
         """Ask from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
-        cdef pthread_attr_t attributes
-        cdef sigset_t everything, mine
         cdef int failed, index
         cdef int64_t now
         if self.running:
@@ -224,13 +200,7 @@ cdef class I2cBus:
             self.cycles[index].due = now
         self.origin, self.ended, self.run = now, 0, self.inbox.runs
         self.open, self.leave, self.bell, self.priority = -1, 0, 0, priority
-        pthread_attr_init(&attributes)
-        pthread_attr_setstacksize(&attributes, STACK)               # all of it is locked in memory where memory is
-        sigfillset(&everything)
-        pthread_sigmask(SIG_SETMASK, &everything, &mine)            # signals are the loop's: the new thread inherits the mask
-        failed = pthread_create(&self.thread, &attributes, enter, <void *>self)
-        pthread_sigmask(SIG_SETMASK, &mine, NULL)
-        pthread_attr_destroy(&attributes)
+        failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
             raise OSError(failed, "there is no thread for an I2C bus")
         self.running = True
@@ -242,7 +212,7 @@ cdef class I2cBus:
         self.running = False
         store_i32(&self.leave, 1)
         store_i32(&self.bell, 1)
-        rouse(&self.bell)
+        wake(&self.bell)
         with nogil:
             pthread_join(self.thread, NULL)
         self.ended = monotonic()
@@ -274,10 +244,10 @@ cdef class I2cBus:
 
     cdef void serve(self) noexcept nogil:
         cdef int64_t due
-        be_someone(self.priority)
+        be_called("tickwork-i2c", self.priority)
         while not load_i32(&self.leave):
             due = self.look(monotonic())
-            rest(&self.bell, due)
+            doze(&self.bell, due)
 
     cdef int64_t look(self, int64_t now) noexcept nogil:
         """One round: all that is due by now. Returns when the next thing is, in ns of CLOCK_MONOTONIC."""
@@ -496,11 +466,3 @@ cdef int load_step(Step *step, int register, object what) except -1:
         step.count = len(data)
         memcpy(step.data, <const char *>data, len(data))
     return 0
-
-
-cdef void be_someone(int priority) noexcept nogil:
-    cdef sched_param parameters
-    prctl(PR_SET_NAME, <unsigned long><const char *>"tickwork-i2c")
-    if priority > 0:
-        parameters.sched_priority = priority
-        sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters)

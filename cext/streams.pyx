@@ -28,10 +28,8 @@ from cext.abi cimport Frame
 from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
 from cext.newest_ring cimport NEWEST, START, forget, pull, push
 from cext.pace cimport monotonic
-from cext.posix cimport (
-    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, iovec, prctl, pthread_attr_destroy, pthread_attr_init, pthread_attr_setstacksize,
-    pthread_attr_t, pthread_create, pthread_join, pthread_sigmask, sched_param, sched_setscheduler, sigfillset, sigset_t,
-)
+from cext.posix cimport iovec, pthread_join
+from cext.threads cimport be_called, start_thread
 
 cdef extern from "<sys/epoll.h>" nogil:
     ctypedef union epoll_data_t:
@@ -292,8 +290,6 @@ cdef class Streams:
 
     def start(self, int priority=0):
         """Read from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
-        cdef pthread_attr_t attributes
-        cdef sigset_t everything, mine
         cdef int failed
         if self.running:
             return
@@ -305,13 +301,7 @@ cdef class Streams:
         for index, stream in enumerate(self.streams):
             self.sources[index] = (<Stream>stream).source
         self.leave, self.priority = 0, priority
-        pthread_attr_init(&attributes)
-        pthread_attr_setstacksize(&attributes, STACK)               # all of it is locked in memory where memory is
-        sigfillset(&everything)
-        pthread_sigmask(SIG_SETMASK, &everything, &mine)            # signals are the loop's: the new thread inherits the mask
-        failed = pthread_create(&self.thread, &attributes, enter, <void *>self)
-        pthread_sigmask(SIG_SETMASK, &mine, NULL)
-        pthread_attr_destroy(&attributes)
+        failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
             raise OSError(failed, "there is no thread to read streams")
         self.running = True
@@ -333,7 +323,7 @@ cdef class Streams:
         cdef int64_t now
         cdef int timeout = -1
         cdef Source *source
-        be_someone(self.priority)
+        be_called("tickwork-read", self.priority)
         while not load_i32(&self.leave):
             count = epoll_wait(self.epoll, events, EVENTS, timeout)
             for index in range(count):
@@ -443,14 +433,6 @@ cdef void tell(Source *source) noexcept nogil:
     cdef int begin = source.ends[source.said - 1] if source.said > 0 else 0
     write(source.fd, source.setup + begin, source.ends[source.said] - begin)
     source.said += 1
-
-
-cdef void be_someone(int priority) noexcept nogil:
-    cdef sched_param parameters
-    prctl(PR_SET_NAME, <unsigned long><const char *>"tickwork-read")
-    if priority > 0:
-        parameters.sched_priority = priority
-        sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters)
 
 
 def is_datagram_socket(fd):

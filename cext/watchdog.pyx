@@ -25,31 +25,11 @@ from cext.atomics cimport load_i64, store_i32
 from cext.pace cimport monotonic
 from cext.page cimport RUNNING
 from cext.posix cimport (
-    PR_SET_NAME, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_SETMASK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, prctl, pthread_attr_destroy,
-    pthread_attr_init, pthread_attr_setstacksize, pthread_attr_t, pthread_create, pthread_join, pthread_kill, pthread_self,
-    pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setscheduler, sigaddset, sigemptyset, sigfillset, sigset_t,
+    SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, pthread_join, pthread_kill, pthread_self, pthread_sigmask,
+    sched_getparam, sched_getscheduler, sched_param, sigaddset, sigemptyset, sigset_t,
 )
 from cext.signals cimport Signals
-
-cdef extern from *:
-    """
-    #include <linux/futex.h>
-    #include <stdint.h>
-    #include <sys/syscall.h>
-    #include <time.h>
-    #include <unistd.h>
-
-    /* Sleep until an instant of CLOCK_MONOTONIC in ns, or until somebody wakes the word, while it is 0. */
-    static void tw_doze(int32_t *word, int64_t until) {
-        struct timespec at = {until / 1000000000, until % 1000000000};
-        syscall(SYS_futex, word, FUTEX_WAIT_BITSET_PRIVATE, 0, &at, NULL, FUTEX_BITSET_MATCH_ANY);
-    }
-    static void tw_wake(int32_t *word) {
-        syscall(SYS_futex, word, FUTEX_WAKE_PRIVATE, 1, NULL, NULL, 0);
-    }
-    """
-    void doze "tw_doze"(int32_t *word, int64_t until) noexcept nogil
-    void wake "tw_wake"(int32_t *word) noexcept nogil
+from cext.threads cimport be_called, doze, start_thread, wake
 
 cdef int64_t PERIODS = 3
 cdef int64_t LEAST = 15000000           # ns that a tick may always work
@@ -85,8 +65,6 @@ cdef class Watchdog:
 
     cdef int start(self) except -1:
         """Watch from now on; the calling thread is the loop's."""
-        cdef pthread_attr_t attributes
-        cdef sigset_t everything, mine
         cdef sched_param parameters
         cdef int failed
         if self.handover == NULL:
@@ -101,13 +79,7 @@ cdef class Watchdog:
         self.before = None
         if threading.current_thread() is threading.main_thread():       # no other can be interrupted
             self.before = signal.signal(SIGURG, signal.default_int_handler)
-        pthread_attr_init(&attributes)
-        pthread_attr_setstacksize(&attributes, STACK)                   # all of it is locked in memory where memory is
-        sigfillset(&everything)
-        pthread_sigmask(SIG_SETMASK, &everything, &mine)                # signals are the loop's: the new thread inherits the mask
-        failed = pthread_create(&self.thread, &attributes, enter, <void *>self)
-        pthread_sigmask(SIG_SETMASK, &mine, NULL)
-        pthread_attr_destroy(&attributes)
+        failed = start_thread(&self.thread, enter, <void *>self, STACK)
         if failed:
             raise OSError(failed, "there is no thread for the watchdog")
         self.running = True
@@ -193,14 +165,8 @@ cdef class Watchdog:
 
 cdef void name_and_priority(int priority) noexcept nogil:
     """One above the loop where that is granted, else beside it. Without a grant the guardian is there, who has one of its own."""
-    cdef sched_param parameters
-    prctl(PR_SET_NAME, <unsigned long><const char *>"tickwork-watch")
-    if priority == 0:
-        return
-    parameters.sched_priority = priority
-    if sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) != 0:
-        parameters.sched_priority = priority - 1
-        sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters)
+    if not be_called("tickwork-watch", priority):
+        be_called("tickwork-watch", priority - 1)
 
 
 cdef void hear_signals() noexcept nogil:

@@ -16,7 +16,7 @@ from runtime.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
-from runtime.rig.file import I2C, SOCKETCAN, UDP, RigBus, parse, read
+from runtime.rig.file import I2C, SOCKETCAN, UDP, parse, read
 from runtime.rig.fitness import link, look
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused, Trouble
