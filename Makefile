@@ -45,12 +45,13 @@ run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
 # What only computes goes side by side; what keeps time has the machine for itself.
-COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/recordings tests/runtime/rerun \
+COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/rerun \
+	$(addprefix tests/runtime/recordings/test_,convert.py plot.py trial.py) \
 	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
 	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py plotjuggler.py strides.py) \
 	$(addprefix tests/runtime/tools/test_,configure.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
 	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
-	$(addprefix tests/cext/test_,bits.py buses.py damping.py mailbox.py missed.py page.py rings.py timed_bus.py) \
+	$(addprefix tests/cext/test_,bits.py buses.py timed_bus.py) \
 	$(addprefix tests/runtime/test_,held.py lines.py report.py settings.py trial.py) $(addprefix tests/runtime/tools/test_,chips.py page.py) \
 	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) tests/runtime/calibration tests/mutation \
 	tests/test_packaging.py tests/test_wheel.py
