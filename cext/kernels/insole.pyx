@@ -17,6 +17,7 @@ from cext.abi cimport (
     DT, FRAME_BYTES, MALFORMED, NOT_FINITE, NOTED, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
 )
 from cext.kernels.cobs cimport checksum
+from cext.kernels.luck cimport lucky
 from cext.newest_ring cimport GAP, START
 from cext.streams cimport BYTES
 
@@ -180,14 +181,6 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     return TAKEN if taken else MALFORMED if corrupt else NOTED
 
 
-cdef bint lucky(double *state, double share) noexcept nogil:
-    """True with that probability. A linear congruence: the same in every run."""
-    if not share > 0.0:
-        return False
-    state[LUCK] = <double>((<uint64_t>state[LUCK] * 1103515245u + 12345u) & 0x7FFFFFFFu)
-    return state[LUCK] < share * 2147483648.0
-
-
 cdef inline double hat(double distance, double reach) noexcept nogil:
     """1 at its top and 0 at its reach: with whole reaches its samples keep sum and mean."""
     distance = fabs(distance) / reach
@@ -236,9 +229,9 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
         state[FROM] = 0.0
         state[UNTIL] = make_frame(arena, slots, plan, state[NUMBER], out)
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFFFF)
-        if arena[slots[E_SILENT]] != 0.0 or lucky(state, arena[slots[E_DROPPED]]):
+        if arena[slots[E_SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[E_DROPPED]]):
             state[UNTIL] = 0.0
-        elif lucky(state, arena[slots[E_BROKEN]]):
+        elif lucky(&state[LUCK], arena[slots[E_BROKEN]]):
             place = <int>state[UNTIL] // 2
             out[place] = out[place] ^ 0x15
     while state[FROM] < state[UNTIL] and count < 4:

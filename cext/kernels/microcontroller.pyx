@@ -18,6 +18,7 @@ from cext.abi cimport (
 )
 from cext.kernels.cobs cimport checksum, stuff, unstuff
 from cext.kernels.fields_of_bytes cimport number, put_number, size_of
+from cext.kernels.luck cimport lucky
 from cext.newest_ring cimport GAP
 from cext.streams cimport BYTES
 
@@ -202,14 +203,6 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     return TAKEN if taken else MALFORMED if corrupt else NOTED
 
 
-cdef bint lucky(double *state, double share) noexcept nogil:
-    """True with that probability. A linear congruence: the same in every run."""
-    if not share > 0.0:
-        return False
-    state[LUCK] = <double>((<uint64_t>state[LUCK] * 1103515245u + 12345u) & 0x7FFFFFFFu)
-    return state[LUCK] < share * 2147483648.0
-
-
 cdef int make_packet(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double counter, uint8_t *out) noexcept nogil:
     cdef uint8_t[MOST] plain
     cdef int at = 0
@@ -259,9 +252,9 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
         state[FROM] = 0.0
         state[UNTIL] = (make_line if plan[LINES] != 0.0 else make_packet)(arena, slots, sizes, plan, state[NUMBER], out)
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFF)
-        if arena[slots[faults + SILENT]] != 0.0 or lucky(state, arena[slots[faults + DROPPED]]):
+        if arena[slots[faults + SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[faults + DROPPED]]):
             state[UNTIL] = 0.0
-        elif lucky(state, arena[slots[faults + BROKEN]]):
+        elif lucky(&state[LUCK], arena[slots[faults + BROKEN]]):
             out[<int>state[UNTIL] // 2] ^= 0x15
     while state[FROM] < state[UNTIL] and count < 4:
         memset(&frames[count], 0, sizeof(Frame))

@@ -5,7 +5,7 @@ import os
 import stat
 from pathlib import Path
 
-from runtime.rig.streams import Opened
+from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
 EVENT = 24                      # bytes of struct input_event where a time has 64 bits
@@ -14,13 +14,7 @@ BY_ID = Path("/dev/input/by-id")
 
 def open_lines(devices):
     """{device: Opened or Trouble}"""
-    found = {}
-    for device in devices:
-        try:
-            found[device] = opened(device.path, **device.opening())
-        except Refused as refused:
-            found[device] = refused.trouble
-    return found
+    return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
 def opened(who, device):

@@ -7,7 +7,7 @@ import errno
 import os
 from datetime import timedelta
 
-from runtime.rig.streams import Opened
+from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
 EVENT = 48                      # bytes of struct gpio_v2_line_event
@@ -16,13 +16,7 @@ CONSUMER = "tickwork"
 
 def open_lines(devices):
     """{device: Opened or Trouble}"""
-    found = {}
-    for device in devices:
-        try:
-            found[device] = opened(device.path, **device.opening())
-        except Refused as refused:
-            found[device] = refused.trouble
-    return found
+    return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
 def opened(who, chip, pin, active_low, output, bias="as_is", debounce=0.0):

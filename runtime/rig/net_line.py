@@ -12,7 +12,7 @@ import errno
 import os
 import socket
 
-from runtime.rig.streams import Opened
+from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
 PATIENCE = 3.0                  # s for a connection
@@ -20,13 +20,7 @@ PATIENCE = 3.0                  # s for a connection
 
 def open_lines(devices):
     """{device: Opened or Trouble}"""
-    found = {}
-    for device in devices:
-        try:
-            found[device] = opened(device.path, **device.opening())
-        except Refused as refused:
-            found[device] = refused.trouble
-    return found
+    return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
 def opened(who, transport, address):

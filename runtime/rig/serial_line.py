@@ -12,8 +12,7 @@ import os
 import time
 
 from runtime.rig import ports
-from runtime.rig.streams import Opened
-from runtime.rig.troubles import Refused
+from runtime.rig.streams import Opened, one_by_one
 
 BAUDRATE = 115200
 PAUSE = 0.02                    # s between messages of the set-up
@@ -21,13 +20,7 @@ PAUSE = 0.02                    # s between messages of the set-up
 
 def open_lines(devices):
     """{device: Opened or Trouble}"""
-    found = {}
-    for device in devices:
-        try:
-            found[device] = opened(device, device.opening())
-        except Refused as refused:
-            found[device] = refused.trouble
-    return found
+    return one_by_one(devices, lambda device: opened(device, device.opening()))
 
 
 def opened(device, wanted):

@@ -11,6 +11,7 @@ import os
 from dataclasses import dataclass
 
 from cext.streams import Streams
+from runtime.rig.troubles import Refused
 
 KINDS = {                       # kind of line: the module that opens it
     "serial": "runtime.rig.serial_line",
@@ -39,6 +40,17 @@ class Opened:
     is_gpio: bool = False
     remarks: tuple = ()
     close: object = None
+
+
+def one_by_one(devices, opened):
+    """`open_lines` of a kind whose lines have nothing to do with each other. opened : makes the Opened of a device, or raises Refused"""
+    found = {}
+    for device in devices:
+        try:
+            found[device] = opened(device)
+        except Refused as refused:
+            found[device] = refused.trouble
+    return found
 
 
 @dataclass(frozen=True)
