@@ -159,10 +159,10 @@ fetch_headers() {
     ) >/dev/null 2>&1
 }
 
-# pip install, quiet unless it fails.
+# pip install, quiet unless it fails. Bytecode is made where a module is first imported; of most that is installed here, none ever is.
 install() {
     local log=$(VENV)/pip.log
-    PIP_RETRIES=$${PIP_RETRIES:-2} $(VENV)/bin/python -m pip --disable-pip-version-check install "$$@" >"$$log" 2>&1 && return
+    PIP_RETRIES=$${PIP_RETRIES:-2} $(VENV)/bin/python -m pip --disable-pip-version-check install --no-compile "$$@" >"$$log" 2>&1 && return
     if grep -q 'Retrying (' "$$log"; then
         stop "pip cannot reach the package index: connect to the network, or tell pip of your proxy or mirror (details in $$log)"
     fi
