@@ -171,7 +171,7 @@ class RMSTorqueLimiter(Block):
     torque = Input("N·m", "asked for")
     limited = Output("N·m", "let through")
     squares = Memory(0.0, "of the last outputs")
-    sums = Memory((0.0, 0.0, 0.0, 0.0), "running and fresh sum of the squares")
+    sums = Memory((0.0, 0.0), "sum of the squares, and what rounding lost of it")
     place = Memory(0.0, "where the next square goes")
     ticks = Memory(1.0, "M")
 

@@ -6,7 +6,7 @@ from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, PERIOD, export
 from cext.kernels.limits cimport clip, toward
-from cext.kernels.sums cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
+from cext.kernels.sums cimport RUNNING, RUNNING_REST, add
 
 
 cdef int saturation_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -144,10 +144,7 @@ cdef inline void remember(double *arena, const int32_t *slots, const int32_t *si
     cdef double *sums = arena + slots[SUMS]
     add(sums + RUNNING, -arena[slots[SQUARES] + place])
     add(sums + RUNNING, square)
-    add(sums + FRESH, square)
     arena[slots[SQUARES] + place] = square
-    if place + 1 == sizes[SQUARES]:
-        begin_anew(sums)
     arena[slots[PLACE]] = 0.0 if place + 1 == sizes[SQUARES] else place + 1
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from graph import Diagram, DiagramError, Interval, Live
+from tests.blocks.playing import settle
 from tests.blocks.running import both_ways, by_hand
 
 RATE = 200.0
@@ -155,6 +156,18 @@ def test_a_slew_rate_stays_between_zero_and_its_input():
     block = made(SlewRate, rate=50.0)
     assert block.output_range(u=Interval(2.0, 3.0)) == Interval(0.0, 3.0)
     assert block.output_range(u=Interval(-3.0, -2.0)) == Interval(-3.0, 0.0)
+
+
+def test_a_slew_rate_begins_at_its_input_when_it_is_armed_unless_that_is_no_number():
+    block = made(SlewRate, rate=200.0)
+    settle(block, u=5.0)
+    assert block.step(9.0) == 6.0
+    settle(block, u=math.nan)
+    assert block.step(9.0) == 7.0
+    pair = made(SlewRate, rate=200.0)
+    pair.step([0.0, 0.0, 0.0])
+    settle(pair, u=[5.0, -4.0, math.nan])
+    assert pair.step([9.0, -9.0, 9.0]).tolist() == [6.0, -5.0, 1.0]
 
 
 @pytest.mark.parametrize("value", [-0.1, math.nan])

@@ -71,6 +71,11 @@ def test_power_is_bounded_to_one_rounding_and_nothing_else_is_touched(torque, ve
         assert abs(y) * abs(velocity) <= power * (1.0 + 4e-16) + 5e-324 and (y > 0.0) == (torque > 0.0)
 
 
+def test_the_power_of_each_joint_is_bounded_alone():
+    y = play(lambda: PowerLimiter(10.0), torque=np.full((2, 3), 6.0), velocity=np.array([[1.0, 2.0, -5.0], [4.0, 0.0, 1.0]]))["limited"]
+    assert np.array_equal(y, [[6.0, 5.0, 2.0], [2.5, 6.0, 6.0]])
+
+
 @given(data=st.data())
 @settings(max_examples=200, deadline=None)
 def test_a_limited_power_stays_in_its_range(data):
@@ -108,6 +113,11 @@ def test_a_soft_stop_pushes_back_and_damps_only_what_moves_outward():
     torque, position, velocity = random.normal(0.0, 5.0, 500), random.normal(0.5, 1.5, 500), random.normal(0.0, 4.0, 500)
     y = play(lambda: SoftStop(-0.5, 1.5, 80.0, 2.0), torque=torque, position=position, velocity=velocity)["stopped"]
     assert np.array_equal(y, [stopped(*values) for values in zip(torque, position, velocity)])
+
+
+def test_at_its_end_itself_a_soft_stop_does_nothing_yet():
+    block = made(SoftStop, -0.5, 1.5, 80.0, 2.0)
+    assert block.step(3.0, 1.5, 4.0) == block.step(3.0, -0.5, -4.0) == 3.0
 
 
 def test_a_limb_thrown_against_a_soft_stop_comes_to_rest_outside_by_no_more_than_the_spring_allows():
@@ -168,6 +178,29 @@ def test_rms_limit_saturates_after_window_fills():
 def test_without_a_fade_it_gives_all_there_is_and_then_nothing():
     y = play(lambda: RMSTorqueLimiter(3.0, window=0.1, fade=0.0), torque=np.full(60, 100.0))["limited"]
     assert abs(y[0] - 3.0 * math.sqrt(20.0)) < 1e-9 and np.abs(y[1:20]).max() < 1e-4 and abs(y[20] - y[0]) < 1e-9
+
+
+def test_a_limit_of_a_few_millinewton_metres_is_one_too():
+    y = play(lambda: RMSTorqueLimiter(0.05, window=0.1, fade=0.0), torque=np.full(21, 0.2))["limited"]
+    assert y[0] == 0.2 and abs(y[1] - math.sqrt(20.0 * 0.05**2 - 0.2**2)) < 1e-9 and np.abs(y[2:20]).max() < 1e-6 and y[20] == 0.2
+
+
+def test_nan_passes_an_rms_limit_and_weighs_nothing_in_its_window():
+    y = play(lambda: RMSTorqueLimiter(0.5, window=0.05, fade=0.0), torque=np.array([0.3, math.nan, math.nan, 9.0]))["limited"]
+    assert y[0] == 0.3 and np.isnan(y[1:3]).all() and abs(y[3] - math.sqrt(10.0 * 0.25 - 0.09)) < 1e-9
+
+
+def test_what_rounding_loses_of_a_long_window_is_not_lost_to_what_it_still_allows():
+    """1999 torques that leave 1e-9 of 2000 N²·m²: a sum that forgets its roundings is off by a hundredth of that."""
+    length = 2000
+    torque = np.random.default_rng(21).uniform(0.2, 1.7, length)
+    torque *= math.sqrt((length - 100.0) / math.fsum(torque[:-2] ** 2))
+    torque[-2] = math.sqrt(length * (1.0 - 1e-12) - math.fsum(torque[:-2] ** 2) - 1e-9)
+    torque[-1] = 5.0
+    y = play(lambda: RMSTorqueLimiter(1.0, window=length * DT, fade=0.0), torque=torque)["limited"]
+    assert np.array_equal(y[:-1], torque[:-1])
+    left = length * (1.0 - 1e-12) - math.fsum(y[:-1] ** 2)
+    assert 0.9e-9 < left < 1.1e-9 and abs(y[-1] ** 2 - left) < 2e-12
 
 
 @given(u=st.lists(st.one_of(finite, st.sampled_from([math.inf, -math.inf, math.nan, 5.0, -5.0, 0.0])), min_size=1, max_size=80),
@@ -252,7 +285,18 @@ def test_a_derated_torque_lies_between_none_and_what_was_asked(torque, temperatu
         assert y in block.output_range(torque=Interval(torque, torque), temperature=Interval()) and abs(y) <= abs(torque)
 
 
+def test_one_temperature_takes_back_the_torque_of_every_element():
+    y = play(lambda: TemperatureDerating(80.0, 100.0), torque=np.array([[8.0, -4.0, 2.0]]), temperature=np.array([90.0]))["derated"]
+    assert y.tolist() == [[4.0, -2.0, 1.0]]
+
+
 # Soft start
+
+
+def test_a_soft_start_fades_in_every_element():
+    u = np.tile([4.0, -2.0, 1.0], (3, 1))
+    y = play(lambda: SoftStart(2.0 * DT), u=u, enable=np.ones(3, dtype=bool))["y"]
+    assert y.tolist() == [[0.0, 0.0, 0.0], [2.0, -1.0, 0.5], [4.0, -2.0, 1.0]]
 
 
 def test_a_soft_start_fades_in_over_its_duration_and_again_when_enabled_again():

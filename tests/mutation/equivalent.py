@@ -4,6 +4,13 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, square) -> add(sums - RUNNING, square)": "RUNNING is 0",
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, -arena[slots[SQUARES] + place]) -> "
     "add(sums - RUNNING, -arena[slots[SQUARES] + place])": "RUNNING is 0",
+    "cext/kernels/limiters.pyx derating_kernel: if temperature <= full: -> if temperature < full:": "the line begins with the share of 1",
+    "cext/kernels/limiters.pyx rms_torque_kernel: most = sqrt(budget / arena[slots[TICKS]]) if budget > 0.0 else 0.0 -> "
+    "most = sqrt(budget / arena[slots[TICKS]]) if budget >= 0.0 else 0.0": "the root of 0 is 0",
+    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity > 0.0: -> if velocity >= 0.0:": "it takes nothing away then",
+    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it takes nothing away then",
+    "cext/kernels/limiters.pyx power_kernel: torque = power / fabs(velocity) if torque > 0.0 else -power / fabs(velocity) -> "
+    "torque = power / fabs(velocity) if torque >= 0.0 else -power / fabs(velocity)": "a torque of 0 has no power to limit",
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
