@@ -15,6 +15,7 @@ import resource
 import select
 import signal
 import sys
+import threading
 import time
 from contextlib import suppress
 
@@ -285,6 +286,7 @@ def hold_on(priority):
             granted.append("memory locked")
     if priority is not None:
         with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+            for thread in threading.enumerate():        # those that hear an interface, too
+                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
             granted.append(f"SCHED_FIFO {priority}")
     return granted

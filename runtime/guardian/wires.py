@@ -11,6 +11,7 @@ import logging
 import os
 import socket
 import struct
+import threading
 import time
 from collections import deque
 from contextlib import suppress
@@ -22,6 +23,9 @@ ECHO = 0.1                      # s within which an interface hands back what wa
 TIMEOUT = 0.002                 # s that an interface may take to accept a frame
 PATIENCE = 100                  # failures in a row, then the interface has failed
 QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
+NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}     # for a frame that has not come; others are heard in a thread
+WAIT = 0.05                     # s that such a thread waits for a frame before it looks whether it is over
+BREATH = 0.0005                 # s between two tries of an interface that fails
 REMEMBERED = 1024               # different frames of which an echo is awaited
 
 
@@ -60,7 +64,6 @@ class PythonCanWire(Wire):
 
         logging.getLogger("can").addHandler(logging.NullHandler())          # it is told by whoever opens us, once
         self.message = can.Message
-        self.errors = (can.CanError, OSError, ValueError)
         try:
             given = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
@@ -68,12 +71,13 @@ class PythonCanWire(Wire):
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
+        self.ear = self.bus if interface in NEVER_WAITS else Ear(self.bus)
         self.fd = fd
         self.echoes = {}                    # (id, data): when each was sent whose echo is awaited
 
     def fileno(self):
         try:
-            number = self.bus.fileno()
+            number = self.ear.fileno()
         except NotImplementedError:
             return None
         return number if number >= 0 else None
@@ -82,8 +86,8 @@ class PythonCanWire(Wire):
         frames = []
         for _ in range(MOST):
             try:
-                message = self.bus.recv(0)
-            except self.errors as error:
+                message = self.ear.recv(0)
+            except Exception as error:      # a TypeError, for half a frame on some serial lines
                 self.failed_once(error)
                 if errno_of(error) or self.trouble:
                     break
@@ -109,7 +113,7 @@ class PythonCanWire(Wire):
                     arbitration_id=identifier & 0x1FFFFFFF, is_extended_id=bool(identifier & EXTENDED),
                     is_remote_frame=bool(identifier & REMOTE), data=data, is_fd=self.fd and len(data) > 8),
                 timeout=TIMEOUT)
-        except self.errors as error:
+        except Exception as error:
             self.count("refused")
             self.failed_once(error)
             return False
@@ -134,8 +138,53 @@ class PythonCanWire(Wire):
         return False
 
     def close(self):
-        with suppress(*self.errors):            # of an interface that is gone already
+        with suppress(Exception):               # of an interface that is gone already
+            if self.ear is not self.bus:
+                self.ear.close()
             self.bus.shutdown()
+
+
+class Ear:
+    """Hears a bus whose `recv` may wait, whatever it is told, in a thread of its own. To the guardian it is that bus: `recv`, `fileno`."""
+
+    def __init__(self, bus):
+        self.bus = bus
+        self.came = deque(maxlen=REMEMBERED)    # messages, and what the interface raised
+        self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.over = threading.Event()
+        self.thread = threading.Thread(target=self.hear, name="ear", daemon=True)
+        self.thread.start()
+
+    def hear(self):
+        while not self.over.is_set():
+            try:
+                came = self.bus.recv(WAIT)
+            except Exception as error:
+                came = error
+            if came is not None:
+                self.came.append(came)
+                os.eventfd_write(self.bell, 1)
+            if isinstance(came, Exception):
+                self.over.wait(BREATH)
+
+    def fileno(self):
+        return self.bell
+
+    def recv(self, timeout):
+        with suppress(BlockingIOError):
+            os.eventfd_read(self.bell)
+        if not self.came:
+            return None
+        came = self.came.popleft()
+        if self.came:
+            os.eventfd_write(self.bell, 1)
+        if isinstance(came, Exception):
+            raise came
+        return came
+
+    def close(self):
+        self.over.set()
+        self.thread.join(4.0 * WAIT)
 
 
 class SocketCanWire(Wire):
