@@ -255,6 +255,14 @@ def test_through_ticks_that_were_missed_the_last_torque_counts():
     assert block.step(100.0) == steady.step(100.0) < 6.0
     block.scratch.arena[2] = 1e9
     assert abs(block.step(100.0)) <= 3.0 * math.sqrt(20.0)
+    block, steady = (made(RMSTorqueLimiter, 3.0, window=0.1, fade=0.0) for _ in range(2))
+    for torque in [1.0] * 18 + [2.0, 2.0]:
+        block.step(torque)                          # a window to its end: the newest square stands in its last place
+        steady.step(torque)
+    for _ in range(5):
+        steady.step(2.0)
+    block.scratch.arena[2] = 6.0 * DT
+    assert block.step(100.0) == steady.step(100.0)
 
 
 def test_rms_limits_that_make_no_sense_are_refused():

@@ -11,6 +11,10 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it takes nothing away then",
     "cext/kernels/limiters.pyx power_kernel: torque = power / fabs(velocity) if torque > 0.0 else -power / fabs(velocity) -> "
     "torque = power / fabs(velocity) if torque >= 0.0 else -power / fabs(velocity)": "a torque of 0 has no power to limit",
+    "cext/kernels/limiters.pyx soft_stop_kernel: torque = position + velocity -> torque = position - velocity": "NaN, either way",
+    "cext/kernels/limiters.pyx derating_kernel: elif temperature >= none: -> elif temperature > none:": "the share is 0 then, either way",
+    "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / arena[slots[3]] -> "
+    "share = 1.0 if elapsed[0] > arena[slots[3]] else elapsed[0] / arena[slots[3]]": "the share is 1 then, either way",
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
