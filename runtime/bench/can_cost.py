@@ -19,6 +19,7 @@ from cext.program import Program
 from cext.socketcan import SocketCan
 from graph import Diagram, compile
 from runtime.bench.by_hand import build
+from runtime.bench.c_grid import C_GRID
 from runtime.rate.robot import UNLIMITED
 from runtime.realtime import Realtime
 
@@ -30,12 +31,10 @@ RATE, BUSES = 1000.0, 2
 STEPS = 4                       # of the motors' process in a period
 STARTING = 20                   # ticks that are not counted
 
-C_LOOP = r"""
-#include <errno.h>
+C_LOOP = C_GRID + r"""
 #include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
-#include <time.h>
 
 /* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns how many commands had
    no answer when the next went out, from tick room[15] on; room[14] becomes the number of grid points that were missed. */
@@ -43,23 +42,15 @@ struct frame { uint32_t id; uint8_t length, spare[3], data[8]; };
 
 double run(long period, long ticks, double *room, double *unused)
 {
-    struct timespec now, next;
+    struct grid grid = grid_from_now(period);
     struct frame frame;
     static const uint8_t zero[8] = {0x7f, 0xff, 0x7f, 0xf0, 0, 0, 7, 0xff};
     int buses = (int)room[0], motors = (int)room[1], owed[8][16] = {{0}}, bus, id;
-    long long began, deadline, behind;
+    long long behind;
     long k, missed = 0, lost = 0;
     (void)unused;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    began = now.tv_sec * 1000000000LL + now.tv_nsec + period;
     for (k = 0; k < ticks; k++) {
-        deadline = began + k * period;
-        next.tv_sec = deadline / 1000000000LL;
-        next.tv_nsec = deadline % 1000000000LL;
-        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
-            ;
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        behind = now.tv_sec * 1000000000LL + now.tv_nsec - deadline;
+        behind = wait_for_point(&grid, k);
         for (; behind >= period && k < ticks - 1; behind -= period, k++)
             lost++;
         for (bus = 0; bus < buses; bus++) {

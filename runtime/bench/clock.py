@@ -18,6 +18,7 @@ from blocks.sources import Sine
 from cext.histogram import counts_of, percentile
 from graph import Block, Diagram, Input, Output, compile
 from runtime.bench.by_hand import build
+from runtime.bench.c_grid import C_GRID
 from runtime.realtime import Realtime
 from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
@@ -26,27 +27,16 @@ SIGNALS = 60                    # that are recorded
 PYTHON_BLOCKS = 10
 C, NATIVE, PYTHON = "C, clock_nanosleep", "Tickwork, native blocks", "Tickwork, ten Python blocks"
 
-C_LOOP = """
-#include <errno.h>
-#include <time.h>
-
-/* Wake-ups behind the grid, in ns; -1 where a grid point was missed. Point k of the grid stands at k times the period. */
+C_LOOP = C_GRID + """
+/* Wake-ups behind the grid, in ns; -1 where a grid point was missed. */
 double run(long period, long ticks, double *late, double *unused)
 {
-    struct timespec now, next;
-    long long began, deadline, behind;
+    struct grid grid = grid_from_now(period);
+    long long behind;
     long k;
     (void)unused;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    began = now.tv_sec * 1000000000LL + now.tv_nsec + period;
     for (k = 0; k < ticks; k++) {
-        deadline = began + k * period;
-        next.tv_sec = deadline / 1000000000LL;
-        next.tv_nsec = deadline % 1000000000LL;
-        while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &next, 0) == EINTR)
-            ;
-        clock_gettime(CLOCK_MONOTONIC, &now);
-        behind = now.tv_sec * 1000000000LL + now.tv_nsec - deadline;
+        behind = wait_for_point(&grid, k);
         for (; behind >= period && k < ticks - 1; behind -= period)
             late[k++] = -1.0;
         late[k] = (double)behind;

@@ -15,6 +15,11 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx derating_kernel: elif temperature >= none: -> elif temperature > none:": "the share is 0 then, either way",
     "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / arena[slots[3]] -> "
     "share = 1.0 if elapsed[0] > arena[slots[3]] else elapsed[0] / arena[slots[3]]": "the share is 1 then, either way",
+    "cext/kernels/limiters.pyx soft_start_kernel: elapsed[0] = -1.0 -> elapsed[0] = -2.0": "anything below 0 says that it has not begun",
+    "cext/kernels/limiters.pyx rms_torque_kernel: "
+    "budget = length * limit * limit * (1.0 - 1e-12) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + place]) -> "
+    "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + place])":
+        "the margin for rounding is a thousand times what is lost",
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
