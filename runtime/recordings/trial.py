@@ -53,7 +53,7 @@ class Recorded:
 
 class Trial:
     """
-    signals : {path: {"index", "path", "dtype", "unit"}}, in the order of the row
+    signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
     rows : (ticks, signals) array of doubles
     tick, time, lateness : arrays over the rows; s
     frames : [Recorded], in order
@@ -138,8 +138,8 @@ class Trial:
     def resample(self, rate):
         """The same Trial at a fixed rate in Hz, from its first tick to its last; what ticks it had missed is filled in.
 
-        Floats go on straight lines between samples, ints and bools keep their newest value, quaternions turn at a constant rate. There is
-        no filter: what is faster than half the rate must have been taken out before.
+        Floats go on straight lines between samples, phases and bearings the shorter way round, ints and bools keep their newest value, quaternions
+        turn at a constant rate. There is no filter: what is faster than half the rate must have been taken out before.
         """
         from runtime.recordings.resample import resampled
 
