@@ -171,6 +171,26 @@ def test_several_trials_are_one_table_with_their_fields(tmp_path):
         runtime.load(tmp_path / "other*.mcap")
 
 
+def test_a_trial_whose_recorder_was_killed_is_one_trial(tmp_path):
+    rows = list(walk(range(300)))
+    recorded(tmp_path, rows[:110], "cut")                       # ten rows more than the next part takes for granted
+    recorded(tmp_path, rows[100:200], "cut_part2", part=2)
+    (tmp_path / "cut_part3.mcap").write_bytes(b"")              # whose recorder was killed before its first tick
+    recorded(tmp_path, rows[200:], "cut_part4", part=4)
+    cut = runtime.load(tmp_path / "cut.mcap")
+    assert np.array_equal(np.column_stack((cut.tick, cut.rows)), rows) and cut.complete
+    assert [path.name for path in cut.parts] == ["cut.mcap", "cut_part2.mcap", "cut_part4.mcap"]
+    assert [trial.path.name for trial in runtime.load(tmp_path / "*.mcap")] == ["cut.mcap"]
+    assert runtime.load(tmp_path / "cut_part2.mcap").tick.tolist() == list(range(100, 300))
+    (tmp_path / "late.mcap").write_bytes(b"")                   # nothing of it was sure, and the next one began anew
+    (tmp_path / "cut_part2.mcap").rename(tmp_path / "late_part2.mcap")
+    late = runtime.load(tmp_path / "late.mcap")
+    assert late.path.name == "late.mcap" and len(late) == 100 and late.about["part"] == 1
+    recorded(tmp_path, rows[:50], "other", signals=SIGNALS)
+    recorded(tmp_path, [values[:-1] for values in rows[50:]], "other_part2", signals=SIGNALS[:-1], part=2)
+    assert len(runtime.load(tmp_path / "other.mcap")) == 50     # of a run of something else
+
+
 def test_pandas_gets_units_and_fields(tmp_path, trial):
     pandas = pytest.importorskip("pandas")
     table = trial.table()

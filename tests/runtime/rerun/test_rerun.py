@@ -20,7 +20,7 @@ from runtime.recorder import RecorderError
 from runtime.rerun.scene import Scene
 from runtime.rerun.target import Target, parse
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
-from tests.runtime.runs import KNEE_EXO, environment, finished, knee, started
+from tests.runtime.runs import KNEE_EXO, descendant, environment, finished, knee, started
 from tests.runtime.terminals import patient
 
 RERUN = "runtime.rerun.sender:RerunSender"
@@ -193,22 +193,6 @@ def test_when_its_process_is_killed_that_is_told_and_the_run_goes_on(tmp_path):
     run.send_signal(signal.SIGINT)
     run.communicate(timeout=60)
     assert run.returncode == 130
-
-
-def descendant(pid, word):
-    """Number of the process below another whose command line has a word; None where there is none."""
-    below = {pid}
-    for entry in sorted((int(name) for name in os.listdir("/proc") if name.isdigit())):
-        try:
-            stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
-            words = open(f"/proc/{entry}/cmdline", "rb").read()
-        except OSError:
-            continue
-        if int(stat[1]) in below:
-            below.add(entry)
-            if word.encode() in words and stat[0] != "Z":
-                return entry
-    return None
 
 
 @needs_rerun
