@@ -186,7 +186,9 @@ class Recording:
         for path, size in will["sizes"].items():
             with suppress(OSError):
                 os.truncate(path, size)
-        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}"}, self.page)
+        legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
+        sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
+        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks}, self.page)
         heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
         heir.paper, heir.asks = self.paper, self.asks
         try:
