@@ -77,8 +77,8 @@ class QuaternionToEuler(Block):
     """
 
     q = Input("1", "quaternion (w, x, y, z)", shape=(4,))
-    yaw = Output("rad", "about z, first: -π to π", range=HALF_TURN)
+    yaw = Output("rad", "about z, first: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
     pitch = Output("rad", "about the new y, second: -π/2 to π/2", range=QUARTER_TURN)
-    roll = Output("rad", "about the newest x, last: -π to π", range=HALF_TURN)
+    roll = Output("rad", "about the newest x, last: -π to π", range=HALF_TURN, circle=(-math.pi, math.pi))
 
     kernel = kernels.to_euler

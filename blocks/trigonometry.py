@@ -86,7 +86,7 @@ class Atan2(Block):
 
     opposite = Input("any", "its second coordinate", shape=...)
     adjacent = Input("any", "its first coordinate", shape=...)
-    y = Output("rad", "angle from the first axis towards the second", shape=...)
+    y = Output("rad", "angle from the first axis towards the second", shape=..., circle=(-math.pi, math.pi))
 
     kernel = kernels.angle
 

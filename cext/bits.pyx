@@ -74,3 +74,10 @@ def frame_bits(uint32_t arbitration_id, bytes data, bint extended=False):
     memcpy(frame.data, <const char *>data, len(data))
     counter = count_bits(&frame)
     return counter.bits, counter.stuffed
+
+
+def payload_bits(bytes payload not None):
+    """Bits on the wire, likewise, of a frame as the ring has it: the bytes of a struct Frame."""
+    if len(payload) != sizeof(Frame):
+        raise ValueError("a frame has %d bytes, not %d" % (sizeof(Frame), len(payload)))
+    return bits_of(<const Frame *><const char *>payload)

@@ -49,7 +49,7 @@ class Assembly:
     def place_signal(self, block, name, port):
         shape = self.facts.shapes[block, name]
         slot = self.layout.place(np.zeros(size_of(shape)))
-        return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name])
+        return SignalPlace(f"{block.path}.{name}", slot, shape, port.dtype, self.facts.units[block, name], port.circle)
 
     def size(self, block, name):
         return size_of(self.facts.shapes[block, name])
@@ -186,7 +186,7 @@ class Assembly:
                     if slot not in index_of:
                         index_of[slot] = len(slots)
                         slots.append(slot)
-                        recorded.append(Column(index_of[slot], place.path + where, place.dtype, place.unit))
-                    columns.append(Column(index_of[slot], label + where, place.dtype, place.unit))
+                        recorded.append(Column(index_of[slot], place.path + where, place.dtype, place.unit, place.circle))
+                    columns.append(Column(index_of[slot], label + where, place.dtype, place.unit, place.circle))
             sinks.append(SinkColumns(block, tuple(columns)))
         return np.array(slots, dtype=np.int32), recorded, sinks

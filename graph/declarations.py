@@ -64,12 +64,16 @@ class Output(Port):
     """An output port.
 
     range : (low, high) that the output never leaves, if the block can promise one
+    circle : (low, high) of a value that goes round, so that the two ends are one, as those of a phase or a bearing:
+        a recording is resampled across them
     kernel : it is among the items of a native block's kernel; what is not, somebody else writes
     """
 
-    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None, kernel=True):
+    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None, circle=(), kernel=True):
         super().__init__(unit, description, shape=shape, dtype=dtype)
-        self.kernel = kernel
+        if circle and not (len(circle) == 2 and -math.inf < circle[0] < circle[1] < math.inf and self.dtype == "float"):
+            raise TypeError(f"a circle is (low, high) of a float, as in (-math.pi, math.pi), not {circle!r}")
+        self.kernel, self.circle = kernel, tuple(circle)
         self.range = Interval(*range) if range is not None else None
 
     def __get__(self, block, owner=None):

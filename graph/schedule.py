@@ -68,6 +68,7 @@ class SignalPlace:
     shape: tuple
     dtype: str
     unit: str
+    circle: tuple = ()          # the two ends that are one, of a value that goes round
 
     @property
     def size(self):
@@ -82,6 +83,7 @@ class Column:
     path: str
     dtype: str
     unit: str
+    circle: tuple = ()
 
 
 @dataclass(frozen=True)

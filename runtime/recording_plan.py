@@ -51,6 +51,7 @@ def plan(prepared, realtime):
         "limits": limits(prepared.diagram, schedule),
         "buses": schedule.buses,
         "media": schedule.media,
+        "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},
         "sinks": sinks,
         "status_line": True,
         "diagram_json": to_json(prepared.diagram) if records else None,

@@ -81,7 +81,7 @@ class GaitPhase(Block):
 
     angle = Input("rad", "knee flexion")
     velocity = Input("rad/s", "knee flexion velocity")
-    phase = Output("1", "0 at heel strike, 1 at the next", range=(0.0, 1.0))
+    phase = Output("1", "0 at heel strike, 1 at the next", range=(0.0, 1.0), circle=(0.0, 1.0))
     walking = Output("1", "whether the phase is known", dtype=bool, range=(0.0, 1.0))
     stride_time = Output("s", "mean stride time, 0 while unknown")
     strides = Output("1", "events since the start, one a stride", dtype=int)

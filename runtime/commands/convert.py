@@ -6,6 +6,7 @@ from runtime.commands.parsing import Parser, number
 from runtime.conversion import FORMATS, OPENSIM, convert
 from runtime.errors import OK, BadInput
 from runtime.progress import Progress
+from runtime.recordings.parts import heads
 from runtime.recordings.trial import Trial
 from runtime.terminal import tell
 
@@ -23,7 +24,7 @@ def main(arguments):
     kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
     if not kinds:
         raise BadInput(f"to which format? --to {'|'.join(FORMATS)}, or --opensim")
-    for recording in options.recordings:
+    for recording in heads(options.recordings):
         for path in converted(recording, dict.fromkeys(kinds), options.rate, options.output):
             tell([path])
     return OK

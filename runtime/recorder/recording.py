@@ -12,6 +12,7 @@ from pathlib import Path
 from signal import Signals
 from struct import Struct
 
+from cext.bits import payload_bits
 from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
 from runtime import preflight_text
@@ -50,6 +51,7 @@ class Recording:
         self.changes = Changes(table.read(page).parameters)
         self.newest = None                      # the newest row: tick, lateness, values
         self.traffic = [0] * len(plan["buses"])         # frames of each bus, received or sent
+        self.bits = [0] * len(plan["buses"])            # that they took on the wire
         self.services = []                      # (path, service), those that live
         self.pickers = []                       # (what picks the columns out of a row, service)
         self.about = {}
@@ -129,7 +131,9 @@ class Recording:
                 self.ticks += 1
                 self.last_tick, self.time = tick, time
             elif kind == RECORD_FRAME:
-                self.traffic[payload[BUS_OF_FRAME]] += 1
+                bus = payload[BUS_OF_FRAME]
+                self.traffic[bus] += 1
+                self.bits[bus] += payload_bits(payload)
                 for log in list(self.logs):
                     try:
                         log.frame(payload)
@@ -182,7 +186,9 @@ class Recording:
         for path, size in will["sizes"].items():
             with suppress(OSError):
                 os.truncate(path, size)
-        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}"}, self.page)
+        legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
+        sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
+        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks}, self.page)
         heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
         heir.paper, heir.asks = self.paper, self.asks
         try:

@@ -8,6 +8,8 @@ The recorder calls, in this order and from one thread:
     event(event)                what happened besides, as the sidecar keeps it: a dict
     flush()                     at least once a second, and before close
     close()                     returns what the report shall say of this sink: a dict that JSON can carry
+    legacy()                    in the process that goes on where another has died, on the service of that one: what the next shall know,
+                                as sink["legacy"]
     conclude(plan, services)    on the class, once, with all its closed services: what they make together, a dict for the report
 
 `page` is that of the run, and `say` is there to be called with a line that the person at the terminal shall read; a `problem` in what close() returns is told, too.
@@ -40,6 +42,9 @@ class Service:
 
     def close(self):
         return {}
+
+    def legacy(self):
+        return None
 
     @classmethod
     def conclude(cls, plan, services):

@@ -1,9 +1,9 @@
 """The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
 
-    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0 · left/knee ━━╌╌ −4.5 N·m
+    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · left/knee ━━╌╌ −4.5 N·m
 
-What the keys have chosen stands behind the time; of several buses each is told. A bar is a torque's share of its limit. Lateness is the median and the 99th percentile of the run so far; rate, load and
-frames are those of the last second.
+What the keys have chosen stands behind the time. A bar is a torque's share of its limit. Lateness is the median and the 99th percentile of the run so far; rate, load and
+what is on the buses are those of the last second: of CAN the share of its bits that frames take, of others their frames.
 """
 
 from collections import deque
@@ -34,7 +34,7 @@ class StatusLine:
         self.next = now + REFRESH
         statistics = self.page.statistics()
         frames = statistics["frames"]["sent"] + statistics["frames"]["received"]
-        buses = self.recording.traffic if self.recording is not None and len(self.plan["buses"]) > 1 else ()
+        buses = (*self.recording.traffic, *self.recording.bits) if self.recording is not None else ()
         self.history.append((now, statistics["ticks"], statistics["busy"], frames, *buses))
         parts = describe(self.plan, self.page.state, statistics, rates(self.history), self.terminal.unicode,
                          [] if self.panel is None else self.panel.parts(now))
@@ -65,7 +65,7 @@ def torque_parts(torques, row, unicode):
 
 
 def rates(history):
-    """(ticks/s, share of the time spent in ticks, frames/s, and those of each bus) over the window, or None while there is too little of it."""
+    """(ticks/s, share of the time spent in ticks, frames/s, those of each bus, its bits/s) over the window, or None while there is too little of it."""
     (start, *first), (stop, *last) = history[0], history[-1]
     return tuple((b - a) / (stop - start) for a, b in zip(first, last)) if stop > start else None
 
@@ -93,12 +93,24 @@ def describe(plan, state, statistics, speeds, unicode, chosen=()):
                 parts.append((4, f"late {both(late['p50'], late['p99'])}", None))
             parts.append((3, f"load {100 * load:.1f} %", "red" if load > HIGH_LOAD else None))
         if plan["buses"]:
-            told = ", ".join(f"{name} {speed:.0f}" for name, speed in zip(plan["buses"], each)) or f"{frames:.0f}"
-            parts.append((2, f"{told} frames/s", None))
+            parts += traffic(plan, ticks / plan["rate"] if plan["virtual"] else 1.0, frames, each)
     for word in ("missed", "dropped"):
         count = statistics[word]
         parts.append((7.5 if count else 6, f"{word} {count}", "red" if count else None))
     return parts
+
+
+def traffic(plan, pace, frames, each):
+    """Parts of the line about the buses. pace : s of the run in a second; each : frames/s of every bus, then bits/s"""
+    parts = []
+    for place, (name, speed) in enumerate(zip(plan["buses"], each)):
+        bitrate = plan.get("bitrates", {}).get(name)
+        if bitrate is None:
+            parts.append((2 - 0.01 * place, f"{name} {speed:.0f} frames/s", None))
+        elif pace > 0.0:
+            share = each[len(plan["buses"]) + place] / pace / bitrate
+            parts.append((2 - 0.01 * place, f"{name} {100 * share:.0f} % full", "red" if share > HIGH_LOAD else None))
+    return parts or [(2, f"{frames:.0f} frames/s", None)]
 
 
 def bar(share, unicode, width=BAR):

@@ -32,9 +32,11 @@ def resampled(trial, rate):
 
 
 def kind_of(trial, path):
-    """How a signal goes on between its samples: "held", "turning" or "straight"."""
+    """How a signal goes on between its samples: "held", "turning", "straight", or round between the two ends of its circle, (low, high)."""
     if trial.dtype(path) != "float":
         return "held"
+    if circle := trial.row_of(path).get("circle"):
+        return tuple(circle)
     return "turning" if trial.find(path)[1] == (4,) and path.rpartition(".")[2] == QUATERNION else "straight"
 
 
@@ -49,8 +51,21 @@ def interpolate(kind, time, values, at):
     share = np.where(np.abs(share) < 1e-9, 0.0, np.where(np.abs(share - 1.0) < 1e-9, 1.0, share))
     before, after = values[left], values[left + 1]
     with np.errstate(invalid="ignore", over="ignore"):
-        between = turned(before, after, share) if kind == "turning" else before + share * (after - before)
+        if kind == "turning":
+            between = turned(before, after, share)
+        elif kind == "straight":
+            between = before + share * (after - before)
+        else:
+            between = gone_round(before, after, share, *kind)
     return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+
+
+def gone_round(before, after, share, low, high):
+    """Between two places on a circle on the shorter way; `low` and `high` are one place."""
+    turn = high - low
+    way = after - before
+    between = before + share * (way - turn * np.round(way / turn))
+    return np.where(between < low, between + turn, np.where(between > high, between - turn, between))
 
 
 def turned(before, after, share):

@@ -5,7 +5,7 @@
     trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
 
-A file that was cut off anywhere is read up to the last complete row; `complete` then is False.
+A file that was cut off anywhere is read up to the last complete row; `complete` then is False. What another recorder has gone on with belongs to it.
 """
 
 import difflib
@@ -20,6 +20,7 @@ import numpy as np
 
 from runtime.errors import BadInput
 from runtime.recordings import messages
+from runtime.recordings.parts import whole
 
 FORMATS = ("1",)
 FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
@@ -53,13 +54,14 @@ class Recorded:
 
 class Trial:
     """
-    signals : {path: {"index", "path", "dtype", "unit"}}, in the order of the row
+    signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
     rows : (ticks, signals) array of doubles
     tick, time, lateness : arrays over the rows; s
     frames : [Recorded], in order
     events : [dict]
     about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
     complete : whether the recording was finished
+    parts : [Path] it was read from: several where the recorder was killed and another went on
 
     BadInput if the file is no recording, or one of a newer Tickwork.
     """
@@ -67,7 +69,7 @@ class Trial:
     def __init__(self, path, progress=lambda share: None):
         """progress : called with the share of the file that has been read"""
         self.path = Path(path)
-        reader = Reader(self.path, progress)
+        reader, self.parts = whole(self.path, Reader, progress)
         self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
         self.events, self.complete = reader.events, reader.finished
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
@@ -138,8 +140,8 @@ class Trial:
     def resample(self, rate):
         """The same Trial at a fixed rate in Hz, from its first tick to its last; what ticks it had missed is filled in.
 
-        Floats go on straight lines between samples, ints and bools keep their newest value, quaternions turn at a constant rate. There is
-        no filter: what is faster than half the rate must have been taken out before.
+        Floats go on straight lines between samples, phases and bearings the shorter way round, ints and bools keep their newest value, quaternions
+        turn at a constant rate. There is no filter: what is faster than half the rate must have been taken out before.
         """
         from runtime.recordings.resample import resampled
 

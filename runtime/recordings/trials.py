@@ -13,20 +13,21 @@ import numpy as np
 
 from runtime.errors import BadInput
 from runtime.extras import need
+from runtime.recordings.parts import heads
 from runtime.recordings.trial import Trial
 
 
 def load(path):
     """A Trial; or Trials of a pattern or a list of paths. BadInput"""
     if not isinstance(path, (str, os.PathLike)):
-        return Trials([Trial(entry) for entry in path])
+        return Trials([Trial(entry) for entry in heads(path)])
     path = os.path.expanduser(path)
     if os.path.exists(path) or not glob.has_magic(path):
         return Trial(path)
     found = sorted(glob.glob(path))
     if not found:
         raise BadInput(f"there is no recording {path}")
-    return Trials([Trial(entry) for entry in found])
+    return Trials([Trial(entry) for entry in heads(found)])
 
 
 class Trials:

@@ -1,7 +1,7 @@
 """The process that feeds Rerun: rows and events come over a socket, and go into Rerun's own queues, which may block it as they like.
 
     order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time, values); E, an event as JSON; Q, all is told
-    answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, {"done": ...} at the end
+    answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, {"done": {"rows", "last" tick}} at the end
 
 It ends when all is told, when the recorder has died, or when its viewer has gone.
 """
@@ -39,7 +39,7 @@ def main(answers, control, descriptor):
         feed = Feed(json.loads(content))
         say(answers, {"ready": feed.told})
         follow(orders, feed)
-        say(answers, {"done": {"rows": feed.count}})
+        say(answers, {"done": {"rows": feed.count, "last": feed.last}})
     except Gone as error:
         say(answers, {"gone": str(error)})
     except Exception as error:                          # Rerun's, the disk's, the network's: told, as nobody sees this process
@@ -115,7 +115,7 @@ class Feed:
     """What is told, in Rerun. plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
 
     told : what the person at the terminal shall know
-    count : rows
+    count, last : rows, and the tick of the newest; None before the first
     """
 
     def __init__(self, plan):
@@ -128,7 +128,7 @@ class Feed:
         from runtime.rerun.target import url
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
-        self.path, self.count, self.told = plan["path"], 0, ""
+        self.path, self.count, self.last, self.told = plan["path"], 0, None, ""
         self.process, self.watched = None, None
         self.width = 2 + len(plan["signals"])
         scene = Scene(plan["name"], plan["signals"], plan["limits"])
@@ -159,7 +159,8 @@ class Feed:
 
         rows = np.frombuffer(content).reshape(-1, self.width)
         self.stream.rows(rows[:, 0].astype(np.int64), rows[:, 1].copy(), rows[:, 2:])
-        self.count += len(rows)
+        if len(rows):
+            self.count, self.last = self.count + len(rows), int(rows[-1, 0])
 
     def event(self, event):
         self.stream.event(event)

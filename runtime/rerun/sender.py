@@ -25,6 +25,7 @@ MOST_ROWS = 2000                # in a batch
 HELD = 64 << 20                 # bytes that may wait
 READY = 25.0                    # s for Rerun to be imported and a viewer to be started
 END = 20.0                      # s for what is left at the end
+LEGACY = 2.0                    # s to learn how far the process of a recorder that has died had come; the ring holds more
 STUCK = 20.0                    # s in virtual time without anything being taken
 BUFFER = 1 << 20                # bytes of the socket
 
@@ -74,6 +75,7 @@ class RerunSender(Service):
             os.close(descriptor)
             self.files[path] = ""
         self.batch, self.rows, self.lost = array("d"), 0, 0
+        self.after = self.sink.get("legacy")                # the tick that has been shown already
         self.sent = time.monotonic()
         self.waiting, self.held = deque(), 0
         self.socket, theirs = socket.socketpair()
@@ -96,6 +98,8 @@ class RerunSender(Service):
         self.greeting = answer["ready"]
 
     def row(self, tick, time_, values):
+        if self.after is not None and tick <= self.after:
+            return
         batch = self.batch
         batch.append(tick)
         batch.append(time_)
@@ -169,6 +173,11 @@ class RerunSender(Service):
         for path in self.files:
             self.files[path] = f"{self.rows - self.lost} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else "incomplete"
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
+
+    def legacy(self):
+        """The newest tick that was shown: the process that Rerun is fed by finishes what it has when the recorder dies, and says so to the next one."""
+        last = (self.child.answer(LEGACY) or {}).get("done", {}).get("last")
+        return self.after if last is None else last
 
     def end(self):
         self.socket.close()

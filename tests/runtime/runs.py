@@ -86,6 +86,22 @@ def started(*arguments, cwd, **how):
     return subprocess.Popen([sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, text=True, **how)
 
 
+def descendant(pid, word):
+    """Number of the process below another whose command line has a word; None where there is none."""
+    below = {pid}
+    for entry in sorted((int(name) for name in os.listdir("/proc") if name.isdigit())):
+        try:
+            stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
+            words = open(f"/proc/{entry}/cmdline", "rb").read()
+        except OSError:
+            continue
+        if int(stat[1]) in below:
+            below.add(entry)
+            if word.encode() in words and stat[0] != "Z":
+                return entry
+    return None
+
+
 class Listener:
     """Listens where PlotJuggler would: `address` for --plotjuggler, then datagrams as parsed JSON.
 

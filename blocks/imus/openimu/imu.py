@@ -40,7 +40,7 @@ class OpenImu(Device):
     accel = Output("m/s²", "specific force", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
     mag = Output("µT", "magnetic field", shape=(3,))
-    roll = Output("rad", "about x")
+    roll = Output("rad", "about x", circle=(-math.pi, math.pi))
     pitch = Output("rad", "about y")
     age = Output("s", "since the newest whole sample was heard")
     settings = Output("1", "which settings it has told to be as wanted: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters", dtype=int)

@@ -237,8 +237,9 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
     assert len(killer.killed) == 2 and ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"]
     assert all(ticks_of(part) for part in parts[1:])
     logs = [Trial(part.with_suffix(".mcap")) for part in parts]
-    assert [tick for log in logs for tick in log.tick] == ticks
-    assert [(log.about["part"], log.complete) for log in logs] == [(1, False), (2, False), (3, True)]
+    assert logs[0].tick.tolist() == ticks and logs[0].parts == [part.with_suffix(".mcap") for part in parts]      # the first stands for all
+    assert [(log.about["part"], log.complete, log.tick.tolist()) for log in logs[1:]] == [
+        (2, True, ticks_of(*parts[1:])), (3, True, ticks_of(parts[2]))]
     assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
     told = [f"the recorder process died; another goes on with {part}.csv, {part}.mcap, {part}.json; nothing was lost" for part in (
         tmp_path / "killing_part2", tmp_path / "killing_part3")]

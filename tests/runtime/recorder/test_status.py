@@ -16,7 +16,7 @@ from runtime.progress import Progress
 from runtime.recorder.status import StatusLine, describe, fit, rates, torque_parts
 from runtime.recorder.terminal import Terminal
 from tests.runtime.recorder.running import plan
-from tests.runtime.runs import KNEE_EXO, finished, knee
+from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
 from tests.runtime.terminals import Terminal as PseudoTerminal
 
@@ -183,8 +183,8 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
 class Heard:
     """What a recording has counted and heard last."""
 
-    def __init__(self, traffic, newest):
-        self.traffic, self.newest = traffic, newest
+    def __init__(self, traffic, newest, bits=()):
+        self.traffic, self.newest, self.bits = traffic, newest, bits
 
 
 def test_each_torque_has_a_bar_of_its_limit(screen):
@@ -199,20 +199,29 @@ def test_each_torque_has_a_bar_of_its_limit(screen):
     assert slave_columns.endswith("dropped 0 · left/knee ━━╌╌ −9.1 N·m · right/knee ━━━━ 9.9 N·m")
 
 
-def test_of_several_buses_each_is_told(screen):
+def test_of_each_bus_it_tells_how_full_it_is_or_its_frames_where_it_has_no_bits(screen):
     fcntl.ioctl(screen[0], termios.TIOCSWINSZ, WIDE)
-    heard = Heard([0, 0], None)
-    status = StatusLine(terminal(screen[0]), plan(None, status_line=True, buses=["legs", "imus"]), Still(), None, heard)
+    heard = Heard([0, 0], None, [0, 0])
+    order = plan(None, status_line=True, virtual=False, buses=["legs", "imus"], bitrates={"legs": 1e6})
+    status = StatusLine(terminal(screen[0]), order, Still(), None, heard)
     status.update(5.0)
-    heard.traffic = [160, 40]
+    heard.traffic, heard.bits = [160, 40], [18_000, 999]
     status.update(5.2)
-    assert "legs 800, imus 200 frames/s" in screen[1]()
+    assert "legs 9 % full · imus 200 frames/s" in screen[1]()
 
 
-def test_a_run_with_drives_shows_their_torque(tmp_path):
+def test_a_bus_that_is_nearly_full_is_red_and_in_virtual_time_its_time_counts():
+    speeds = (2000.0, 0.9, 1e5, 1e5, 8.1e6)             # ten times real time
+    assert "\x1b[31mlegs 81 % full\x1b[0m" in line(coloured=True, virtual=True, speeds=speeds, bitrates={"legs": 1e6})
+    assert "\x1b[31m" not in line(coloured=True, virtual=True, speeds=(*speeds[:4], 7.9e6), bitrates={"legs": 1e6})
+
+
+def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
+    """2 drives at 200 Hz, a command of 8 bytes and an answer each: 800 frames a second of 111 bits, and up to 24 stuffed ones."""
     with PseudoTerminal() as shown:
-        shown.run(knee(tmp_path), "--duration", "20", "--no-record", cwd=tmp_path)
-        shown.wait_for(r"running .* knee [━╌]{4} −?\d\.\d N·m")
+        shown.run(KNEE_EXO, "--duration", "20", "--no-record", cwd=tmp_path)
+        full = int(shown.wait_for(r"running .* legs (\d+) % full .* left/knee [━╌]{4} −?\d\.\d N·m")[1])
+        assert 0.85 * 800 * 111 / 1e6 < 0.01 * full < 1.15 * 800 * 135 / 1e6            # the window is short, the machine may be busy
         shown.press(b" ")
         assert shown.end() == 0
 

@@ -108,6 +108,18 @@ def test_a_quaternion_goes_the_shorter_way(tmp_path):
     assert np.allclose(found.resample(400)["imu.quaternion"][1], [math.cos(0.05), math.sin(0.05), 0.0, 0.0], atol=1e-12)
 
 
+def test_a_phase_and_a_bearing_go_round_between_samples_and_the_ends_of_their_circle_are_one(tmp_path):
+    circles = ((0.0, 1.0), (-math.pi, math.pi), ())
+    signals = [{**column, "circle": circle} for column, circle in zip(columns("gait.phase 1", "imu.yaw rad", "knee.angle rad"), circles)]
+    rows = [(0, 0.9, 3.0, 3.0), (1, 0.1, -3.0, -3.0), (2, 0.6, 2.9, 2.9)]
+    report = record(plan(tmp_path, sink(CSV, "csv", signals), stem="round"), [row(*values) for values in rows])
+    fine = runtime.load(next(entry["path"] for entry in report["files"] if entry["path"].endswith(".mcap"))).resample(800)
+    assert fine["gait.phase"] == pytest.approx([0.9, 0.95, 1.0, 0.05, 0.1, 0.225, 0.35, 0.475, 0.6], abs=1e-12)
+    step = (2.0 * math.pi - 6.0) / 4.0
+    assert fine["imu.yaw"][:5] == pytest.approx([3.0, 3.0 + step, math.pi, -3.0 - step, -3.0], abs=1e-12)
+    assert fine["imu.yaw"][8] == 2.9 and fine["imu.yaw"][7] > 2.9 and fine["knee.angle"][2] == 0.0
+
+
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.nan, math.inf])
 def test_a_rate_that_is_none_is_refused(trial, rate):
     with pytest.raises(BadInput, match="expected a rate in Hz above 0"):
@@ -157,6 +169,26 @@ def test_several_trials_are_one_table_with_their_fields(tmp_path):
         trials["nothing"]
     with pytest.raises(BadInput, match="there is no recording"):
         runtime.load(tmp_path / "other*.mcap")
+
+
+def test_a_trial_whose_recorder_was_killed_is_one_trial(tmp_path):
+    rows = list(walk(range(300)))
+    recorded(tmp_path, rows[:110], "cut")                       # ten rows more than the next part takes for granted
+    recorded(tmp_path, rows[100:200], "cut_part2", part=2)
+    (tmp_path / "cut_part3.mcap").write_bytes(b"")              # whose recorder was killed before its first tick
+    recorded(tmp_path, rows[200:], "cut_part4", part=4)
+    cut = runtime.load(tmp_path / "cut.mcap")
+    assert np.array_equal(np.column_stack((cut.tick, cut.rows)), rows) and cut.complete
+    assert [path.name for path in cut.parts] == ["cut.mcap", "cut_part2.mcap", "cut_part4.mcap"]
+    assert [trial.path.name for trial in runtime.load(tmp_path / "*.mcap")] == ["cut.mcap"]
+    assert runtime.load(tmp_path / "cut_part2.mcap").tick.tolist() == list(range(100, 300))
+    (tmp_path / "late.mcap").write_bytes(b"")                   # nothing of it was sure, and the next one began anew
+    (tmp_path / "cut_part2.mcap").rename(tmp_path / "late_part2.mcap")
+    late = runtime.load(tmp_path / "late.mcap")
+    assert late.path.name == "late.mcap" and len(late) == 100 and late.about["part"] == 1
+    recorded(tmp_path, rows[:50], "other", signals=SIGNALS)
+    recorded(tmp_path, [values[:-1] for values in rows[50:]], "other_part2", signals=SIGNALS[:-1], part=2)
+    assert len(runtime.load(tmp_path / "other.mcap")) == 50     # of a run of something else
 
 
 def test_pandas_gets_units_and_fields(tmp_path, trial):
