@@ -13,7 +13,8 @@ from tests.shared import shared
 from tests.test_packaging import ROOT
 
 
-@pytest.mark.parametrize("file", ["test_i2c.py", pytest.param("test_i2c_run.py", marks=pytest.mark.soak)])
+@pytest.mark.parametrize("file", [
+    "test_i2c.py", *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_i2c_run.py", "test_i2c_combined.py"))])
 def test_real_i2c_under_user_mode_linux(file):
     under_user_mode_linux(file, VMRUN_CHIPS=",".join(f"{address:#04x}" for address in CHIPS))
 
