@@ -21,6 +21,14 @@ LONGEST = 120.0                 # s that the tests of a mutant may take, for one
 WORKERS = 2
 
 
+def build_of():
+    """setup.py as a module: its flags and directives."""
+    specification = importlib.util.spec_from_file_location("build_of_tickwork", ROOT / "setup.py")
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
 class Laboratory:
     """A copy in a folder. `tried(target, mutant)`: "killed", "survived", or "no program" where it does not compile."""
 
@@ -29,9 +37,7 @@ class Laboratory:
         for name in ("setup.py", "pyproject.toml"):
             (self.folder / name).write_bytes((ROOT / name).read_bytes())
         self.suffix = sysconfig.get_config_var("EXT_SUFFIX")
-        specification = importlib.util.spec_from_file_location("build_of_tickwork", ROOT / "setup.py")
-        self.build_of = importlib.util.module_from_spec(specification)
-        specification.loader.exec_module(self.build_of)
+        self.build_of = build_of()
 
     def tried(self, target, mutant):
         path = self.folder / target.file
