@@ -28,6 +28,9 @@ EQUIVALENT = {
         "the share is 1 then",
     "cext/kernels/drive_law.pxd share_inside: if share * (spread - error) > limit + law.torque: -> if share * (spread - error) >= limit + law.torque:":
         "the share stays what it is then",
+    "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",
+    "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
+    "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "runtime/guardian/stopping.py __init__: self.limit = LONGEST + max(self.damping.values(), default=0) -> "
     "self.limit = LONGEST + max(self.damping.values(), default=1)": "without a device it is over at once",
 }

@@ -25,7 +25,7 @@ TARGETS = (
     Target("cext/kernels/drive_law.pxd", ("share_inside",), "cext/kernels/cubemars", DRIVE),
     Target("cext/kernels/mit.pxd", ("felt_share", "quantise", "encode_command"), "cext/kernels/cubemars", DRIVE),
     Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
-           "want_replies", "is_like"), "cext/devices", STOPS),
+           "want_replies", "is_like"), "cext/devices", (*STOPS, "tests/cext/test_stopwatch.py")),
     Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), "cext/journal", STOPS),
     Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), "cext/page", STOPS),
     Target("cext/executor.pyx", ("stop",), "cext/executor", STOPS),

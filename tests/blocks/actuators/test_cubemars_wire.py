@@ -182,6 +182,13 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
     assert abs(wired["torque_sent"] - sign * understood["torque"]) < 1e-12 * MODELS[model].wire_torque
 
 
+def test_a_share_that_is_not_between_nothing_and_all_is_no_command():
+    wired = drive("AK80-9")
+    for share in (math.nan, -1e-9, 1.0000001, math.inf):
+        wired.arena[AUTHORITY] = share
+        assert wired.say(torque_command=1.0) == OUT_OF_LIMITS
+
+
 @models
 @pytest.mark.parametrize("invert", [False, True])
 @pytest.mark.parametrize("offset", [0.0, 0.7, -0.7])
