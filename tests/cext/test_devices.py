@@ -1,12 +1,16 @@
 """Devices that report faults, fall silent, or send what is no answer; and sensors that are never asked."""
 
 import ctypes
+import errno
 
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.sources import StepSource
-from graph import Device, Diagram, Output, Param
+from cext.executor import Executor
+from cext.program import Program
+from cext.rings import Line, Lines
+from graph import Device, Diagram, Output, Param, compile
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive
 
 
@@ -129,6 +133,34 @@ def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor", timeout=0.0)
     assert Rig(robot).run(20).status == "ok"
+
+
+class Streamed(Sensor):
+    """On a line of its own."""
+
+    medium = "stream"
+
+
+def test_what_a_line_has_given_is_taken_whole_in_one_tick():
+    with Diagram("robot", rate=200) as robot:
+        Streamed(name="sensor", timeout=0.0)
+    rig = Rig(robot)
+    for number in range(1, 501):
+        rig.buses["can"].device.send(number, b"")
+    assert rig.run(1).status == "ok" and rig["sensor.reading"].tolist() == [500.0]
+
+
+def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
+    with Diagram("robot", rate=200) as robot:
+        for bus in ("left", "middle", "right"):
+            CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
+    schedule, lines = compile(robot), Lines(3)
+    ends = [Line(lines, number).end for number in range(3)]
+    for number in range(3):
+        lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
+    lines.fail(1, errno.ENODEV)
+    outcome = Executor(Program(schedule, ends), 200.0, virtual=True).run(10)
+    assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1])
 
 
 @pytest.mark.parametrize("can_id", [1, 5, 255])

@@ -42,23 +42,25 @@ class Laboratory:
     def tried(self, target, mutant):
         path = self.folder / target.file
         original = path.read_text()
-        extension = self.folder / f"{target.module}{self.suffix}" if target.module else None
-        built = extension.read_bytes() if extension else b""
+        built = {extension: extension.read_bytes() for extension in map(self.extension, target.modules)}
         path.write_text(mutant.text)
         try:
-            if target.module and not self.build(target.module):
+            if not all(map(self.build, target.modules)):
                 return "no program"
-            return "survived" if self.passes(target.tests, LONGEST, target.module is not None) else "killed"
+            return "survived" if self.passes(target.tests, LONGEST, bool(target.modules)) else "killed"
         finally:
             path.write_text(original)
-            if extension:
-                extension.unlink()
-                extension.write_bytes(built)
+            for extension, data in built.items():
+                extension.unlink(missing_ok=True)
+                extension.write_bytes(data)
+
+    def extension(self, module):
+        return self.folder / f"{module}{self.suffix}"
 
     def build(self, module):
         """One extension, as setup.py builds it, but with less care for its speed. False where it cannot be."""
         directives = [word for name, value in self.build_of.DIRECTIVES.items() for word in ("-X", f"{name}={value}")]
-        out = self.folder / f"{module}{self.suffix}"
+        out = self.extension(module)
         out.unlink()
         code = self.folder / "mutant.c"
         translate = [sys.executable, "-m", "cython", "-3", *directives, f"{module}.pyx", "-o", str(code)]

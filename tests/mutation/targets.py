@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Target:
-    """file : from the root; functions : of it; module : the extension that is built anew, None for Python; tests : files, the quickest first"""
+    """file : from the root; functions : of it; modules : extensions that are built anew, none for Python; tests : files, the quickest first"""
 
     file: str
     functions: tuple
-    module: str | None
+    modules: tuple
     tests: tuple
 
 
@@ -20,17 +20,19 @@ TARGETS = (
     Target("cext/kernels/limiters.pyx", (
         "saturation_kernel", "slew_kernel", "slew_settle", "torque_limiter_kernel", "power_kernel", "soft_stop_kernel", "derating_kernel",
         "soft_start_kernel", "remember", "rms_torque_kernel"),
-        "cext/kernels/limiters", ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
-    Target("cext/kernels/limits.pxd", ("clip", "toward"), "cext/kernels/limiters", ("tests/blocks/test_limiters.py",)),
-    Target("cext/kernels/drive_law.pxd", ("share_inside",), "cext/kernels/cubemars", DRIVE),
-    Target("cext/kernels/mit.pxd", ("felt_share", "quantise", "encode_command"), "cext/kernels/cubemars", DRIVE),
+        ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
+    Target("cext/kernels/limits.pxd", ("clip", "toward"), ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py",)),
+    Target("cext/kernels/drive_law.pxd", ("share_inside",), ("cext/kernels/cubemars",), DRIVE),
+    Target("cext/kernels/mit.pxd", ("felt_share", "quantise", "encode_command"), ("cext/kernels/cubemars", "cext/kernels/robstride_mit"),
+           (*DRIVE, "tests/blocks/actuators/test_robstride_mit.py")),
     Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
-           "want_replies", "is_like"), "cext/devices", (*STOPS, "tests/cext/test_stopwatch.py")),
-    Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), "cext/journal", STOPS),
-    Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), "cext/page", STOPS),
-    Target("cext/executor.pyx", ("stop",), "cext/executor", STOPS),
-    Target("cext/arming.pyx", ("halt",), "cext/arming", STOPS),
-    Target("cext/waiting.pyx", ("is_survived",), "cext/waiting", STOPS),
-    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), None, ("tests/runtime/guardian/test_safe_stop.py",)),
-    Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), None, ("tests/runtime/guardian/test_carrying.py",)),
+           "want_replies", "is_like"), ("cext/devices",),
+           (*STOPS, "tests/cext/test_stopwatch.py", "tests/cext/test_buses.py", "tests/blocks/actuators/test_cubemars_extended_life.py")),
+    Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), ("cext/journal",), STOPS),
+    Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), ("cext/page",), STOPS),
+    Target("cext/executor.pyx", ("stop",), ("cext/executor",), STOPS),
+    Target("cext/arming.pyx", ("halt",), ("cext/arming",), STOPS),
+    Target("cext/waiting.pyx", ("is_survived",), ("cext/waiting",), STOPS),
+    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), (), ("tests/runtime/guardian/test_safe_stop.py",)),
+    Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), (), ("tests/runtime/guardian/test_carrying.py",)),
 )

@@ -182,6 +182,14 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
     assert abs(wired["torque_sent"] - sign * understood["torque"]) < 1e-12 * MODELS[model].wire_torque
 
 
+def test_a_torque_of_the_whole_limit_is_not_counted_as_limited_and_one_above_it_is():
+    wired, limit = drive("AK80-9"), 7.0
+    wired["limits"] = [*wired["wire"], limit]
+    for torque, counted in ((limit, 0), (-limit, 0), (math.nextafter(limit, math.inf), 1), (-1.01 * limit, 2)):
+        say(wired, torque=torque)
+        assert wired["limited"] == counted
+
+
 def test_a_share_that_is_not_between_nothing_and_all_is_no_command():
     wired = drive("AK80-9")
     for share in (math.nan, -1e-9, 1.0000001, math.inf):
