@@ -7,11 +7,12 @@ import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.sources import StepSource
+from cext.buses import MemoryBus
 from cext.executor import Executor
 from cext.program import Program
 from cext.rings import Line, Lines
 from graph import Device, Diagram, Output, Param, compile
-from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive
+from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
 def test_a_fault_that_a_drive_reports_ends_the_run():
@@ -133,6 +134,31 @@ def test_a_sensor_that_may_be_silent_for_ever_is_not_waited_for():
     with Diagram("robot", rate=200) as robot:
         Sensor(name="sensor", timeout=0.0)
     assert Rig(robot).run(20).status == "ok"
+
+
+def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_out():
+    @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
+    def raises_the_fence(arena, slots, sizes, frame):
+        rig.page.raise_fence()
+        return 1
+
+    class Spy(Sensor):
+        bus, decode = "other", raises_the_fence
+
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+        Spy(name="sensor", timeout=0.0)
+    rig = Rig(robot)
+    rig.buses["other"].device.send(42, b"")
+    assert rig.run(20).status == "fenced" and set(rig.sent()) == set(STOP)
+
+
+def test_a_robot_without_a_page_arms_and_runs():
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=1.0)
+    bus, schedule = MemoryBus(), compile(robot)
+    executor = Executor(Program(schedule, [bus.host]), schedule.rate, plant=Program(compile(plant_of(robot)), [bus.device]), substeps=5, virtual=True)
+    assert executor.run(20).status == "ok"
 
 
 class Streamed(Sensor):

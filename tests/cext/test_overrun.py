@@ -1,5 +1,6 @@
 """Overruns: what is done about a tick that comes too late, who is blamed for it, and the safe stop when it is too much."""
 
+import ctypes
 import time
 
 import pytest
@@ -51,6 +52,27 @@ def robot(seconds, ticks, **options):
         Passes(name="after")(slow)
         knee(torque_command=slow)
     return Rig(diagram, plant_of(diagram, substeps=1), virtual=False, **options)
+
+
+def test_a_device_that_holds_the_loop_while_it_encodes_is_told_as_that():
+    pointer, asked = ctypes.c_void_p, []
+
+    @ctypes.CFUNCTYPE(ctypes.c_int, pointer, pointer, pointer, pointer)
+    def encode(arena, slots, sizes, frames):
+        asked.append(0)
+        if len(asked) == 10:
+            time.sleep(0.11)
+        return 0
+
+    class Slow(CubeMars):
+        pass
+
+    Slow.encode = encode
+    with Diagram("robot", rate=RATE) as diagram:
+        Slow("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=0.5)
+    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=False, overrun="fault:3")
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit) == ("overrun", "encoding")
 
 
 def test_too_long_a_block_is_a_fault_that_names_it_and_is_followed_by_the_stop_frames_within_two_ticks():

@@ -4,12 +4,13 @@ import sys
 
 import pytest
 
+from blocks.actuators import CubeMars
 from blocks.discrete import UnitDelay
 from blocks.filters import Butterworth
 from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain
 from graph import Block, Diagram, Input, Output
-from tests.cext.rigs import Rig, one_drive
+from tests.cext.rigs import Rig, one_drive, plant_of
 
 RATE = 200
 
@@ -160,6 +161,16 @@ def test_a_profile_of_a_robot_tells_of_its_devices_and_its_plant():
     assert kinds["knee"]["kind"] == "device" and kinds["knee"]["count"] == 50
     assert {"receiving", "sending", "the plant"} <= set(kinds)
     assert {row["name"]: row["count"] for row in plant}["knee_limb"] >= 250
+
+
+def test_a_profile_tells_each_device_by_itself():
+    with Diagram("robot", rate=RATE) as robot:
+        for can_id, name in enumerate(("left", "middle", "right"), 1):
+            CubeMars("AK10-9-V2.0", can_id=can_id, name=name)(torque_command=1.0)
+    rig = Rig(robot, plant_of(robot), profile=True)
+    rig.run(40)
+    rows, _ = rig.executor.profile
+    assert {row["name"]: row["count"] for row in rows if row["kind"] == "device"} == {"left": 40, "middle": 40, "right": 40}
 
 
 def test_a_profile_changes_no_signal():

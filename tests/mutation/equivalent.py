@@ -29,6 +29,9 @@ EQUIVALENT = {
     "cext/kernels/drive_law.pxd share_inside: if share * (spread - error) > limit + law.torque: -> if share * (spread - error) >= limit + law.torque:":
         "the share stays what it is then",
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",
+    "cext/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: nothing of a block stands at 0",
+    "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
+    "if device.fault >= 1 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it leaves no remainder as often",
