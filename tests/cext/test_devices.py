@@ -41,6 +41,13 @@ def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
     assert rig["knee.age"] == pytest.approx([tick / 200 for tick in range(11)], abs=1e-9)
 
 
+def test_what_has_come_after_the_tick_began_has_no_age():
+    rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
+    rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=12_000_000)
+    rig.run(6)
+    assert rig["knee.age"] == pytest.approx([0.0, 0.0, 0.0, 0.003, 0.008, 0.013], abs=1e-12)
+
+
 def test_a_timeout_of_zero_waits_for_ever():
     rig = one_drive(lambda knee: 0.0, plant=False, timeout=0.0)
     rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
