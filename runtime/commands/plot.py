@@ -60,7 +60,7 @@ def pictures(trial, options):
         rows = pictures.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
-        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind))
+        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind, title))
         for title, rows in pictures.overview(trial).items()]
 
 
