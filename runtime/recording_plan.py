@@ -34,6 +34,7 @@ def plan(prepared, realtime):
             "path": sink.block.path,
             "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
             "columns": [vars(column) for column in sink.columns],
+            "wanted": request.plotjuggler is not None,
         }
         for sink in schedule.sinks
         if not (request.no_record and isinstance(sink.block, CsvRecorder))

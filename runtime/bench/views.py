@@ -1,10 +1,19 @@
-"""What looking on costs the loop: 100 signals at 1000 Hz, with every recorder and viewer on, and with none; chunks in turn, samples pooled."""
+"""What looking on costs the loop: 100 signals at 1000 Hz, with every recorder and viewer on, and with none.
 
+Chunks take turns, each in a process of its own, and their samples are pooled.
+"""
+
+import json
+import os
 import socket
+import subprocess
+import sys
 import tempfile
 from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
+
+import numpy as np
 
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
@@ -12,6 +21,7 @@ from blocks.sinks import PlotJuggler, Rerun
 from blocks.sources import Sine
 from graph import Diagram, compile, subsystem
 from runtime.bench.clock import Kept
+from runtime.errors import BadInput
 from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
 
@@ -50,8 +60,21 @@ def chunk(looked_at, seconds, realtime, folder, port):
     return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * RATE)))
 
 
+def elsewhere(name, seconds, realtime, folder, port):
+    """What runtime.bench.views_process tells of a chunk. BadInput"""
+    words = [sys.executable, "-m", "runtime.bench.views_process", name, str(seconds), realtime, str(folder), str(port)]
+    path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path})
+    if done.returncode:
+        raise BadInput(f"a chunk with {name} ended with code {done.returncode}: {(done.stderr.splitlines() or ['no word'])[-1]}")
+    told = json.loads(done.stdout)
+    if "refused" in told:
+        raise BadInput(told["refused"])
+    return told
+
+
 def measure(seconds, repeats, realtime="off"):
-    """({NONE, ALL: Kept}, [what the recorders told of trouble], records that were dropped). RecorderError, RealtimeRefused"""
+    """({NONE, ALL: Kept}, [what the recorders told of trouble], records that were dropped). BadInput"""
     found, problems, dropped = {NONE: Kept(), ALL: Kept()}, [], 0
     with ExitStack() as stack:
         listener = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
@@ -59,11 +82,10 @@ def measure(seconds, repeats, realtime="off"):
         for _ in range(repeats):
             for name, kept in found.items():
                 with tempfile.TemporaryDirectory() as folder:
-                    result = chunk(name == ALL, seconds, realtime, folder, listener.getsockname()[1])
-                counts = [result.page.counts(what) for what in ("lateness", "period")]
-                kept.add(*counts, result.statistics["ticks"], result.statistics["missed"])
-                problems += result.recording["problems"]
-                dropped += result.statistics["dropped"]
+                    told = elsewhere(name, seconds, realtime, folder, listener.getsockname()[1])
+                kept.add(*(np.array(told[what], dtype=np.uint64) for what in ("lateness", "period")), told["ticks"], told["missed"])
+                problems += told["problems"]
+                dropped += told["dropped"]
     return found, problems, dropped
 
 

@@ -3,7 +3,7 @@
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
 from runtime.commands.parsing import Parser, count, number
-from runtime.errors import OK, BadInput
+from runtime.errors import OK
 
 
 def main(arguments):
@@ -15,15 +15,11 @@ def main(arguments):
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     from runtime.bench import views
-    from runtime.realtime import RealtimeRefused
-    from runtime.recorder import RecorderError
 
     report = Report(options.json)
-    report.say([f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn; --realtime {options.realtime}", *words()], **machine())
-    try:
-        found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
-    except (RealtimeRefused, RecorderError) as error:
-        raise BadInput(str(error)) from None
+    what = f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn, each in a process of its own; --realtime {options.realtime}"
+    report.say([what, *words()], **machine())
+    found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
     title = f"{views.SIGNALS} signals, {views.RATE} Hz"
     lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'p99.9':>10}{'missed':>14}"], {}
     for name, kept in found.items():

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from runtime.commands.parsing import Parser, number
+from runtime.commands.reading import read
 from runtime.conversion import FORMATS, OPENSIM, convert
 from runtime.errors import OK, BadInput
 from runtime.progress import Progress
 from runtime.recordings.parts import heads
-from runtime.recordings.trial import Trial
 from runtime.terminal import tell
 
 READING = 0.5                   # share of the time that goes into reading, about
@@ -44,7 +44,7 @@ def formats(text):
 def converted(recording, kinds, rate, folder):
     """Paths of what one recording becomes, as they are written."""
     with Progress(f"converting {recording.name}") as progress:
-        trial = Trial(recording, progress.part(0.0, READING))
+        trial = read(recording, progress, 0.0, READING)
         if rate is not None:
             trial = trial.resample(rate)
         stem = str((folder or recording.parent) / recording.stem)

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from runtime.commands.parsing import Parser
+from runtime.commands.reading import read
 from runtime.errors import CHECK_FAILED, OK
 from runtime.progress import Progress
 from runtime.recordings import diff
 from runtime.recordings.compare import compare
-from runtime.recordings.trial import Trial
 from runtime.terminal import tell
 
 
@@ -18,7 +18,7 @@ def main(arguments):
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
     options = parser.parse_args(arguments)
     with Progress("comparing") as progress:
-        here, there = Trial(options.first, progress.part(0.0, 0.5)), Trial(options.second, progress.part(0.5, 0.9))
+        here, there = read(options.first, progress, 0.0, 0.5), read(options.second, progress, 0.5, 0.9)
         comparison = compare(here, there)
     tell(diff.table(here, there, comparison))
     if comparison.differences:

@@ -4,10 +4,10 @@ import re
 from pathlib import Path
 
 from runtime.commands.parsing import Parser
+from runtime.commands.reading import read
 from runtime.errors import OK, BadInput
 from runtime.progress import Progress
 from runtime.recorder.files import create
-from runtime.recordings.trial import Trial
 from runtime.terminal import tell
 
 KINDS = (".png", ".svg")
@@ -33,7 +33,7 @@ def main(arguments):
     if options.output is not None and options.output.suffix not in KINDS:
         raise BadInput(f"-o {options.output}: a picture ends in {' or '.join(KINDS)}")
     with Progress(f"drawing {options.recording.name}") as progress:
-        trial = Trial(options.recording, progress.part(0.0, 0.5))
+        trial = read(options.recording, progress, 0.0, 0.5)
         try:
             wanted = pictures(trial, options)
             for number, (name, draw) in enumerate(wanted):
@@ -60,7 +60,7 @@ def pictures(trial, options):
         rows = pictures.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
-        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind))
+        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind, title))
         for title, rows in pictures.overview(trial).items()]
 
 

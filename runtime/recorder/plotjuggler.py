@@ -4,11 +4,13 @@
 
 With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take. Whatever is not
 finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one datagram goes as several, a
-subsystem each, with the same timestamp. Sending never waits: a datagram that the network does not take is counted and forgotten.
+subsystem each, with the same timestamp. Sending never waits: a datagram that the network does not take, or that nobody listens for, is
+counted and forgotten.
 """
 
 import re
 import socket
+from contextlib import suppress
 
 import msgspec.json
 
@@ -16,6 +18,7 @@ from runtime.recorder.service import Service
 
 DATAGRAM = 65507                # bytes, the most that UDP over IPv4 carries
 STAMP = "timestamp"
+WATCHED = 50                    # datagrams that were taken: somebody was there
 _ELEMENT = re.compile(r"^(.*?)((?:\[\d+\])+)$")
 
 
@@ -33,11 +36,14 @@ class PlotJugglerSender(Service):
         family, kind, protocol, _, self.address = found[0]
         self.socket = socket.socket(family, kind, protocol)
         self.socket.setblocking(False)
+        with suppress(OSError):                 # a network that is not there yet
+            self.socket.connect(self.address)   # so that we hear when nobody listens
         self.messages = [Message(self.sink["columns"])]
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
         self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come
         self.sent = self.lost = 0
-        self.trouble = None
+        self.trouble, self.said = None, False
+        self.silent = not self.sink.get("wanted", True)     # a block that the diagram has anyhow: who does not look on need not be told of it
 
     def row(self, tick, time, values):
         if self.decimation > 1:
@@ -70,20 +76,37 @@ class PlotJugglerSender(Service):
             self.send(b"[" + b",".join(waiting) + b"]")
 
     def send(self, datagram):
-        try:
-            self.socket.sendto(datagram, self.address)
-            self.sent += 1
-        except OSError as error:
-            if not self.lost:
-                self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: the network does not take what is sent to {self.address[0]} port {self.address[1]} "
-                         f"({error.strerror}); the run goes on")
-            self.lost += 1
-            self.trouble = error.strerror
+        for _ in range(2):
+            try:
+                self.socket.sendto(datagram, self.address)
+                self.sent += 1
+                return
+            except ConnectionRefusedError as error:         # of the one before; this one has not gone yet
+                self.sent -= 1
+                gone = self.sent - self.lost > WATCHED
+                self.silent = self.silent and not gone
+                self.lose(f"nobody listens at {self.where}{' any more' if gone else ''}: in PlotJuggler start the UDP server", error)
+            except OSError as error:
+                self.silent = False
+                self.lose(f"the network does not take what is sent to {self.where} ({error.strerror})", error)
+                return
+
+    def lose(self, words, error):
+        """Count a datagram. The first is told."""
+        if not self.silent and not self.said:
+            self.said = True
+            self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {words}; the run goes on")
+        self.lost += 1
+        self.trouble = error.strerror
+
+    @property
+    def where(self):
+        return f"{self.address[0]} port {self.address[1]}"
 
     def close(self):
         self.flush()
         self.socket.close()
-        return {"datagrams": self.sent, "lost": self.lost, "trouble": self.trouble, "to": f"{self.address[0]} port {self.address[1]}"}
+        return {"datagrams": self.sent, "lost": self.lost, "trouble": self.trouble, "to": self.where}
 
 
 class Message:

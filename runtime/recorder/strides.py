@@ -99,8 +99,12 @@ class StrideAverage(Service):
         from runtime.recorder.picture import draw
 
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
-        with open(descriptor, "wb") as file:
-            draw(plan["name"], walked, file)
+        try:
+            with open(descriptor, "wb") as file:
+                draw(plan["name"], walked, file)
+        except BaseException:
+            os.unlink(path)
+            raise
         return {"strides": results, "files": {path: "the average stride of " + " and ".join(r["title"] for r in walked)}}
 
 

@@ -16,14 +16,14 @@ PART = re.compile(r"(.+)_part(\d+)")
 def heads(paths):
     """[Path]: those that do not go on with another one among them."""
     paths = [Path(path) for path in paths]
-    names = {path.with_suffix("") for path in paths}
-    return [path for path in paths if (found := PART.fullmatch(path.stem)) is None or path.with_name(found[1]) not in names]
+    names = {(path.parent, path.stem) for path in paths}
+    return [path for path in paths if (found := PART.fullmatch(path.stem)) is None or (path.parent, found[1]) not in names]
 
 
 def whole(path, read, progress):
     """(what was read of the file and of the parts that go on with it, [Path] of all of them).
 
-    read : called with a path and a progress; returns a runtime.recordings.trial.Reader. BadInput
+    read : called with a path and a progress; returns a runtime.recordings.reader.Reader. BadInput
     """
     first, number, paths = read_first(path, read, progress)
     stem = path.stem.removesuffix(f"_part{number}") if number > 1 else path.stem
@@ -42,7 +42,7 @@ def whole(path, read, progress):
 
 def read_first(path, read, progress):
     """(what was read, the number of the part, [its Path]). An empty file is one whose recorder died at once: the next part begins where it should have."""
-    following = path.with_name(f"{path.stem}_part2{path.suffix}")
+    following = path.parent / f"{path.stem}_part2{path.suffix}"
     if following.exists() and path.exists() and path.stat().st_size == 0:
         first = read(following, progress)
         first.about = {**first.about, "part": 1}
@@ -66,7 +66,7 @@ def join(first, second):
     for topic in {**first.messages, **second.messages}:
         first.messages[topic] = first.messages.get(topic, [])[:rows] + second.messages.get(topic, [])
     first.events += [event for event in second.events if event["event"] != "begin"]
-    first.end, first.finished = second.end, second.finished
+    first.end, first.finished, first.trouble = second.end, second.finished, second.trouble
 
 
 def keep(first, second):

@@ -34,16 +34,15 @@ def rows_of(trial, paths):
     return list(units.values())
 
 
-def over_time(trial, rows, title, file, kind):
-    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg" """
+def over_time(trial, rows, title, file, kind, told=""):
+    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"; told : the subsystem that the title has named already"""
     figure, axes = sheet(len(rows), title)
     for axis, paths in zip(axes, rows):
         curves = [(label, values) for path in paths for label, values in elements(trial, path)][:CURVES]
-        common = folder_of(paths)
         for number, (label, values) in enumerate(curves):
             steps = values.dtype != float
             axis.plot(trial.time, values, color=COLOURS[number % len(COLOURS)], linewidth=1.2, drawstyle="steps-post" if steps else "default",
-                      linestyle="-" if number < len(COLOURS) else "--", label=label.removeprefix(common))
+                      linestyle="-" if number < len(COLOURS) else "--", label=label.removeprefix(f"{told}/"))
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
         if len(limits) == 1:                    # several would need a legend of their own
             for place, end in enumerate(*limits):
@@ -166,12 +165,6 @@ def elements(trial, path):
     places, _ = trial.find(path)
     names = list(trial.signals)
     return [(names[place], trial[names[place]]) for place in places]
-
-
-def folder_of(paths):
-    """What the labels of a plot need not say: the subsystem, where all are in one."""
-    folders = {split(path)[0] for path in paths}
-    return f"{folders.pop()}/" if len(folders) == 1 and "" not in folders else ""
 
 
 def unit_label(unit):

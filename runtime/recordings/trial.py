@@ -5,51 +5,22 @@
     trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
 
-A file that was cut off anywhere is read up to the last complete row; `complete` then is False. What another recorder has gone on with belongs to it.
+A file that was cut off or damaged anywhere is read up to the last complete row before; `complete` then is False. What another recorder has gone on with belongs to it.
 """
 
 import difflib
-import json
-import os
 import re
-import struct
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from runtime.errors import BadInput
 from runtime.recordings import messages
 from runtime.recordings.parts import whole
+from runtime.recordings.reader import Reader
 
-FORMATS = ("1",)
-FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
-FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
-FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
-LOOK = 4096                     # records between two looks at how far the reading is
 TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """A CAN frame.
-
-    time : ns since the run's begin
-    drain : which drain of the buses, counted from 1, found it there, or came before it was sent; 0 before the first
-    drained : ns since the run's begin, when that was
-    row : how many rows were complete before it
-    payload : bytes of a struct Frame
-    """
-
-    time: int
-    bus: str
-    sent: bool
-    drain: int
-    drained: int
-    row: int
-    payload: bytes
 
 
 class Trial:
@@ -60,7 +31,7 @@ class Trial:
     frames : [Recorded], in order
     events : [dict]
     about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
-    complete : whether the recording was finished
+    complete, trouble : whether the recording was finished; if not, what is the matter with the file, in a line
     parts : [Path] it was read from: several where the recorder was killed and another went on
 
     BadInput if the file is no recording, or one of a newer Tickwork.
@@ -71,7 +42,7 @@ class Trial:
         self.path = Path(path)
         reader, self.parts = whole(self.path, Reader, progress)
         self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
-        self.events, self.complete = reader.events, reader.finished
+        self.events, self.complete, self.trouble = reader.events, reader.finished, reader.trouble
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
         self.places = {path: place for place, path in enumerate(self.signals)}
         ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=TICK)
@@ -164,68 +135,3 @@ class Trial:
         from runtime.recordings.trials import table
 
         return table(self)
-
-
-class Reader:
-    """The records of a file, sorted by what they are."""
-
-    def __init__(self, path, progress):
-        self.about = self.end = self.diagram = None
-        self.events, self.frames = [], []
-        self.began = 0              # ns of the wall clock; in virtual time the file's times begin at 0
-        self.messages, self.topics = {messages.ROW_END: []}, {}
-        self.finished = False
-        try:
-            with open(path, "rb") as stream:
-                size = max(1, os.fstat(stream.fileno()).st_size)
-                self.read(stream, lambda: progress(stream.tell() / size))
-        except OSError as error:
-            raise BadInput(f"{path}: {error.strerror}") from None
-        if self.about is None:
-            raise BadInput(f"{path} is no recording of Tickwork, or was cut off before its first tick")
-        if self.about.get("format") not in FORMATS:
-            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
-
-    def read(self, stream, look):
-        from mcap.exceptions import McapError
-        from mcap.records import Attachment, Channel, Footer, Message
-        from mcap.stream_reader import StreamReader
-
-        try:
-            for number, record in enumerate(StreamReader(stream, record_size_limit=None).records):
-                if number % LOOK == 0:
-                    look()
-                if isinstance(record, Message):
-                    self.take(record)
-                elif isinstance(record, Attachment):
-                    setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
-                elif isinstance(record, Channel):
-                    self.topics[record.id] = record.topic
-                    self.messages.setdefault(record.topic, [])
-                elif isinstance(record, Footer):
-                    self.finished = True
-        except (McapError, EOFError, struct.error):             # cut off in the middle of a record
-            pass
-
-    def take(self, record):
-        topic = self.topics[record.channel_id]
-        if topic.startswith(messages.BUS):
-            self.frames.append(self.frame(topic.removeprefix(messages.BUS), record))
-        elif topic == messages.EVENTS:
-            event = json.loads(messages.read(messages.EVENT, record.data)["json"])
-            self.events.append(event)
-            if event["event"] == "begin":
-                self.began = event["wall"]
-        else:
-            self.messages[topic].append(record.data)
-
-    def frame(self, bus, record):
-        fields = messages.read(messages.FRAME, record.data)
-        data = fields.get("data", b"")
-        identifier = fields["id"] | sum(bit for name, bit in FLAGS.items() if fields.get(name))
-        flags = sum(bit for name, bit in FD_FLAGS.items() if fields.get(name))
-        sent = bool(fields.get("sent"))
-        time = record.log_time - self.began
-        payload = FRAME.pack(time, identifier, len(data), flags, self.about["buses"].index(bus), sent, data)
-        rows = len(self.messages[messages.ROW_END])
-        return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)

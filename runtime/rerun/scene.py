@@ -29,6 +29,11 @@ class Plot:
     shown: list = field(default_factory=list)
     limits: list = field(default_factory=list)
 
+    def order(self):
+        """What is shown comes first: a legend is as long as it finds room."""
+        places = sorted(range(len(self.columns)), key=lambda place: not self.shown[place])
+        self.columns, self.labels, self.shown = ([what[place] for place in places] for what in (self.columns, self.labels, self.shown))
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -91,6 +96,7 @@ class Scene:
         for plot in plots.values():
             if not any(plot.shown):
                 plot.shown = [number < MOST for number in range(len(plot.columns))]
+            plot.order()
         return list(plots.values())
 
     def find_limbs(self):

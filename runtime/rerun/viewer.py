@@ -40,8 +40,10 @@ def start(*words, mortal):
     prctl = ctypes.CDLL(None, use_errno=True).prctl
 
     def before():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)                   # we ignore them, and it would inherit that
         if mortal:
-            prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)        # it has inherited that SIGTERM does nothing
+            prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
     return subprocess.Popen(
         [executable(), *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,

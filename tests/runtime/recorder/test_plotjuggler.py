@@ -3,11 +3,11 @@
 import json
 import math
 import socket
-from types import SimpleNamespace
 
 import pytest
 
 from runtime.recorder import RecorderError
+from runtime.recorder.plotjuggler import PlotJugglerSender
 from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 from blocks.sinks import PlotJuggler
 
@@ -143,11 +143,42 @@ def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothi
         "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); the run goes on\n")
 
 
-def test_nobody_listening_is_no_error():
+def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest():
     listener = Listener()
     listener.socket.close()
-    result, _ = send(SimpleNamespace(host="127.0.0.1", port=listener.port, heard=list), columns("a.x m"), [row(k, 1.0) for k in range(10)])
-    assert result["datagrams"] == 10 and result["lost"] == 0
+    told, signals = [], columns("a.x m")
+    sender = PlotJugglerSender({}, sink(JUGGLER, "juggler", signals, host="127.0.0.1", port=listener.port))
+    sender.say = told.append
+    sender.open()
+    for tick in range(10):
+        sender.row(tick, tick / 200, (float(tick),))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as later:
+        later.bind(("127.0.0.1", listener.port))
+        for tick in range(10, 20):
+            sender.row(tick, tick / 200, (float(tick),))
+        result = sender.close()
+        assert [strict(later.recv(1 << 16))["a"]["x"] for _ in range(10)] == list(range(10, 20))
+    assert told == [f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port}: in PlotJuggler start the UDP server; the run goes on"]
+    assert result["datagrams"] == 10 and result["lost"] == 10 and result["trouble"] == "Connection refused"
+
+
+def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(listener):
+    told = []
+    sender = PlotJugglerSender({}, sink(JUGGLER, "juggler", columns("a.x m"), host="127.0.0.1", port=listener.port) | {"wanted": False})
+    sender.say = told.append
+    sender.open()
+    for tick in range(200):
+        if tick == 100:
+            assert len(listener.heard()) == 100
+            listener.socket.close()
+        sender.row(tick, tick / 200, (1.0,))
+    result = sender.close()
+    assert told == [f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port} any more: in PlotJuggler start the UDP server; the run goes on"]
+    assert 100 <= result["datagrams"] <= 101 and 99 <= result["lost"] <= 100
+    sender.open()
+    for tick in range(5):
+        sender.row(tick, tick / 200, (1.0,))
+    assert sender.close()["lost"] and len(told) == 1
 
 
 def test_an_unknown_host_is_told_before_the_run(tmp_path):

@@ -153,14 +153,6 @@ def test_a_disk_that_is_full_leaves_nothing_behind(recording, tmp_path):
     assert process.stderr == "tickwork: cannot write out/odd.csv: File too large\n"
 
 
-def test_a_recording_that_was_cut_off_is_converted_up_to_its_last_row(command_line, recording, tmp_path):
-    data = recording.read_bytes()
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes(data[: len(data) // 2])
-    lines = open(converted(command_line, cut, "csv"), "rb").readlines()
-    assert 10 < len(lines) < 270 and lines == recording.with_suffix(".csv").read_bytes().splitlines(keepends=True)[: len(lines)]
-
-
 def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
     code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "6", "--record", tmp_path / "run")
     assert code == OK, err
@@ -170,3 +162,39 @@ def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
     strides = runtime.load(path).strides("left/knee.position")
     assert len(strides) == told["strides"] >= 2
     assert np.abs(strides.mean(axis=0) - told["curves"]["angle"]["mean"]).max() < 0.02         # rad; over time here, over the phase there
+
+
+def test_what_is_no_recording_is_told_apart_with_what_to_do(command_line, recording):
+    from mcap.writer import Writer
+
+    folder = command_line.folder
+    whole = recording.read_bytes()
+    for name, content in (("trial.mcap", whole), ("trial.csv", b"time [s],tick\n"), ("empty.mcap", b""), ("head.mcap", whole[:300])):
+        (folder / name).write_bytes(content)
+    with open(folder / "other.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start(library="rosbag2")
+        writer.finish()
+    for name, told in (
+        ("trial.csv", "trial.csv is no recording of Tickwork: trial.mcap is"),
+        ("empty.mcap", "empty.mcap was cut off before its first tick: there is nothing in it"),
+        ("head.mcap", "head.mcap was cut off before its first tick: there is nothing in it"),
+        ("other.mcap", "other.mcap is an MCAP file of something else (rosbag2): only recordings of Tickwork are read"),
+        ("trail.mcap", "trail.mcap: No such file or directory: did you mean trial.mcap?"),
+        (".", ". is a folder: name the recordings in it, as in *.mcap"),
+    ):
+        assert command_line.refused("convert", name, "--to", "csv") == told
+
+
+@pytest.mark.parametrize("damage, told", [
+    (lambda whole, at: whole[:at] + whole[at + 5:], "is damaged from byte"),
+    (lambda whole, at: whole[:at] + b"\xff" * 30 + whole[at:], "is damaged from byte"),
+    (lambda whole, at: whole[:at], "is not complete: it was cut off, or is still being recorded")])
+def test_a_file_that_is_not_whole_is_converted_as_far_as_it_is_good_and_that_is_told(command_line, recording, damage, told):
+    file = command_line.folder / "torn.mcap"
+    file.write_bytes(damage(recording.read_bytes(), recording.stat().st_size // 2))
+    code, out, err = command_line("convert", file, "--to", "csv")
+    trial = runtime.load(file)
+    assert code == OK and err.startswith(f"tickwork: torn.mcap {told}") and err.endswith(f", {len(trial)} ticks until {trial.time[-1]:g} s\n")
+    assert 100 < len(trial) < 200 and not trial.complete
+    assert open(out.strip(), "rb").readlines() == recording.with_suffix(".csv").read_bytes().splitlines(keepends=True)[: 1 + len(trial)]

@@ -33,7 +33,7 @@ def drawn(path):
 def test_signals_are_drawn_with_their_units_on_the_axes(command_line, recording):
     code, out, err = command_line("plot", recording, "left/knee.position", "left/gait.phase", "-o", "a.svg")
     assert (code, out, err) == (OK, "a.svg\n", "")
-    assert {"[rad]", "time [s]", "knee.position", "gait.phase"} <= drawn("a.svg")
+    assert {"[rad]", "time [s]", "left/knee.position", "left/gait.phase"} <= drawn("a.svg")           # which leg, too
 
 
 def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):

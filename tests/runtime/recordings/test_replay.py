@@ -193,7 +193,7 @@ def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tm
 def test_what_is_no_recording_is_refused(command_line, tmp_path):
     assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
     (command_line.folder / "text.mcap").write_text("hello")
-    assert command_line.refused("replay", "text.mcap") == "text.mcap is no recording of Tickwork, or was cut off before its first tick"
+    assert command_line.refused("replay", "text.mcap") == "text.mcap is no recording of Tickwork: name the .mcap file of the run"
 
 
 def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_tick(recorded, command_line, tmp_path):

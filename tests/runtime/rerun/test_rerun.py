@@ -17,6 +17,7 @@ import runtime
 from runtime.errors import BadInput, OK
 from runtime.live.runs import page_of
 from runtime.recorder import RecorderError
+from runtime.rerun import viewer
 from runtime.rerun.scene import Scene
 from runtime.rerun.target import Target, parse
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
@@ -88,6 +89,26 @@ def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
     assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
     assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [True, True] + 5 * [False]
     assert left.limits == [("highest of knee.torque", 18.0), ("lowest of knee.torque", -18.0)] and own.shown == [True]
+
+
+def test_what_is_shown_stands_first_in_the_legend():
+    [plot] = Scene("robot", signals("left/a.x m", "left/knee.age s", "left/knee.position rad", "left/knee.torque N·m"), {}).plots
+    assert plot.labels == ["knee.position [rad]", "knee.torque [N·m]", "a.x [m]", "knee.age [s]"] and plot.columns == [2, 3, 0, 1]
+    assert plot.shown == [True, True, False, False]
+
+
+def test_a_viewer_that_is_started_can_be_ended_like_any_program(monkeypatch):
+    """The process that starts it ignores what ends others."""
+    monkeypatch.setattr(viewer, "executable", lambda: "sleep")
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        for number in before:
+            started_one = viewer.start("60", mortal=False)
+            started_one.send_signal(number)
+            assert started_one.wait(10) == -number
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def test_a_leg_is_found_by_the_names_of_its_joints_and_its_sensors():
@@ -165,13 +186,13 @@ def listening(port):
 @needs_rerun
 def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
     port = free_port()
-    viewer = subprocess.Popen(
+    watching = subprocess.Popen(
         [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         patient(lambda: listening(port))
         run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", f"127.0.0.1:{port}", cwd=tmp_path)
         patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 200)
-        viewer.kill()
+        watching.kill()
         line = run.stderr.readline()
         assert re.fullmatch(r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; the run goes on\n", line), line
         assert run.poll() is None
@@ -179,8 +200,8 @@ def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
         run.communicate(timeout=60)
         assert run.returncode == 130
     finally:
-        viewer.kill()
-        viewer.wait()
+        watching.kill()
+        watching.wait()
 
 
 @needs_rerun

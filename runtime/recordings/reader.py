@@ -1,0 +1,168 @@
+"""The records of a recording's file, as far as they are good.
+
+A file that was cut off, or damaged, is read up to there. What is no recording is refused with a line that says what it is instead.
+"""
+
+import difflib
+import json
+import os
+import struct
+from dataclasses import dataclass
+
+from runtime.errors import BadInput
+from runtime.recordings import messages
+
+FORMATS = ("1",)
+ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
+MAGIC = b"\x89MCAP0\r\n"
+FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
+FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
+FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
+LOOK = 4096                     # records between two looks at how far the reading is
+RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
+KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
+DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError)       # what garbage makes of a reader
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A CAN frame.
+
+    time : ns since the run's begin
+    drain : which drain of the buses, counted from 1, found it there, or came before it was sent; 0 before the first
+    drained : ns since the run's begin, when that was
+    row : how many rows were complete before it
+    payload : bytes of a struct Frame
+    """
+
+    time: int
+    bus: str
+    sent: bool
+    drain: int
+    drained: int
+    row: int
+    payload: bytes
+
+
+class Reader:
+    """The records of a file, sorted by what they are.
+
+    about, end, diagram : the attachments of these names; None where the file has not got one
+    messages : {topic: [bytes]}
+    began : ns of the wall clock; in virtual time the file's times begin at 0
+    finished, trouble : whether its end was written; if not, what is the matter, in a line
+    """
+
+    def __init__(self, path, progress):
+        self.about = self.end = self.diagram = None
+        self.events, self.frames = [], []
+        self.began = 0
+        self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
+        self.finished, self.trouble, self.library = False, "", ""
+        try:
+            with open(path, "rb") as stream:
+                size = os.fstat(stream.fileno()).st_size
+                good = self.read(stream, lambda: progress(stream.tell() / max(1, size)))
+                if not self.finished:
+                    self.trouble = f"{path} {matter(stream, good, size)}"
+        except FileNotFoundError:
+            raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
+        except IsADirectoryError:
+            raise BadInput(f"{path} is a folder: name the recordings in it, as in {path / '*.mcap'}") from None
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror}") from None
+        if self.about is None:
+            raise BadInput(f"{path} {self.what_else(path, size)}")
+        if self.about.get("format") not in FORMATS:
+            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
+
+    def read(self, stream, look):
+        """Returns how many bytes are good."""
+        from mcap.exceptions import McapError
+        from mcap.records import Attachment, Channel, Footer, Header, Message
+        from mcap.stream_reader import StreamReader
+
+        good = 0
+        size = os.fstat(stream.fileno()).st_size
+        try:
+            for number, record in enumerate(StreamReader(stream, record_size_limit=size).records):
+                if number % LOOK == 0:
+                    look()
+                if isinstance(record, Message):
+                    self.take(record)
+                elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
+                    setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
+                elif isinstance(record, Channel):
+                    self.topics[record.id] = record.topic
+                    self.messages.setdefault(record.topic, [])
+                elif isinstance(record, Header):
+                    self.library = record.library
+                elif isinstance(record, Footer):
+                    self.finished = True
+                good = stream.tell()
+        except (McapError, *DAMAGE):
+            pass
+        return good
+
+    def what_else(self, path, size):
+        """What a file is that is no recording."""
+        with open(path, "rb") as stream:
+            mcap = stream.read(len(MAGIC)) == MAGIC
+        if size == 0 or mcap and self.library == LIBRARY:
+            return "was cut off before its first tick: there is nothing in it"
+        if mcap:
+            return f"is an MCAP file of something else ({self.library or 'it does not say what'}): only recordings of Tickwork are read"
+        beside = path.parent / f"{path.stem}.mcap"
+        cure = f"{beside} is" if beside != path and beside.exists() else "name the .mcap file of the run"
+        return f"is no recording of Tickwork: {cure}"
+
+    def take(self, record):
+        topic = self.topics[record.channel_id]
+        if topic.startswith(messages.BUS):
+            self.frames.append(self.frame(topic.removeprefix(messages.BUS), record))
+        elif topic == messages.EVENTS:
+            event = json.loads(messages.read(messages.EVENT, record.data)["json"])
+            self.events.append(event)
+            if event["event"] == "begin":
+                self.began = event["wall"]
+        else:
+            if len(record.data) != self.sizes.setdefault(topic, len(record.data)):
+                raise ValueError("a row of another size")
+            self.messages[topic].append(record.data)
+            if topic == messages.ROW_END:
+                rows = len(self.messages[topic])
+                for part in self.sizes:
+                    if len(self.messages[part]) != rows:
+                        self.messages[topic].pop()
+                        raise ValueError("a row that lacks something, or has too much")
+
+    def frame(self, bus, record):
+        fields = messages.read(messages.FRAME, record.data)
+        data = fields.get("data", b"")
+        identifier = fields["id"] | sum(bit for name, bit in FLAGS.items() if fields.get(name))
+        flags = sum(bit for name, bit in FD_FLAGS.items() if fields.get(name))
+        sent = bool(fields.get("sent"))
+        time = record.log_time - self.began
+        payload = FRAME.pack(time, identifier, len(data), flags, self.about["buses"].index(bus), sent, data)
+        rows = len(self.messages[messages.ROW_END])
+        return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)
+
+
+def matter(stream, good, size):
+    """What is the matter with a file that is good up to a byte, in words."""
+    stream.seek(good)
+    head = stream.read(RECORD.size)
+    kind, length = RECORD.unpack(head) if len(head) == RECORD.size else (KINDS[0], 0)
+    if kind in KINDS and length < LARGEST and good + RECORD.size + length >= size:
+        return "is not complete: it was cut off, or is still being recorded"
+    return f"is damaged from byte {good} of {size} on: what stands before is read"
+
+
+def nearby(path):
+    """What the person may have meant, in words."""
+    try:
+        names = sorted(name for name in os.listdir(path.parent) if name.endswith(".mcap"))
+    except OSError:
+        return ""
+    close = difflib.get_close_matches(path.name, names, n=1)
+    return f": did you mean {path.parent / close[0]}?" if close else ""
