@@ -10,6 +10,7 @@ cdef enum:
     BYTES = 16                  # that one step writes, its register not counted; that an answer has behind what was read; of a check
     LONGEST_READ = 32           # of one step: what a block of SMBus holds
     MUXES = 8
+    IDENTITIES = 2              # registers that say what a device is
 
 # One exchange with one chip, whoever carries it: `count` bytes from a register on, read or written; without a register (below 0) they
 # are written, or read, as they are. Returns 0 or an errno.
@@ -53,6 +54,11 @@ cdef struct SetUp:
     uint8_t data[BYTES]
     int64_t wait
 
+cdef struct Identity:           # what the bits of a register are where the mask is 1
+    uint8_t register
+    uint8_t value
+    uint8_t mask
+
 cdef enum: # states of a member
     FINE
     SETTING_UP
@@ -70,6 +76,8 @@ cdef struct Member:
     int checked                 # bytes of its check, 0 for none
     uint8_t check_register
     uint8_t wanted[BYTES]
+    int identities
+    Identity identity[IDENTITIES]
     int64_t next_check
     bint doubted                # an exchange has failed: it is checked before it is believed again
     int32_t state
@@ -118,6 +126,7 @@ cdef class I2cBus:
     cdef void attend(self, Member *member, int64_t now) noexcept nogil
     cdef int64_t due_of(self, const Member *member) noexcept nogil
     cdef void go_on(self, Member *member, int64_t now) noexcept nogil
+    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil
     cdef bint believed(self, Member *member, int64_t now) noexcept nogil
     cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil
     cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil

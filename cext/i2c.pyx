@@ -7,6 +7,7 @@
     failure   is counted and told in a frame; before the device is believed again it has to show that it is still set up. After three in a
               row it is lost, and tried again every 100 ms
     set-up    as before the run, one write at a time: while one device wakes up the others are asked
+    return    what was lost has to say first that it is still the kind of chip that it was: another may have been plugged in
     check     a register is compared ten times a second, since what has lost its supply for a moment may answer with wrong ranges
 
 An exchange that does not end delays the devices of its bus, until the adapter gives it up, and no other thread.
@@ -31,6 +32,7 @@ cdef int64_t LONGEST_REST = 1000000000  # ns
 cdef size_t STACK = 256 << 10           # bytes
 cdef int PATIENCE = 3                   # failures in a row, then a device is lost
 cdef int FORGOTTEN = -1                 # error of a device that has lost its settings
+cdef int STRANGER = -2                  # and of one that is another kind of chip
 CHANNELS = 8                            # of a multiplexer
 STATES = ("fine", "setting up", "lost")
 
@@ -112,7 +114,7 @@ cdef class I2cBus:
         free(self.setups)
         free(self.inbox)
 
-    def add(self, int place, int address, set_up=(), check=None, rounds=()):
+    def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()):
         """Ask a device from `start` on. It has been set up: these bytes are for when it has been lost.
 
         place : as its frames have it; address : of the device
@@ -120,6 +122,7 @@ cdef class I2cBus:
         check : (register, bytes) that it has as long as it is set up, or None
         rounds : of (period in s, s from one to the next at least, exchanges: of (number, address, steps, bytes behind the answer)), the
             steps being (register, number of bytes to be read) or (register, bytes to be written)
+        identity : (register, byte, mask) of registers, which say when it is back that it is no other; the bits where the mask is 1
         """
         if self.running:
             raise ValueError("devices are added before they are asked")
@@ -137,7 +140,9 @@ cdef class I2cBus:
                     raise ValueError("an answer has at most 64 bytes, not %d" % (read + len(appended)))
         if any(len(data) > BYTES for _, _, data, _ in set_up) or (check is not None and not 0 < len(check[1]) <= BYTES):
             raise ValueError("at most %d bytes are written at once, or checked" % BYTES)
-        self.tables.append((place, address, tuple(set_up), check, tuple(rounds)))
+        if len(identity) > IDENTITIES:
+            raise ValueError("at most %d registers say what a device is" % IDENTITIES)
+        self.tables.append((place, address, tuple(set_up), check, tuple(rounds), tuple(identity)))
 
     cdef int lay_out(self) except -1:
         cdef int cycle = 0
@@ -155,7 +160,7 @@ cdef class I2cBus:
         self.setups = <SetUp *>calloc(max(1, sum(len(table[2]) for table in self.tables)), sizeof(SetUp))
         if self.members == NULL or self.cycles == NULL or self.exchanges == NULL or self.setups == NULL:
             raise MemoryError
-        for index, (place, address, set_up, check, own) in enumerate(self.tables):
+        for index, (place, address, set_up, check, own, identity) in enumerate(self.tables):
             member = &self.members[index]
             member.place, member.address = place, address
             member.trouble = answer_id(<uint32_t>(place << 8 | address), TROUBLE)
@@ -171,6 +176,9 @@ cdef class I2cBus:
                 data = check[1]
                 member.check_register, member.checked = check[0], len(data)
                 memcpy(member.wanted, <const char *>data, len(data))
+            member.identities = len(identity)
+            for at, (register, value, mask) in enumerate(identity):
+                member.identity[at].register, member.identity[at].value, member.identity[at].mask = register, value, mask
             member.first_cycle, member.cycles = cycle, len(own)
             for period, settle, exchanges in own:
                 self.cycles[cycle].member, self.cycles[cycle].first, self.cycles[cycle].count = index, exchange, len(exchanges)
@@ -225,7 +233,7 @@ cdef class I2cBus:
     def counts(self):
         """switches of multiplexers; rounds; frames that were written over before a tick took them; and of each device, in the order added:
         state, answers, Hz of those to its first round, failures, how often it was lost and came back, errno of the last failure (-1: it had
-        lost its settings; None)"""
+        lost its settings; -2: another kind of chip answers in its place; None)"""
         cdef int index
         cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
         cdef Member *member
@@ -330,6 +338,8 @@ cdef class I2cBus:
             member.due = monotonic() + setup.wait
             if member.said < member.setups or setup.wait > 0:
                 return
+        if not self.is_the_one(member, now):
+            return
         for index in range(member.first_cycle, member.first_cycle + member.cycles):
             self.cycles[index].at = 0
             self.cycles[index].due = now
@@ -340,6 +350,20 @@ cdef class I2cBus:
         if member.losses > member.returns:
             store_u64(&member.returns, member.returns + 1)
         self.tell(member, now)
+
+    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil:
+        """Whether what has been set up again says that it is the kind of chip that it was. It is asked then, since what it was doing is over."""
+        cdef uint8_t[LONGEST_READ] said
+        cdef int index
+        cdef int error = 0
+        for index in range(member.identities):
+            error = self.exchange(member, member.address, member.identity[index].register, True, said, 1)
+            if error == 0 and (said[0] & member.identity[index].mask) != member.identity[index].value:
+                error = STRANGER
+            if error != 0:
+                self.fail(member, error, now)
+                return False
+        return True
 
     cdef bint believed(self, Member *member, int64_t now) noexcept nogil:
         """Whether it shows that it is still set up. If not, that begins anew."""

@@ -13,6 +13,10 @@ cdef extern from "<termios.h>" nogil:
     int tcflush(int fd, int queue)
     const int TCSANOW, TCIFLUSH, VMIN, VTIME
 
+cdef extern from "<sys/socket.h>" nogil:
+    cdef struct sockaddr_storage:
+        pass
+
 cdef enum: # id of a frame
     BYTES = 0                       # its data
     LOST = 1                        # the line is gone: unplugged, hung up
@@ -31,14 +35,18 @@ cdef struct Source:
     bint datagrams                  # one of which may be empty
     bint is_gpio                    # it gives Linux's gpio_v2_line_event, and its level when it is asked
     bint asks                       # for that, at the next receive
-    char path[LONGEST_PATH]         # "": what is gone stays away
+    char path[LONGEST_PATH]         # "": what is gone stays away, unless it is a connection that is made anew
+    sockaddr_storage peer           # of that
+    int peer_length                 # 0 for none
+    int attempt                     # descriptor of a connection that is being made, 0 for none
+    int64_t wait                    # ns to the next attempt
     termios settings                # of a tty
     uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message
     int ends[SETUP_MESSAGES]        # where each ends
     int messages
     int64_t pause                   # ns in front of each
     int said                        # of them so far
-    int64_t due                     # ns, CLOCK_MONOTONIC: when the next of them, or the next attempt to open it, is due
+    int64_t due                     # ns, CLOCK_MONOTONIC: when the next of them, the next attempt to open it, or the next look is due
     int32_t gone
     uint64_t bytes                  # that were read
     uint64_t losses                 # times that it was gone
@@ -68,4 +76,7 @@ cdef class Streams:
     cdef int look_after(self, int64_t now) noexcept nogil
     cdef bint take(self, Source *source) noexcept nogil
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
-    cdef bint reopen(self, Source *source, int index, int64_t now) noexcept nogil
+    cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil
+    cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil
+    cdef void give_up(self, Source *source, int64_t now) noexcept nogil
+    cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil

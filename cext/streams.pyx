@@ -9,7 +9,8 @@ to drain. It never takes the GIL, never waits for one of them, and sleeps while 
     BACK     it is there again, set up as it was
     LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
 
-A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told.
+A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told. A TCP
+connection is made anew, without waiting for it: tried after 0.1 s, and ever more rarely, down to every 2 s.
 What the tick sends goes out at once, as far as the line takes it without waiting.
 """
 
@@ -41,17 +42,23 @@ cdef extern from "<sys/epoll.h>" nogil:
     int epoll_ctl(int epoll, int operation, int fd, epoll_event *event)
     int epoll_wait(int epoll, epoll_event *events, int most, int timeout)
     const int EPOLL_CLOEXEC, EPOLL_CTL_ADD, EPOLL_CTL_DEL
-    const uint32_t EPOLLIN, EPOLLHUP, EPOLLERR
+    const uint32_t EPOLLIN, EPOLLOUT, EPOLLHUP, EPOLLERR
 
 cdef extern from *:
     """
     #ifndef _GNU_SOURCE
     #define _GNU_SOURCE
     #endif
+    #include <errno.h>
     #include <fcntl.h>
+    #include <netinet/in.h>
+    #include <netinet/tcp.h>
+    #include <poll.h>
     #include <stdint.h>
+    #include <string.h>
     #include <sys/file.h>
     #include <sys/ioctl.h>
+    #include <sys/socket.h>
     #include <unistd.h>
     /* Open a line that is back, ours alone; -1 where it is not to be had. */
     static int tw_open_line(const char *path, int mine) {
@@ -72,6 +79,46 @@ cdef extern from *:
         struct tw_line_values values = {value != 0, 1};
         return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
     }
+    /* Whether a line has gone without a word: of a GPIO chip that is unplugged Linux before 6.6 wakes nobody. No chip is asked. */
+    static int tw_hung_up(int fd) {
+        struct pollfd file = {fd, 0, 0};
+        return poll(&file, 1, 0) > 0 && (file.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0;
+    }
+    /* Begin a connection; -1 where that fails at once. Whoever has vanished without a word is noticed after some 4 s. */
+    static void tw_keep_alive(int fd) {
+        int one = 1, probes = 3;
+        setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+        setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &one, sizeof one);
+        setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &one, sizeof one);
+        setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &one, sizeof one);
+        setsockopt(fd, IPPROTO_TCP, TCP_KEEPCNT, &probes, sizeof probes);
+    }
+    static int tw_begin_connection(const struct sockaddr_storage *peer, unsigned length) {
+        int fd = socket(peer->ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+        if (fd < 0)
+            return -1;
+        tw_keep_alive(fd);
+        if (connect(fd, (const struct sockaddr *)peer, length) != 0 && errno != EINPROGRESS) {
+            close(fd);
+            return -1;
+        }
+        return fd;
+    }
+    /* Whether a connection that was begun is there, and not with itself, as one to a free port of this computer may be. */
+    static int tw_is_connected(int fd) {
+        struct sockaddr_storage here, there;
+        socklen_t size = sizeof here, other = sizeof there, of_error = sizeof(int);
+        int error = 0;
+        memset(&here, 0, sizeof here);
+        memset(&there, 0, sizeof there);
+        return getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &of_error) == 0 && error == 0
+            && getsockname(fd, (struct sockaddr *)&here, &size) == 0 && getpeername(fd, (struct sockaddr *)&there, &other) == 0
+            && (size != other || memcmp(&here, &there, size) != 0);
+    }
+    static int tw_peer_of(int fd, struct sockaddr_storage *peer) {
+        socklen_t size = sizeof *peer;
+        return getpeername(fd, (struct sockaddr *)peer, &size) == 0 ? (int)size : -1;
+    }
     static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
     int dup3(int, int, int);
     """
@@ -79,6 +126,11 @@ cdef extern from *:
     int set_gpio "tw_set_gpio"(int fd, int value) noexcept nogil
     int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
     int put_in_place "tw_dup3"(int one, int other) noexcept nogil
+    bint hung_up "tw_hung_up"(int fd) noexcept nogil
+    void keep_alive "tw_keep_alive"(int fd) noexcept nogil
+    int begin_connection "tw_begin_connection"(const sockaddr_storage *peer, unsigned length) noexcept nogil
+    bint is_connected "tw_is_connected"(int fd) noexcept nogil
+    int peer_of "tw_peer_of"(int fd, sockaddr_storage *peer) noexcept nogil
 
 cdef extern from "<sys/uio.h>" nogil:
     ssize_t writev(int fd, const iovec *parts, int count)
@@ -91,6 +143,9 @@ cdef enum:
     EVENT = 48                          # bytes of a gpio_v2_line_event
 
 cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
+cdef int64_t RAREST = 2000000000        # and between those to connect, at most
+cdef int64_t PATIENCE = 3000000000      # ns for a connection to be made
+cdef int64_t LOOK = 20000000            # ns between looks whether the chip of a GPIO line is still there
 cdef size_t STACK = 256 << 10           # bytes
 
 
@@ -189,7 +244,9 @@ cdef class Stream:
         store_i32(&self.source.gone, 1)
         if self.own >= 0:
             close(self.own)
-        self.own = -1
+        if self.source.attempt > 0:
+            close(self.source.attempt)
+        self.own, self.source.attempt = -1, 0
 
     def begin(self, int64_t began):
         """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
@@ -241,7 +298,7 @@ cdef class Streams:
         free(self.buffer)
         free(self.sources)
 
-    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False):
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False):
         """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
 
         path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
@@ -249,6 +306,7 @@ cdef class Streams:
         setup : messages, as bytes, that are then written to it, `pause` s before each
         record : bytes that belong together, 1 to 64; then a frame holds whole records
         is_gpio : it is a request of one GPIO line; what is sent to it sets its level
+        reconnects : it is a TCP connection, which is made anew when it is lost
         """
         cdef Stream stream = Stream()
         cdef Source *source = stream.source
@@ -276,6 +334,11 @@ cdef class Streams:
         os.set_blocking(fd, False)
         source.is_tty = os.isatty(fd) and stat.S_ISCHR(os.fstat(fd).st_mode)
         source.datagrams = is_datagram_socket(fd)
+        if reconnects:
+            source.peer_length = peer_of(fd, &source.peer)
+            if source.peer_length < 0:
+                raise OSError(errno, os.strerror(errno))
+            keep_alive(fd)
         if source.is_tty:
             if tcgetattr(fd, &source.settings) != 0:
                 raise OSError(errno, os.strerror(errno))
@@ -321,7 +384,7 @@ cdef class Streams:
         cdef epoll_event[EVENTS] events
         cdef int count, index
         cdef int64_t now
-        cdef int timeout = -1
+        cdef int timeout = 0
         cdef Source *source
         be_called("tickwork-read", self.priority)
         while not load_i32(&self.leave):
@@ -329,7 +392,9 @@ cdef class Streams:
             for index in range(count):
                 if events[index].data.u32 != <uint32_t>BELL:
                     source = self.sources[events[index].data.u32]
-                    if not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
+                    if load_i32(&source.gone):
+                        self.settle(source, events[index].data.u32, monotonic())
+                    elif not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
                         self.lose(source, 0, monotonic())
             now = monotonic()
             timeout = self.look_after(now)
@@ -374,7 +439,8 @@ cdef class Streams:
         epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.fd, NULL)
         put_in_place(self.nothing, source.fd)
         store_u64(&source.losses, source.losses + 1)
-        source.due = now + RETRY
+        source.wait = RETRY
+        source.due = now + source.wait
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.id = now, LOST
         push(&source.ring, &frame)
@@ -387,28 +453,75 @@ cdef class Streams:
         for index in range(self.count):
             source = self.sources[index]
             if load_i32(&source.gone):
-                if source.path[0] == 0:
+                if source.path[0] == 0 and source.peer_length == 0:
                     continue
-                if now >= source.due and not self.reopen(source, index, now):
-                    source.due = now + RETRY
-            elif source.said < source.messages and now >= source.due:
-                tell(source)
-                source.due = now + source.pause
-            if (load_i32(&source.gone) or source.said < source.messages) and (due < 0 or source.due < due):
+                if now >= source.due:
+                    self.try_again(source, index, now)
+            elif source.said < source.messages:
+                if now >= source.due:
+                    tell(source)
+                    source.due = now + source.pause
+            elif source.is_gpio:
+                if now >= source.due:
+                    source.due = now + LOOK
+                    if hung_up(source.fd):
+                        self.lose(source, 0, now)
+                        continue
+            else:
+                continue
+            if due < 0 or source.due < due:
                 due = source.due
         return -1 if due < 0 else <int>(max(due - now, 0) // 1000000 + 1)
 
-    cdef bint reopen(self, Source *source, int index, int64_t now) noexcept nogil:
+    cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil:
+        cdef epoll_event event
+        cdef int found
+        source.due = now + source.wait
+        if source.path[0] != 0:
+            found = open_line(source.path, source.is_tty)
+            if found >= 0:
+                if not source.is_tty or tcsetattr(found, TCSANOW, &source.settings) == 0:
+                    self.resume(source, found, index, now)
+                close(found)
+            return
+        if source.attempt > 0:                                      # nobody has answered
+            self.give_up(source, now)
+            return
+        source.attempt = max(begin_connection(&source.peer, source.peer_length), 0)
+        if source.attempt == 0:
+            self.give_up(source, now)
+            return
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLOUT, <uint32_t>index
+        if epoll_ctl(self.epoll, EPOLL_CTL_ADD, source.attempt, &event) != 0:
+            self.give_up(source, now)
+            return
+        source.due = now + PATIENCE
+
+    cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil:
+        """What was begun has come to something: a connection, or none."""
+        if source.attempt == 0:
+            return
+        epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.attempt, NULL)
+        if is_connected(source.attempt) and self.resume(source, source.attempt, index, now):
+            close(source.attempt)
+            source.attempt = 0
+        else:
+            self.give_up(source, now)
+
+    cdef void give_up(self, Source *source, int64_t now) noexcept nogil:
+        """Of one attempt. The next is made later than this one was."""
+        if source.attempt > 0:
+            close(source.attempt)                                   # which takes it out of epoll, too
+        source.attempt = 0
+        source.due = now + source.wait
+        source.wait = min(2 * source.wait, RAREST)
+
+    cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil:
+        """Put what was found in the place of what is gone."""
         cdef Frame frame
         cdef epoll_event event
-        cdef int found = open_line(source.path, source.is_tty)
-        if found < 0:
-            return False
-        if source.is_tty and tcsetattr(found, TCSANOW, &source.settings) != 0:
-            close(found)
-            return False
         put_in_place(found, source.fd)
-        close(found)
         memset(&event, 0, sizeof(event))
         event.events, event.data.u32 = EPOLLIN, <uint32_t>index
         if epoll_ctl(self.epoll, EPOLL_CTL_ADD, source.fd, &event) != 0:

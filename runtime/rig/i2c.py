@@ -35,6 +35,7 @@ class I2cInterface:
 
     def __init__(self, bus, devices, opened=None):
         self.bus, self.devices, self.remarks = bus, devices, []
+        self.said = {}                                      # what each says that it is, by which it is known when it was lost and is back
         chips, adapter = opened or open_adapter(bus)
         troubles = []
         try:
@@ -95,8 +96,11 @@ class I2cInterface:
             raise Refused(Trouble(
                 "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
                 f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
+        self.said[device] = []
         for identity in device.identities():
-            name = identity.values[chips.read(device.address, identity.register, 1)[0] & identity.mask]
+            said = chips.read(device.address, identity.register, 1)[0] & identity.mask
+            self.said[device].append((identity.register, said, identity.mask))
+            name = identity.values[said]
             if name != device.kind:
                 self.remarks.append(f"{device.path} is a {name}")
 
@@ -151,7 +155,8 @@ class I2cInterface:
         check = device.check()
         self.wires.add(
             device.place, at, tuple((at if w.address is None else w.address, w.register, bytes(w.data), w.wait) for w in device.set_up()),
-            check, tuple((one.period, one.settle, tuple(exchange(transfer, at) for transfer in one.transfers)) for one in device.rounds()))
+            check, tuple((one.period, one.settle, tuple(exchange(transfer, at) for transfer in one.transfers)) for one in device.rounds()),
+            self.said[device])
 
     @property
     def counts(self):
@@ -179,7 +184,7 @@ class SeveralRefused(Refused):
 
 def error_in_words(error):
     """Why a device failed last, as cext.i2c counts it."""
-    return "it had lost its settings" if error == -1 else os.strerror(error)
+    return {-1: "it had lost its settings", -2: "another kind of chip answers in its place"}.get(error) or os.strerror(error)
 
 
 def exchange(transfer, address):

@@ -5,7 +5,7 @@ What a block says in `opening`:
     transport   "udp" or "tcp"
     address     "HOST:PORT": of this computer for udp, such as 0.0.0.0:5005 for any of its networks; of the other end for tcp
 
-A connection that is lost stays lost for the run: who sends over a network that may go should send datagrams.
+A connection that is lost is made anew as soon as the program at the other end waits again.
 """
 
 import errno
@@ -35,11 +35,10 @@ def opened(who, transport, address):
             end.bind((host, int(port)))
         else:
             end = socket.create_connection((host, int(port)), PATIENCE)
-            end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     except OSError as error:
         raise Refused(in_words(name, transport, port, error)) from None
     end.setblocking(False)
-    return Opened(end.detach(), f"{transport} {address}")
+    return Opened(end.detach(), f"{transport} {address}", reconnects=transport == "tcp")
 
 
 def in_words(name, transport, port, error):

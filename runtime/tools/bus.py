@@ -204,6 +204,23 @@ def single_bus(options):
     return buses[0]
 
 
+def i2c_bus(options):
+    """The one RigBus of I2C that the options name, or that this machine has. BadInput"""
+    from runtime.rig.i2c import known, paths
+
+    if options.rig is None:
+        options.interface = options.interface or I2C
+        there = paths()
+        if options.channel is None and len(there) == 1:
+            options.channel = there[0]
+        if options.channel is None:
+            raise BadInput(f"which bus? as in --channel /dev/i2c-1; {known()}")
+    buses = [bus for bus in named_buses(options) if bus.interface == I2C]
+    if len(buses) != 1:
+        raise BadInput("which bus? " + (", ".join(f"--bus {bus.name}" for bus in buses) or "none that is named is one of I2C"))
+    return buses[0]
+
+
 def opened(bus):
     """A ToolBus. BadInput, with the cause and the cure."""
     try:

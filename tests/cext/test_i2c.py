@@ -282,3 +282,26 @@ def test_chips_in_memory_are_reached_as_on_a_wire():
     for mask, wanted in ((b"\x02", 0x71), (b"\x04\x04", 0x73), (b"\x06", 0x71 & 0x73)):     # two open at once pull the line low together
         wires.exchange_bytes(0x70, -1, mask)
         assert wires.exchange_bytes(IMU, 0x75, count=1)[0] == wanted
+
+
+def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_not_believed():
+    wires = MemoryI2c()
+    number = wires.add(IMU)
+    ready(wires, number)
+    wires.write(number, 0x75, b"\x71")
+    bus = I2cBus(wires)
+    bus.add(0, IMU, SET_UP, CHECK, (reading(),), ((0x75, 0x71, 0xFF),))
+    bus.start()
+    told = lambda: bus.counts["devices"][0]                                 # noqa: E731
+    wait(lambda: told()["answers"] > 2)
+    wires.behave(number, absent=True)
+    wait(lambda: told()["state"] == "lost")
+    wires.write(number, 0x75, b"\x68")                                      # it takes the same settings, and keeps them
+    wires.behave(number, absent=False)
+    wait(lambda: told()["error"] == -2)
+    answers = told()["answers"]
+    time.sleep(0.15)
+    assert told()["answers"] == answers and told()["returns"] == 0
+    wires.write(number, 0x75, b"\x71")
+    wait(lambda: told()["returns"] == 1 and told()["answers"] > answers)
+    bus.stop()

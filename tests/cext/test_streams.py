@@ -203,3 +203,101 @@ def test_streams_end_and_can_be_started_again(streams):
         assert heard(stream, 5) == word
         streams.end()
     streams.end()
+
+
+@pytest.fixture
+def bridge():
+    """A program that waits for a connection, and may be begun again at the same address."""
+    class Bridge:
+        def __init__(self):
+            self.open = None
+            self.begin(0)
+
+        def begin(self, port):
+            self.open = socket.socket()
+            self.open.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self.open.bind(("127.0.0.1", port))
+            self.open.listen(0)
+            self.open.settimeout(5.0)
+            self.port = self.open.getsockname()[1]
+
+        def end(self):
+            self.open.close()
+
+    made = Bridge()
+    yield made
+    made.end()
+
+
+def test_a_connection_that_is_lost_is_made_anew_and_told_what_it_has_to_be_told(streams, bridge):
+    here = socket.create_connection(("127.0.0.1", bridge.port))
+    stream = streams.add(here.fileno(), "insole", reconnects=True, setup=(b"go\n",), pause=0.001)
+    here.close()
+    there, _ = bridge.open.accept()
+    streams.start()
+    stream.begin(time.monotonic_ns())
+    there.send(b"before")
+    assert heard(stream, 6) == b"before"
+    there.close()
+    bridge.end()
+    until(lambda: stream.gone)
+    time.sleep(0.15)                                    # an attempt is refused meanwhile
+    assert stream.gone and stream.counts["losses"] == 1 and stream.counts["returns"] == 0
+    bridge.begin(bridge.port)
+    there, _ = bridge.open.accept()
+    there.settimeout(2.0)
+    assert there.recv(16) == b"go\n"
+    there.send(b"after")
+    until(lambda: stream.counts["bytes"] == 11)
+    frames = [(kind, data) for kind, _, data, _ in stream.end.receive()]
+    assert frames == [(LOST, b""), (BACK, b""), (BYTES, b"after")] and stream.counts["returns"] == 1
+    there.close()
+
+
+def test_a_connection_that_nobody_answers_delays_no_other_line(streams, bridge):
+    """A queue that is full: whoever connects is neither taken nor refused."""
+    here = socket.create_connection(("127.0.0.1", bridge.port))
+    lost = streams.add(here.fileno(), "insole", reconnects=True)
+    here.close()
+    there, _ = bridge.open.accept()
+    near, far = socket.socketpair()
+    imu = streams.add(near.fileno(), "imu")
+    near.close()
+    waiting = []
+    for _ in range(3):
+        waiting.append(socket.socket())
+        waiting[-1].setblocking(False)
+        waiting[-1].connect_ex(("127.0.0.1", bridge.port))
+    streams.start()
+    imu.begin(time.monotonic_ns())
+    there.close()
+    until(lambda: lost.gone)
+    worst = 0.0
+    for number in range(60):                            # the attempt begins meanwhile
+        began = time.monotonic_ns()
+        far.send(bytes((number,)))
+        assert heard(imu, 1) == bytes((number,))
+        worst = max(worst, 1e-9 * (time.monotonic_ns() - began))
+        time.sleep(0.003)
+    assert lost.gone and lost.counts["returns"] == 0 and worst < 0.5
+    began = time.monotonic()
+    streams.end()
+    assert time.monotonic() - began < 0.5               # nor does it keep the thread from ending
+    for one in (far, *waiting):
+        one.close()
+
+
+def test_attempts_to_connect_become_rarer(streams, bridge):
+    """0.1, 0.2, 0.4 and 0.8 s after it was lost: who waits again after 0.5 s is not found before."""
+    here = socket.create_connection(("127.0.0.1", bridge.port))
+    stream = streams.add(here.fileno(), "insole", reconnects=True)
+    here.close()
+    bridge.open.accept()[0].close()
+    bridge.end()
+    streams.start()
+    until(lambda: stream.gone)
+    lost = time.monotonic()
+    time.sleep(0.5)
+    bridge.begin(bridge.port)
+    until(lambda: not stream.gone)
+    assert 0.7 < time.monotonic() - lost < 1.5 and stream.counts["returns"] == 1

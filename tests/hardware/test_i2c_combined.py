@@ -144,6 +144,17 @@ def test_a_run_from_the_command_line_records_every_sensor(wires, tmp_path):
     assert len(files.table["tick"]) == 50 and wires.counts["combined"] > 40
 
 
+def test_a_stream_shows_those_that_are_named(wires, tmp_path):
+    done = finished("stream", "i2c", "0x69", "0x70.1:0x68", "--channel", wires.path, "--rate", "20", "--duration", "1", "--channels", "accel,mag",
+                    "--set", "accel_range=4", "--record", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "mpu9250_69  accel    0.120   -0.239    9.807 m/s²" in done.stdout and "icm20948_70_1_68" in done.stdout
+    [file] = (tmp_path / "out").glob("i2c_*.csv")
+    last = [float(x) for x in file.read_text().splitlines()[-1].split(",")]
+    assert last[5:8] == pytest.approx([-7 * 0.15, -8 * 0.15, -9 * 0.15], rel=1e-6)
+    assert last[11:14] == pytest.approx([1.25 * 20 * 4912 / 32760, 10 * 4912 / 32760, -0.75 * 30 * 4912 / 32760], rel=1e-6)
+
+
 def test_a_chip_that_acknowledges_nothing_is_lost_alone_and_set_up_when_it_is_back(wires, interface):
     until(lambda devices: all(told["answers"] > 2 for told in devices.values()), interface)
     wires.behave(THIGH, absent=True)

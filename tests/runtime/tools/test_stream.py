@@ -58,7 +58,7 @@ def test_nobody_and_somebody_elses_drive_are_told(command_line):
 
 
 @pytest.mark.parametrize("words, said", [
-    (["foot", "3"], "stream foot: expected stream actuator ID, or stream imu SERIAL"),
+    (["foot", "3"], "stream foot: expected stream actuator ID, or stream imu, openimu or i2c"),
     (["actuator"], "required: ID"),
     (["actuator", "3", "--rate", "1000"], "--rate 1000: at most 500 Hz"),
     (["actuator", "3", "--model", "AK80"], "is not a CubeMars model"),
