@@ -4,13 +4,14 @@
     packet    counter (one byte), fields, checksum, least significant byte first; stuffed, so that zero ends it and is nowhere else
     line      counter, numbers, with commas between, a line feed at the end; what begins with # is a remark
 
-The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one.
+The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one. That of a line is not even read: without
+its first digits a number is another, and no checksum tells.
 """
 
 from libc.math cimport isfinite
 from libc.stdint cimport int32_t, uint8_t, uint64_t
 from libc.stdio cimport snprintf
-from libc.string cimport memcpy, memset
+from libc.string cimport memcpy, memmove, memset
 
 from cext.abi cimport (
     FRAME_BYTES, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode,
@@ -191,7 +192,7 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         answer = NOTED
         if state[TOO_LONG] != 0.0:
             answer = MALFORMED
-        elif state[FILLED] > 0.0:
+        elif state[FILLED] > 0.0 and (state[WHOLE] != 0.0 or not lines):
             answer = (line if lines else packet)(arena, slots, sizes, state, plan, data)
         if answer == TAKEN:
             taken = True
@@ -239,6 +240,7 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
     cdef double *state = item(arena, slots, 3, E_STATE)
     cdef uint8_t *out = <uint8_t *>item(arena, slots, 3, E_OUT)
     cdef int faults = slots[INPUTS] - FAULTS
+    cdef bint first = state[DUE] == 0.0
     cdef int count = 0
     cdef int field, i
     for field in range(faults):
@@ -251,6 +253,10 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
             state[DUE] = arena[TIME] + item(arena, slots, 2, PERIOD)[0]
         state[FROM] = 0.0
         state[UNTIL] = (make_line if plan[LINES] != 0.0 else make_packet)(arena, slots, sizes, plan, state[NUMBER], out)
+        if first and plan[LINES] != 0.0 and state[UNTIL] < LINE:       # an end in front of the first, so that it is heard from its beginning
+            memmove(out + 1, out, <int>state[UNTIL])
+            out[0] = 10
+            state[UNTIL] += 1.0
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFF)
         if arena[slots[faults + SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[faults + DROPPED]]):
             state[UNTIL] = 0.0

@@ -21,7 +21,7 @@ from tests.fuzzing.targets import TARGETS, seeds
 CORPUS = ROOT / "build" / "fuzzing"             # what earlier runs have found, and what they have failed at
 CHECKS = "address,undefined,float-cast-overflow"
 NATIVE = ("streams", "socketcan")               # of cext, beside the kernels
-OPTIONS = ("-max_len=1500", "-timeout=5", "-rss_limit_mb=3000", "-detect_leaks=0", "-print_final_stats=1", "-print_coverage=1", "-reload=0")
+OPTIONS = ("-max_len=1500", "-timeout=5", "-rss_limit_mb=3000", "-detect_leaks=0", "-print_final_stats=1", "-print_coverage=1", "-print_pcs=1", "-reload=0")
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Driven:
         wired = Wired(target.device, *target.values, **target.parameters)
         block = wired.block
         ranges = {**{name: port.range for name, port in block.outputs.items()}, **block.output_range()}
+        self.is_emulated = target.device.__name__.startswith("Emulated")
         self.is_stream, self.protocol, self.tail = target.is_stream, target.protocol, target.tail
         steps = wired.schedule.devices[0]
         self.decode, self.encode, self.counts = steps.decode, steps.encode, list(steps.table.counts)
@@ -213,7 +214,7 @@ FRAMES = {
         CubeMarsV3, {"can_id": 7}, ("AK80-9-V3.0",), same=JOINT, tail=(V3,), seeds=((V3_FAULT,),), is_stream=False, module="cubemars_v3",
         identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A)))),
     "cubemars_emulated": Target(
-        EmulatedCubeMars, {"can_id": 1}, ("AK80-9",), is_stream=False, module="cubemars_drive", identifiers=((1, 8), (2, 8)),
+        EmulatedCubeMars, {"can_id": 1}, ("AK80-9",), is_stream=False, module="cubemars", identifiers=((1, 8), (2, 8)),
         seeds=(((1, b"\xff" * 7 + b"\xfc"), (1, bytes(8)), (1, b"\xff" * 7 + b"\xfd")),)),
     "robstride": Target(
         RobStride, values=("RS03",), same=JOINT, tail=(RUNS,), seeds=((FAILS,),), is_stream=False, module="robstride",
@@ -234,7 +235,7 @@ FRAMES = {
         identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4) for transfer in (0, 1, 2, 3, 4, 7, 15)),
         seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),)),
     "nau7802": Target(
-        NAU7802, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
+        NAU7802, {"tare_at_start": False}, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
         identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x2A, 5 if transfer == 15 else 4) for transfer in (0, 1, 15))),
     "gpio": Target(
         GpioInput, is_stream=False, module="gpio", same=("on", "known"), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),

@@ -189,6 +189,14 @@ def test_lines_of_numbers(parser):
     assert set(hear(wired, b"1," * 2000 + b"\n")) == {NOTED, MALFORMED} and counts(wired) == (3, 3, 7)
 
 
+@pytest.mark.parametrize("gap", [lambda wired: None, lambda wired: (wired.hear(LOST, b""), wired.hear(BACK, b""))])
+def test_a_line_whose_first_digits_were_not_heard_is_another_number_and_is_not_read(gap, parser):
+    wired = parser(("force", "float32"), format="lines", counter=False)
+    gap(wired)
+    assert hear(wired, b"2.5\n") == [NOTED] and counts(wired) == (0, 0, 0) and wired["force"] == 0.0
+    assert hear(wired, b"12.5\n") == [TAKEN] and counts(wired) == (1, 0, 0) and wired["force"] == 12.5
+
+
 @given(text=st.binary(max_size=200), cut=st.integers(1, 64))
 @settings(max_examples=150, deadline=None)
 def test_any_text_between_lines_is_got_over(text, cut, parser):
