@@ -11,7 +11,7 @@ its first digits a number is another, and no checksum tells.
 from libc.math cimport isfinite
 from libc.stdint cimport int32_t, uint8_t, uint64_t
 from libc.stdio cimport snprintf
-from libc.string cimport memcpy, memmove, memset
+from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
     FRAME_BYTES, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode,
@@ -240,7 +240,6 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
     cdef double *state = item(arena, slots, 3, E_STATE)
     cdef uint8_t *out = <uint8_t *>item(arena, slots, 3, E_OUT)
     cdef int faults = slots[INPUTS] - FAULTS
-    cdef bint first = state[DUE] == 0.0
     cdef int count = 0
     cdef int field, i
     for field in range(faults):
@@ -253,10 +252,6 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
             state[DUE] = arena[TIME] + item(arena, slots, 2, PERIOD)[0]
         state[FROM] = 0.0
         state[UNTIL] = (make_line if plan[LINES] != 0.0 else make_packet)(arena, slots, sizes, plan, state[NUMBER], out)
-        if first and plan[LINES] != 0.0 and state[UNTIL] < LINE:       # an end in front of the first, so that it is heard from its beginning
-            memmove(out + 1, out, <int>state[UNTIL])
-            out[0] = 10
-            state[UNTIL] += 1.0
         state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFF)
         if arena[slots[faults + SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[faults + DROPPED]]):
             state[UNTIL] = 0.0
