@@ -3,6 +3,7 @@
 The packets are those that the tests of the devices make, by their own references.
 """
 
+import socket
 import struct
 from dataclasses import dataclass, field
 
@@ -250,3 +251,34 @@ FRAMES = {
 }
 
 TARGETS = STREAMS | FRAMES
+
+
+# What carries frames
+
+@dataclass(frozen=True)
+class Carrying:
+    """record : bytes that belong together; of datagrams above 1 where there is CAN FD. module : of cext"""
+
+    kind: str
+    socket: int
+    record: int
+    module: str
+    seeds: tuple
+
+
+CAN_DATAGRAMS = (b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"), b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8, b"\0\4\0\0\0\0\0\0"),
+                 b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)), b"\x80" + struct.pack("=IB3x8s", 1, 9, b"longer"),
+                 b"\x05short")
+READS = (bytes([0, 9, 2, 63]), bytes([0xFD, 0, 0xFD, 0] * 12 + [2, 63]), bytes([1, 5, 3, 0, 4, 4, 2, 1]))
+LINES_THAT_CARRY = {
+    "reads": Carrying("reads", socket.SOCK_STREAM, 1, "streams", READS),
+    "reads_of_records": Carrying("reads", socket.SOCK_STREAM, 24, "streams", READS),
+    "datagrams": Carrying("datagrams", socket.SOCK_SEQPACKET, 1, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
+    "datagrams_fd": Carrying("datagrams", socket.SOCK_SEQPACKET, 2, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
+}
+
+EVERYTHING = {name: target.module for name, target in (TARGETS | LINES_THAT_CARRY).items()}
+
+
+def seeds_of(name):
+    return seeds(TARGETS[name]) if name in TARGETS else LINES_THAT_CARRY[name].seeds
