@@ -161,7 +161,7 @@ def openimu(group, data, address=128):
 
 
 IMU_GROUPS = 0xF029, 0xF02A, 0xF02D, 0xFF6A, 0xEEFF, 0xFF55, 0xFF56, 0xFF57, 0xFF58, 0xFF59
-IMU_TOLD = (openimu(0xFF59, b"\x80\x58\x00"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
+IMU_TOLD = (openimu(0xFF59, b"\x80\x00\xc2"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
             openimu(0xFF58, b"\x80\0\0"), openimu(0xFF57, b"\x80\x19\x19"))
 IMU_FRAMES = (openimu(0xF02A, bytes(range(1, 9))), openimu(0xF02D, bytes(range(11, 19))), openimu(0xFF6A, bytes(range(21, 29))))
 CUBEMARS_LIMITS = {"position": (-12.5, 12.5), "velocity": (-50.0, 50.0), "torque": (-18.0, 18.0)}
