@@ -78,3 +78,24 @@ def plan(fields, lines, counter):
     """The same for a kernel: whether they come as lines, whether a counter does, bytes of all, then type and scale of each."""
     return (float(lines), float(counter), float(sum(each.size for each in fields)),
             *(x for each in fields for x in (float(TYPES.index(each.type)), each.scale)))
+
+
+def clock(fields, name, wrap):
+    """For a kernel, of the field of that name: which number it is, s of a count, s after which it begins anew (0: never). "" is none.
+
+    wrap : s, 0 for as its type has it. ValueError where there is no such field, or it is no time
+    """
+    if not name:
+        return -1.0, 0.0, 0.0
+    found = next((each for each in fields if each.name == name), None)
+    if found is None:
+        raise ValueError(f"clock is one of the fields, {', '.join(each.name for each in fields)}, got {name!r}")
+    try:
+        second = units.convert(1.0, found.unit, "s")
+    except ValueError:
+        second = None
+    if second is None or found.count is not None or found.scale < 0.0:
+        raise ValueError(f"field {name!r} is no clock: that is one number in a unit of time, such as (\"{name}\", \"uint32\", \"s\", 1e-6)")
+    count = found.scale * second
+    turn = 2.0 ** (8 * found.size) * count if found.type.startswith("uint") else 0.0
+    return float(sum(each.numbers for each in fields[: fields.index(found)])), count, float(wrap) or turn

@@ -11,9 +11,10 @@ LARGEST = 65534 * 10.0              # Pa that a cell can say
 
 
 def plan_of(block):
-    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a datagram."""
+    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a datagram, whether frames have
+    a time."""
     return (float(block.rows), float(block.columns), float(SIDES[block.side]), block.length, block.breadth,
-            getattr(block, "least", 0.0), float(getattr(block, "transport", "udp") == "udp"))
+            getattr(block, "least", 0.0), float(getattr(block, "transport", "udp") == "udp"), float(getattr(block, "clock", False)))
 
 
 def room(block):
@@ -40,6 +41,7 @@ class Insole(StreamDevice):
     regions_at = Param((0.3, 0.6, 0.85), "1", "where regions end, as shares of the length from the heel: heel, midfoot, forefoot; the rest are "
                        "the toes")
     least = Param(20.0, "N", "under which a centre of pressure means nothing", min=0.0, fixed=True, kernel=False)
+    clock = Param(False, "1", "whether the sender puts its clock into its frames: then sample_time follows it", fixed=True, kernel=False)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
 
     force = Output("N", "on the whole insole")
@@ -50,10 +52,13 @@ class Insole(StreamDevice):
     lost = Output("1", "frames so far that their numbers miss", dtype=int)
     corrupt = Output("1", "frames so far with a wrong checksum or size", dtype=int)
     dead = Output("1", "places without a cell, or with a broken one", dtype=int)
-    plan = Memory((), "rows, columns, side, length, breadth, least force, whether each read is a datagram")
+    sample_time = Output("s", "when the newest frame was measured, on the clock of the run; without a clock of its own, when it came")
+    clock_drift = Output("1", "by how much its clock is slower than the computer's")
+    plan = Memory((), "rows, columns, side, length, breadth, least force, whether each read is a datagram, whether there is a clock")
     bounds = Memory((), "rows at which regions begin")
     parsed = Memory((0.0, -1.0, 0.0), "bytes of the frame that is coming, number of the next, whether one has ended in front of it")
     buffer = Memory((), "those bytes")
+    mapped = Memory((0.0,) * kernels.clock_doubles, "map of its clock")
 
     line = "net"
     decode = kernels.decode

@@ -23,6 +23,9 @@ class Microcontroller(StreamDevice):
                    required=True)
     format = Param("cobs", "1", "of the packets", choices=tuple(BYTES))
     counter = Param(True, "1", "whether a packet begins with a counter, modulo 256", fixed=True, kernel=False)
+    clock = Param("", "1", "name of the field that is its clock, in a unit of time, one number: then sample_time follows it", dtype=str)
+    clock_wrap = Param(0.0, "s", "after which that begins anew; 0: where its type does, of whole numbers without a sign, else never", min=0.0,
+                       fixed=True, kernel=False)
     port = Param("", "1", "path of its serial port, such as /dev/ttyACM0; a rig says which", dtype=str)
     serial = Param("", "1", "last characters of its USB serial number, instead of a port; a rig says which", dtype=str)
     baudrate = Param(115200, "1/s", "bit/s of the line; USB ports that are no adapters do not care", min=50, max=4_000_000, fixed=True, kernel=False)
@@ -33,9 +36,13 @@ class Microcontroller(StreamDevice):
     received = Output("1", "packets so far", dtype=int)
     lost = Output("1", "packets so far that the counter misses", dtype=int)
     corrupt = Output("1", "packets so far with a wrong checksum, length or number", dtype=int)
+    sample_time = Output("s", "when the newest packet was made, on the clock of the run; without a clock of its own, when it came")
+    clock_drift = Output("1", "by how much its clock is slower than the computer's")
     plan = Memory((), "whether they are lines, whether there is a counter, bytes of the fields, then type and scale of each field")
     parsed = Memory((0.0, 0.0, 0.0, -1.0), "bytes of the packet that is coming, whether its beginning was heard, whether it is too long, next counter")
     buffer = Memory((), "those bytes")
+    clock_plan = Memory((-1.0, 0.0, 0.0), "which of the numbers is its clock, s of a count, s after which it begins anew")
+    mapped = Memory((0.0,) * kernels.clock_doubles, "map of its clock")
 
     decode = kernels.decode
     hardware = ("port", "serial", "baudrate")
@@ -51,6 +58,7 @@ class Microcontroller(StreamDevice):
             raise ValueError(f"a packet has at most {LONGEST} bytes and {MOST} numbers, and these fields have {sizes[0]} and {sizes[1]}")
         self.plan = fields.plan(self.declared, self.format == "lines", self.counter)
         self.buffer = (0.0,) * (BYTES[self.format] // 8)
+        self.clock_plan = fields.clock(self.declared, self.clock, self.clock_wrap)
 
     def opening(self):
         setup = (self.start.encode(),) if self.start else ()

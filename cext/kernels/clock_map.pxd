@@ -5,9 +5,12 @@ is the one to trust. The least of each second is kept, a line is drawn through t
 computer's clock goes than the device's. (Paxson, "On calibrating measurements of packet transit times", 1998)
 """
 
+from libc.math cimport floor, isfinite
+
 cdef enum:
     POINTS = 16                 # seconds that the line goes through
     ENOUGH = 4                  # before a slope is told
+    LARGEST_JUMP = 1            # s by which a clock may be ahead of what has passed, or stand still, and still be the same clock
 
 cdef struct ClockMap:           # lies in the memory of a block; times in s
     double known                # whether it has begun
@@ -21,6 +24,15 @@ cdef struct ClockMap:           # lies in the memory of a block; times in s
     double difference[POINTS]
     double offset               # at the origin
     double slope
+
+cdef struct DeviceClock:        # one whose counter begins anew now and then; times in s
+    ClockMap map
+    double known                # whether it has told anything
+    double value                # that it told last,
+    double said                 # with all that its counter has gone round,
+    double came                 # when that came
+    double moved                # and when it came that it differed from the one before
+
 
 
 cdef inline void draw(ClockMap *map) noexcept nogil:
@@ -72,3 +84,29 @@ cdef inline double mapped(ClockMap *map, double said, double came) noexcept nogi
         draw(map)
     here = since + map.offset + map.slope * since
     return min(here, came)
+
+
+cdef inline double sampled(DeviceClock *clock, double value, double wrap, double came) noexcept nogil:
+    """When a sample was taken, as above, of a counter that begins anew every `wrap` s; 0: it never does.
+
+    How often it has gone round since the last sample, the computer's clock tells. One that is no number, stands still, or has been set says
+    nothing: then a sample was taken when it came.
+    """
+    cdef double step, elapsed, turns
+    if not isfinite(value):
+        return came
+    elapsed, step = came - clock.came, value - clock.value
+    if clock.known == 0.0:
+        clock.known, clock.said, clock.moved = 1.0, value, came
+    else:
+        turns = floor((elapsed - step) / wrap + 0.5) if wrap > 0.0 else 0.0
+        if step != 0.0 or turns > 0.0:
+            clock.moved = came
+        step += turns * wrap if turns > 0.0 else 0.0
+        clock.said += step
+        if not isfinite(clock.said):
+            clock.said = value
+        if step > elapsed + LARGEST_JUMP or came - clock.moved > LARGEST_JUMP:
+            clock.map.known = 0.0
+    clock.value, clock.came = value, came
+    return mapped(&clock.map, clock.said, came)

@@ -43,12 +43,13 @@ cdef int edge(double *arena, const int32_t *slots, const uint8_t *data) noexcept
     cdef double *state = arena + slots[STATE]
     cdef uint32_t kind = u32(data + 8)
     cdef uint32_t number = u32(data + 20)
+    cdef uint32_t wanted = <uint32_t><int64_t>state[0]              # the numbers begin anew behind the largest
     cdef int64_t when
     if kind != RISING and kind != FALLING:
         return MALFORMED
     memcpy(&when, data, sizeof(int64_t))
-    if state[0] > 0.0 and number != <uint32_t>state[0]:          # the kernel's own queue was full
-        arena[slots[MISSED]] += <double>(<uint32_t>(number - <uint32_t>state[0]))
+    if state[0] > 0.0 and number != wanted:                    # the kernel's own queue was full
+        arena[slots[MISSED]] += <double>(<uint32_t>(number - wanted))
     state[0] = number + 1.0
     arena[slots[ON]] = kind == RISING
     arena[slots[KNOWN]] = 1.0

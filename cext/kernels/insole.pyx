@@ -16,20 +16,22 @@ from libc.string cimport memcpy, memmove, memset
 from cext.abi cimport (
     DT, FRAME_BYTES, MALFORMED, NOT_FINITE, NOTED, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
 )
+from cext.kernels.clock_map cimport DeviceClock, sampled
 from cext.kernels.cobs cimport checksum
 from cext.kernels.luck cimport lucky
 from cext.newest_ring cimport GAP, START
 from cext.streams cimport BYTES
 
 cdef enum: # of Insole, in the order of its declaration
-    FORCE, CENTRE, REGIONS, AGE, RECEIVED, LOST, CORRUPT, DEAD
+    FORCE, CENTRE, REGIONS, AGE, RECEIVED, LOST, CORRUPT, DEAD, SAMPLE_TIME, CLOCK_DRIFT
     PLAN                        # as the enum below
     BOUNDS                      # rows at which regions begin, the first 0
     STATE                       # as the enum below
     BUFFER                      # bytes of the frame that is coming, as they are
+    CLOCK                       # a DeviceClock
 
 cdef enum: # in PLAN
-    ROWS, COLUMNS, SIDE, LENGTH, WIDTH, LEAST, DATAGRAMS
+    ROWS, COLUMNS, SIDE, LENGTH, WIDTH, LEAST, DATAGRAMS, CLOCKED
 
 cdef enum: # in STATE
     FILLED
@@ -55,6 +57,8 @@ cdef enum: # in E_STATE
 cdef enum: # of FootContact
     C_FORCE, C_HEEL, C_CONTACT, C_STRIKE, C_OFF, C_PRESS, C_RELEASE, C_SHARE, C_SHORTEST
     C_STATE                     # whether it is on the ground, s since that has changed
+
+cdef double ROUND = 4294.967296 # s, of a clock of 32 bits in µs
 
 
 cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
@@ -122,10 +126,11 @@ cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, cons
 
 
 cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double *state,
-                     const uint8_t *data) noexcept nogil:
+                     const uint8_t *data, double came) noexcept nogil:
     """TAKEN, NOTED for one of the other foot, MALFORMED"""
     cdef int size = bytes_of(plan)
     cdef uint32_t number = u16(data + 6)
+    cdef DeviceClock *clock = <DeviceClock *>(arena + slots[CLOCK])
     if checksum(data, size - 2) != u16(data + size - 2):
         return MALFORMED
     if data[8] != <int>plan[ROWS] or data[9] != <int>plan[COLUMNS]:
@@ -133,6 +138,10 @@ cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, 
     if data[5] != <int>plan[SIDE]:
         return NOTED
     sum_up(arena, slots, sizes, plan, data + HEADER)
+    if plan[CLOCKED] != 0.0:
+        came = sampled(clock, 1e-6 * (u16(data + 12) | u16(data + 14) << 16), ROUND, came)
+        arena[slots[CLOCK_DRIFT]] = clock.map.slope
+    arena[slots[SAMPLE_TIME]] = came
     arena[slots[RECEIVED]] += 1.0
     if state[NEXT] >= 0.0:
         arena[slots[LOST]] += <double>((number - <uint32_t>state[NEXT]) & 0xFFFF)
@@ -167,7 +176,7 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
             look_on(state, data)
         if state[FILLED] < size:
             continue
-        answer = whole_frame(arena, slots, sizes, plan, state, data)
+        answer = whole_frame(arena, slots, sizes, plan, state, data, frame.time * 1e-9)
         if answer == MALFORMED:
             if state[WHOLE] != 0.0:
                 arena[slots[CORRUPT]] += 1.0
@@ -264,5 +273,6 @@ cdef int contact_kernel(double *arena, const int32_t *slots, const int32_t *size
 
 
 decode = export_decode(decode_kernel)
+clock_doubles = sizeof(DeviceClock) // 8
 emulated_encode = export_encode(send_encode)
 contact = export(contact_kernel)

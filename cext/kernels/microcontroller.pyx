@@ -4,7 +4,8 @@
     packet    counter (one byte), fields, checksum, least significant byte first; stuffed, so that zero ends it and is nowhere else
     line      counter, numbers, with commas between, a line feed at the end; what begins with # is a remark
 
-The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one.
+The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one. That of a line is not even read: without
+its first digits a number is another, and no checksum tells.
 """
 
 from libc.math cimport isfinite
@@ -16,6 +17,7 @@ from cext.abi cimport (
     FRAME_BYTES, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode,
     export_encode,
 )
+from cext.kernels.clock_map cimport DeviceClock, sampled
 from cext.kernels.cobs cimport checksum, stuff, unstuff
 from cext.kernels.fields_of_bytes cimport number, put_number, size_of
 from cext.kernels.luck cimport lucky
@@ -37,12 +39,14 @@ cdef extern from *:
     double number_of "tw_number"(const char *text, char **end) noexcept nogil
 
 cdef enum: # outputs behind those of the fields
-    AGE, COUNT, LOST, CORRUPT, COUNTERS
+    AGE, COUNT, LOST, CORRUPT, SAMPLE_TIME, CLOCK_DRIFT, COUNTERS
 
 cdef enum: # memory
     PLAN                        # lines?, whether there is a counter, bytes of a packet's fields, then of each field: type, scale
     STATE                       # as the enum below
     BUFFER                      # bytes of the packet that is coming, as they are
+    CLOCK_PLAN                  # which of the numbers is the device's clock, -1: none; s of one count; s after which it begins anew, 0: never
+    CLOCK                       # a DeviceClock
 
 cdef enum:
     LINES, COUNTED, SIZE, FIRST_FIELD
@@ -109,7 +113,19 @@ cdef void count(double *arena, const int32_t *slots, double *state, double count
     state[NEXT] = <double>((<int>counter + 1) & 0xFF)
 
 
-cdef int packet(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data) noexcept nogil:
+cdef void note_time(double *arena, const int32_t *slots, const double *values, double came) noexcept nogil:
+    """When the packet was taken: by its own clock, or else when it came. came : s"""
+    cdef const double *plan = item(arena, slots, 3, CLOCK_PLAN)
+    cdef DeviceClock *clock = <DeviceClock *>item(arena, slots, 3, CLOCK)
+    cdef int first = slots[OUTPUTS] - COUNTERS
+    if plan[0] >= 0.0:
+        came = sampled(clock, values[<int>plan[0]] * plan[1], plan[2], came)
+        item(arena, slots, 1, first + CLOCK_DRIFT)[0] = clock.map.slope
+    item(arena, slots, 1, first + SAMPLE_TIME)[0] = came
+
+
+cdef int packet(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data,
+                double came) noexcept nogil:
     """What stood in front of a zero. TAKEN, or MALFORMED"""
     cdef double[MOST] values
     cdef int size = <int>plan[SIZE]
@@ -127,11 +143,13 @@ cdef int packet(double *arena, const int32_t *slots, const int32_t *sizes, doubl
             values_count += 1
             at += size_of(kind)
     put(arena, slots, sizes, plan, values)
+    note_time(arena, slots, values, came)
     count(arena, slots, state, data[0] if counted else -1.0)
     return TAKEN
 
 
-cdef int line(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data) noexcept nogil:
+cdef int line(double *arena, const int32_t *slots, const int32_t *sizes, double *state, const double *plan, uint8_t *data,
+              double came) noexcept nogil:
     """What stood in front of a line feed. TAKEN, NOTED for a remark, or MALFORMED"""
     cdef double[MOST] values
     cdef int length = <int>state[FILLED]
@@ -162,6 +180,7 @@ cdef int line(double *arena, const int32_t *slots, const int32_t *sizes, double 
     if counted and not 0.0 <= values[0] < 4294967296.0:
         return MALFORMED
     put(arena, slots, sizes, plan, values + counted)
+    note_time(arena, slots, values + counted, came)
     count(arena, slots, state, <double>(<uint64_t>values[0] & 0xFF) if counted else -1.0)
     return TAKEN
 
@@ -191,8 +210,8 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         answer = NOTED
         if state[TOO_LONG] != 0.0:
             answer = MALFORMED
-        elif state[FILLED] > 0.0:
-            answer = (line if lines else packet)(arena, slots, sizes, state, plan, data)
+        elif state[FILLED] > 0.0 and (state[WHOLE] != 0.0 or not lines):
+            answer = (line if lines else packet)(arena, slots, sizes, state, plan, data, frame.time * 1e-9)
         if answer == TAKEN:
             taken = True
         elif answer == MALFORMED and state[WHOLE] != 0.0:
@@ -267,4 +286,5 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
 
 prepare()
 decode = export_decode(decode_kernel)
+clock_doubles = sizeof(DeviceClock) // 8
 emulated_encode = export_encode(send_encode)

@@ -175,8 +175,8 @@ cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State 
             arena[slots[HEADING]] = data[1]
     elif command == 0x0D50:
         if data[0] == WRITE:
-            if length < 4:
-                return -3
+            if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, slots, sizes, 0x80, 0x06):
+                return -3                           # of what it may be aided by, there is its own magnetometer
             arena[slots[HEADING]] = data[3]
     return 0
 

@@ -29,7 +29,8 @@ BAUDRATES = "115200 and 921600 are what MicroStrain sells"
 QUICK = 0.25                    # s, in which one that is asked who it is answers
 GENERIC_FORMAT, GENERIC_BASE_RATE = 0x0C0F, 0x0C0E
 LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}     # commands format and base rate, its reply, stream
-HEADING, MEASUREMENT = 0x0D18, 0x0D50
+HEADING, MEASUREMENT, MAGNETIC_FIELD = 0x0D18, 0x0D50, 0x8006
+INVALID_PARAMETER = 3           # of an acknowledgement
 MAGNETOMETER_HEADING, MAGNETOMETER_MEASUREMENT = 1, 4
 NEW_LOW_PASS, OLD_LOW_PASS = 0x0C54, 0x0C50
 
@@ -226,12 +227,29 @@ class SetUp:
         if not self.device.heading:
             return
         magnetic = self.device.heading == "magnetometer"
+        if magnetic and (MAGNETIC_FIELD not in self.known or not {HEADING, MEASUREMENT} & set(self.known)):
+            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command that says so"
+            self.refuse(f"its filter cannot take its heading from a magnetometer: it has {why}", 'leave `heading` out, or give it "none"')
         if HEADING in self.known:
             self.tell(mip.command(mip.COMMAND_FILTER, 0x18, "BB", mip.WRITE, MAGNETOMETER_HEADING * magnetic), "its heading source")
         elif MEASUREMENT in self.known:
-            self.tell(mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, MAGNETOMETER_MEASUREMENT, magnetic), "its heading source")
+            self.measure(magnetic)
         else:
             self.remarks.append("has no command for its heading source: it stays as it is")
+
+    def measure(self, magnetic):
+        """Whether its filter uses the magnetometer, of the newer generation: as MicroStrain's own examples for that tell it.
+
+        One without a magnetometer says that there is no such source, and so it is as it was asked not to be used.
+        """
+        packet = mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, MAGNETOMETER_MEASUREMENT, magnetic)
+        try:
+            self.sensor.ask(packet)
+        except Refusal as refusal:
+            if magnetic or refusal.code != INVALID_PARAMETER:
+                self.refuse(f"its heading source: {refusal}", "its own program, SensorConnect, shows what it takes")
+        else:
+            self.messages.append(packet)
 
     def low_pass(self):
         cutoff = self.device.low_pass

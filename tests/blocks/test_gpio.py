@@ -48,6 +48,12 @@ def test_level_edges_and_their_times(wired):
     assert (line["on"], line["rises"], line["missed"]) == (1.0, 1.0, 0.0) and line["rise_time"] == pytest.approx(2.000000123, abs=1e-12)
     line.hear(BYTES, event(3_000_000_000, FALLING, 7))                  # the kernel's queue was full
     assert line["missed"] == 4.0
+    line.hear(BYTES, event(3_000_000_000, FALLING, 0xFFFFFFFF))
+    missed = line["missed"]
+    line.hear(BYTES, event(3_000_000_000, RISING, 0))                   # the numbers begin anew
+    assert line["missed"] == missed
+    line.hear(BYTES, event(3_000_000_000, FALLING, 3))
+    assert line["missed"] == missed + 2.0
     assert line.hear(LOST, b"") == NOTED and line["known"] == 0.0
 
 

@@ -11,28 +11,34 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.fuzzing.targets import EVERYTHING, seeds_of
 from tests.house import ROOT, copy_rooms
 from tests.mutation.laboratory import build_of
-from tests.fuzzing.targets import TARGETS, seeds
 
-CORPUS = ROOT / "build" / "fuzzing"             # what earlier runs have found, and what they have failed at
+CORPUS = ROOT / "build" / "fuzzing"             # what earlier runs have found, and in `failures` what they have failed at
 CHECKS = "address,undefined,float-cast-overflow"
-NATIVE = ("streams", "socketcan")               # of cext, beside the kernels
+BUT = "-fno-sanitize=pointer-overflow"          # Cython adds nothing to NULL where a call has no arguments
+OF_CEXT = ("streams", "socketcan")              # beside the kernels
 OPTIONS = ("-max_len=1500", "-timeout=5", "-rss_limit_mb=3000", "-detect_leaks=0", "-print_final_stats=1", "-print_coverage=1", "-reload=0")
 
 
 @dataclass(frozen=True)
 class Run:
-    """executions : of the harness. edges, of_edges : in the functions of the target's module. said : what the fuzzer wrote, failure : where it found one"""
+    """executions : of the harness. edges, of_edges : in the functions that it came to, of the target's module; missed : its other functions.
+
+    failure : what it found, in words, or ""; said : all that the fuzzer wrote
+    """
 
     target: str
     executions: int
     per_second: int
     edges: int
     of_edges: int
+    missed: tuple
     failure: str
     said: str
 
@@ -48,30 +54,32 @@ def why_not():
     if shutil.which("clang") is None:
         return "fuzzing wants clang: sudo apt install clang"
     missing = [name for name in ("fuzzer_no_main", "asan") if runtime(name) is None]
-    return f"fuzzing wants clang's runtime ({', '.join(missing)}): sudo apt install clang libclang-rt-dev" if missing else ""
+    return f"fuzzing wants clang's runtime ({', '.join(missing)}): sudo apt install clang libclang-rt-14-dev, or the version of your clang" if missing else ""
 
 
 def runtime(name):
     """Path of one of clang's own libraries, None where it is not there."""
     ending = "so" if name == "asan" else "a"
     asked = subprocess.run(["clang", "-print-resource-dir"], capture_output=True, text=True).stdout.strip()
-    found = sorted(Path(asked).glob(f"lib/*/libclang_rt.{name}*{ending}"))
-    own = [path for path in found if path.name == f"libclang_rt.{name}-{platform.machine()}.{ending}" or path.parent.name.startswith(platform.machine())]
-    return own[0] if own else None
+    for path in sorted(Path(asked).glob(f"lib/*/libclang_rt.{name}*.{ending}")):
+        if path.name == f"libclang_rt.{name}-{platform.machine()}.{ending}" or path.parent.name.startswith(platform.machine()):
+            return path
+    return None
 
 
 class Laboratory:
-    """The copy, built. `fuzzed(target, seconds)`: a Run."""
+    """The copy, built. checks : of clang's sanitizers, besides those of the harness; "" for coverage alone"""
 
-    def __init__(self, folder):
+    def __init__(self, folder, checks=CHECKS):
         self.folder = copy_rooms(Path(folder), rooms=("cext", "graph", "blocks", "runtime", "tests"))
         self.build_of = build_of()
-        kernels = sorted({target.module for target in TARGETS.values() if target.module})
-        for module in [f"cext/kernels/{name}" for name in kernels] + [f"cext/{name}" for name in NATIVE]:
-            self.build(module, ["-fsanitize=fuzzer-no-link," + CHECKS])
-        self.build("tests/fuzzing/harness", [])
         self.engine = self.folder / "engine.so"
-        self.compile(["-x", "none", "-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive", "-lstdc++", "-lpthread"], self.engine)
+        instrumented = "-fsanitize=" + ",".join(filter(None, ("fuzzer-no-link", checks)))
+        modules = {f"cext/{'' if name in OF_CEXT else 'kernels/'}{name}": [instrumented] for name in set(EVERYTHING.values())}
+        modules |= {"tests/fuzzing/harness": [], "tests/fuzzing/lines": []}
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(self.build, *zip(*modules.items())))
+        self.compile(["-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive", "-lstdc++", "-lpthread"], self.engine)
 
     def build(self, module, flags):
         code = self.folder / f"{module}.c"
@@ -85,43 +93,50 @@ class Laboratory:
     def compile(self, words, out):
         out.unlink(missing_ok=True)
         made = subprocess.run(
-            ["clang", "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, "-o", str(out)], cwd=self.folder,
+            ["clang", "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, BUT, "-o", str(out)], cwd=self.folder,
             capture_output=True, text=True)
         if made.returncode != 0:
             raise RuntimeError(made.stderr)
 
     def fuzzed(self, name, seconds):
+        """A Run of so many seconds; of none, what is kept from earlier ones alone. It begins with that and the seeds."""
         kept, failures = CORPUS / name, CORPUS / "failures"
         kept.mkdir(parents=True, exist_ok=True)
         failures.mkdir(parents=True, exist_ok=True)
-        for number, seed in enumerate(seeds(TARGETS[name]) if name in TARGETS else ()):
+        for number, seed in enumerate(seeds_of(name)):
             (kept / f"seed{number}").write_bytes(seed)
-        process = self.start(name, f"-max_total_time={round(seconds)}", f"-artifact_prefix={failures}/{name}-", *OPTIONS, str(kept))
-        said = process.stdout
+        length = f"-max_total_time={round(seconds)}" if seconds else "-runs=0"
+        code, said = self.start(name, length, f"-artifact_prefix={failures}/{name}-", *OPTIONS, str(kept))
         numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", said)}
-        module = TARGETS[name].module if name in TARGETS else name
-        edges = [tuple(map(int, pair)) for pair in re.findall(r"COVERED_FUNC: hits: \d+ edges: (\d+)/(\d+) __pyx_f_\S+ .*%s\.p[yx]" % module, said)]
+        functions = re.findall(r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*/%s\.pyx:" % EVERYTHING[name], said)
+        entered = [(int(some), int(all_)) for hits, some, all_, _ in functions if int(hits)]
         failure = re.search(r"tickwork: (.*)|(\S+: runtime error: .*)|ERROR: (AddressSanitizer.*|libFuzzer.*)", said)
         return Run(
-            name, numbers.get("number_of_executed_units", 0), numbers.get("average_exec_per_sec", 0), sum(a for a, _ in edges), sum(b for _, b in edges),
-            "" if process.returncode == 0 else next(filter(None, failure.groups())) if failure else f"code {process.returncode}", said)
+            name, numbers.get("number_of_executed_units", 0), numbers.get("average_exec_per_sec", 0), *map(sum, zip((0, 0), *entered)),
+            tuple(function for hits, _, _, function in functions if not int(hits)),
+            "" if code == 0 else next(filter(None, failure.groups())) if failure else f"code {code}", said)
 
     def start(self, name, *words):
-        environment = {**os.environ, "LD_PRELOAD": f"{self.engine} {runtime('asan')}", "PYTHONMALLOC": "malloc",
-                       "ASAN_OPTIONS": "verify_asan_link_order=0:detect_leaks=0:allocator_may_return_null=1:handle_segv=1",
-                       "UBSAN_OPTIONS": "print_stacktrace=1"}
-        return subprocess.run(
+        """(exit code, what it wrote)"""
+        environment = {
+            **os.environ, "LD_PRELOAD": f"{self.engine} {runtime('asan')}", "PYTHONMALLOC": "malloc",
+            "ASAN_OPTIONS": "verify_asan_link_order=0:detect_leaks=0:handle_segv=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
+        process = subprocess.run(
             [sys.executable, "-m", "tests.fuzzing.one", name, *words], cwd=self.folder, env=environment, stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+        return process.returncode, process.stdout
 
 
 def main():
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+    if why_not():
+        sys.exit(why_not())
     with tempfile.TemporaryDirectory() as folder:
-        laboratory = Laboratory(Path(folder) / "copy")
-        for name in sys.argv[2:] or TARGETS:
-            run = laboratory.fuzzed(name, seconds)
-            print(run.in_words(), flush=True)
+        laboratory = Laboratory(Path(folder) / "checked")
+        runs = [laboratory.fuzzed(name, seconds) for name in sys.argv[2:] or EVERYTHING if print(name, end="\r", flush=True) is None]
+        counting = Laboratory(Path(folder) / "counted", checks="")
+        for run in runs:
+            print(run.in_words(), "| without the checks' own:", "{0.edges} of {0.of_edges} edges, not {0.missed}".format(counting.fuzzed(run.target, 0)))
             if run.failure:
                 print(run.said[-6000:])
 

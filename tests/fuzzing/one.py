@@ -1,8 +1,19 @@
 """Fuzz one target in this process, which tests/fuzzing/laboratory.py has started with libFuzzer in it: `python -m tests.fuzzing.one TARGET ARGUMENTS`."""
 
+import socket
 import sys
 
-from tests.fuzzing.harness import drive
-from tests.fuzzing.targets import TARGETS, Driven
+from tests.fuzzing.targets import LINES_THAT_CARRY, TARGETS, Driven
 
-drive(["tickwork", *sys.argv[2:]], Driven(TARGETS[sys.argv[1]]))
+name, words = sys.argv[1], ["tickwork", *sys.argv[2:]]
+if name in TARGETS:
+    from tests.fuzzing.harness import drive
+
+    drive(words, Driven(TARGETS[name]))
+else:
+    from tests.fuzzing.lines import drive
+
+    carrying = LINES_THAT_CARRY[name]
+    ours, theirs = socket.socketpair(socket.AF_UNIX, carrying.socket)
+    ours.setblocking(False)
+    drive(words, carrying.kind, ours, theirs.fileno(), carrying.record)

@@ -3,6 +3,7 @@
 The packets are those that the tests of the devices make, by their own references.
 """
 
+import socket
 import struct
 from dataclasses import dataclass, field
 
@@ -53,6 +54,7 @@ class Driven:
         wired = Wired(target.device, *target.values, **target.parameters)
         block = wired.block
         ranges = {**{name: port.range for name, port in block.outputs.items()}, **block.output_range()}
+        self.is_emulated = target.device.__name__.startswith("Emulated")
         self.is_stream, self.protocol, self.tail = target.is_stream, target.protocol, target.tail
         steps = wired.schedule.devices[0]
         self.decode, self.encode, self.counts = steps.decode, steps.encode, list(steps.table.counts)
@@ -159,7 +161,7 @@ def openimu(group, data, address=128):
 
 
 IMU_GROUPS = 0xF029, 0xF02A, 0xF02D, 0xFF6A, 0xEEFF, 0xFF55, 0xFF56, 0xFF57, 0xFF58, 0xFF59
-IMU_TOLD = (openimu(0xFF59, b"\x80\x58\x00"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
+IMU_TOLD = (openimu(0xFF59, b"\x80\x00\xc2"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
             openimu(0xFF58, b"\x80\0\0"), openimu(0xFF57, b"\x80\x19\x19"))
 IMU_FRAMES = (openimu(0xF02A, bytes(range(1, 9))), openimu(0xF02D, bytes(range(11, 19))), openimu(0xFF6A, bytes(range(21, 29))))
 CUBEMARS_LIMITS = {"position": (-12.5, 12.5), "velocity": (-50.0, 50.0), "torque": (-18.0, 18.0)}
@@ -213,7 +215,7 @@ FRAMES = {
         CubeMarsV3, {"can_id": 7}, ("AK80-9-V3.0",), same=JOINT, tail=(V3,), seeds=((V3_FAULT,),), is_stream=False, module="cubemars_v3",
         identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A)))),
     "cubemars_emulated": Target(
-        EmulatedCubeMars, {"can_id": 1}, ("AK80-9",), is_stream=False, module="cubemars_drive", identifiers=((1, 8), (2, 8)),
+        EmulatedCubeMars, {"can_id": 1}, ("AK80-9",), is_stream=False, module="cubemars", identifiers=((1, 8), (2, 8)),
         seeds=(((1, b"\xff" * 7 + b"\xfc"), (1, bytes(8)), (1, b"\xff" * 7 + b"\xfd")),)),
     "robstride": Target(
         RobStride, values=("RS03",), same=JOINT, tail=(RUNS,), seeds=((FAILS,),), is_stream=False, module="robstride",
@@ -234,7 +236,7 @@ FRAMES = {
         identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4) for transfer in (0, 1, 2, 3, 4, 7, 15)),
         seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),)),
     "nau7802": Target(
-        NAU7802, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
+        NAU7802, {"tare_at_start": False}, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
         identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x2A, 5 if transfer == 15 else 4) for transfer in (0, 1, 15))),
     "gpio": Target(
         GpioInput, is_stream=False, module="gpio", same=("on", "known"), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
@@ -249,3 +251,34 @@ FRAMES = {
 }
 
 TARGETS = STREAMS | FRAMES
+
+
+# What carries frames
+
+@dataclass(frozen=True)
+class Carrying:
+    """record : bytes that belong together; of datagrams above 1 where there is CAN FD. module : of cext"""
+
+    kind: str
+    socket: int
+    record: int
+    module: str
+    seeds: tuple
+
+
+CAN_DATAGRAMS = (b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"), b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8, b"\0\4\0\0\0\0\0\0"),
+                 b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)), b"\x80" + struct.pack("=IB3x8s", 1, 9, b"longer"),
+                 b"\x05short")
+READS = (bytes([0, 9, 2, 63]), bytes([0xFD, 0, 0xFD, 0] * 12 + [2, 63]), bytes([1, 5, 3, 0, 4, 4, 2, 1]))
+LINES_THAT_CARRY = {
+    "reads": Carrying("reads", socket.SOCK_STREAM, 1, "streams", READS),
+    "reads_of_records": Carrying("reads", socket.SOCK_STREAM, 24, "streams", READS),
+    "datagrams": Carrying("datagrams", socket.SOCK_SEQPACKET, 1, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
+    "datagrams_fd": Carrying("datagrams", socket.SOCK_SEQPACKET, 2, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
+}
+
+EVERYTHING = {name: target.module for name, target in (TARGETS | LINES_THAT_CARRY).items()}
+
+
+def seeds_of(name):
+    return seeds(TARGETS[name]) if name in TARGETS else LINES_THAT_CARRY[name].seeds

@@ -4,6 +4,7 @@ from blocks.actuators.emulated import Emulated
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import models
+from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels import robstride_mit as kernels
 from graph import Actuator, Device, Interval, Param
 
@@ -40,7 +41,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
 
     def output_range(self, **commands):
-        return super().output_range() | {"temperature": Interval(-3276.8, 3276.7), "fault": Interval.point(0.0)}
+        return super().output_range() | {"temperature": TEMPERATURE, "fault": Interval.point(0.0)}
 
     def addresses(self):
         return [(self.can_id, False)]

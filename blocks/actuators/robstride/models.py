@@ -14,6 +14,9 @@ import re
 from dataclasses import dataclass
 
 from graph.block import suggestion
+from graph.interval import Interval
+
+TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)           # °C that feedback can tell, rounded as the kernels round
 
 
 @dataclass(frozen=True)

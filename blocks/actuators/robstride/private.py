@@ -2,6 +2,7 @@
 
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels import robstride as kernels
 from graph import Actuator, Input, Interval, Memory, Output, Param
 
@@ -107,7 +108,7 @@ class RobStride(Joint, Actuator):
 
     def output_range(self, **commands):
         ranges = super().output_range() | {
-            "temperature": Interval(-3276.8, 3276.7), "fault": Interval(0.0, 2.0**40), "warning": Interval(0.0, 2.0**32)}
+            "temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**40), "warning": Interval(0.0, 2.0**32)}
         if self.mode != "operation":
             sent = ranges.pop("torque_sent")
             sent = self.limits[0] * (1.0 + 1e-6)                    # rounded to single precision, offset and all

@@ -229,6 +229,13 @@ def test_a_report_that_was_not_asked_for_is_a_measurement_and_no_answer():
     assert abs(wired["position"] - 1.25) < 2 * 12.57 / 65535
 
 
+def test_the_coldest_and_the_hottest_that_feedback_can_tell_lie_in_the_range_that_is_proved():
+    wired = Wired(RobStride, "RS02")
+    for code in (-32768, 32767):
+        wired.hear(*reference.reply(RANGES["RS02"], 127, temperature=code / 10.0))
+        assert wired["temperature"] in wired.block.output_range()["temperature"] and abs(wired["temperature"] - code / 10.0) < 1e-9
+
+
 def test_what_somebody_else_commands_is_told_apart_from_what_harms_nobody():
     wired = Wired(RobStride, "RS03", can_id=5)
     for kind in (1, 3, 4, 6, 7, 18):

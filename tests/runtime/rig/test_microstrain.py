@@ -143,6 +143,24 @@ def test_what_it_was_set_to_is_what_it_was_told(there):
         assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x11, "BB", mip.READ, 3))[0x85] == bytes((3, 1))
 
 
+def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(there):
+    """0D 50, of which it knows one source: the fourth, as in the examples of its maker."""
+    from blocks.imus.microstrain import mip
+    from runtime.rig.mip_port import MipPort, Refusal
+    from runtime.rig.ports import open_port
+
+    for heading, enabled in (("magnetometer", 1), ("none", 0)):
+        found = one(serial="133932", heading=heading)
+        assert [mip.fields(message)[0] for message in found.setup if message[2] == mip.COMMAND_FILTER] == [(0x50, bytes((mip.WRITE, 0, 4, enabled)))]
+    with open_port("", found.channel, 115200) as port:
+        sensor = MipPort(port)
+        sensor.identify()
+        for source in (3, 0x104):
+            with pytest.raises(Refusal) as refused:
+                sensor.ask(mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, source, 1))
+            assert refused.value.code == 3
+
+
 def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened):
     sensors = plug("133931")
     devices, _ = robot({"serial": "133931"})
@@ -166,6 +184,12 @@ def test_a_serial_number_that_nobody_has(there):
     trouble = one(serial="77")
     assert trouble.code == "TW127" and 'serial = "77": no sensor has a serial number that ends so' in trouble.message
     assert "6253.133931 (3DM-GX5-25" in trouble.hint and "6286.133932 (3DM-CV7-AHRS" in trouble.hint
+
+
+def test_a_heading_from_a_magnetometer_that_is_not_there(there):
+    trouble = one(serial="900001", heading="magnetometer", channels=("gyro",))
+    assert trouble.code == "TW129" and "cannot take its heading from a magnetometer: it has no magnetometer" in trouble.message
+    assert "leave `heading` out" in trouble.hint and isinstance(one(serial="900001", heading="none", channels=("gyro",)), Opened)
 
 
 def test_digits_that_two_have_and_none_at_all(there):

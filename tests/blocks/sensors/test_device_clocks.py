@@ -1,0 +1,113 @@
+"""The clock of a device that the person has named, mapped to the computer's: drift, counters that begin anew, and clocks that cannot be believed."""
+
+import binascii
+import random
+import struct
+
+import pytest
+
+from blocks.sensors import Insole, Microcontroller
+from graph import DiagramError
+from tests.blocks.actuators.wire import TAKEN, Wired
+from tests.blocks.sensors.test_insole import frame
+from tests.blocks.sensors.test_microcontroller import packet
+
+DELAY = 0.0008                  # s, of the shortest way
+
+
+@pytest.fixture(scope="module")
+def microcontrollers():
+    made = {}
+
+    def fresh(kind="uint32", unit="s", scale=1e-6, **parameters):
+        key = (kind, unit, scale, *parameters.items())
+        if key not in made:
+            made[key] = Wired(Microcontroller, fields=(("force", "float32", "N"), ("t", kind, unit, scale)), clock="t", **parameters)
+        return Wired.again(made[key])
+
+    return fresh
+
+
+def hear(wired, number, count, came, layout="I"):
+    """A packet whose clock shows `count`, at `came` s."""
+    assert wired.hear(0, packet(number & 255, struct.pack("<f" + layout, 1.0, count)), time=round(came * 1e9)) == TAKEN
+    return wired["sample_time"]
+
+
+def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus=2**32, layout="I", **declared):
+    """s by which sample_time is wrong, of each packet, and the drift that is told. drift : by how much the device's clock is slower"""
+    wired, chance, found = fresh(**declared), random.Random(3), []
+    for number in range(round(seconds * rate)):
+        taken = 5.0 + number / rate
+        count = int((start + (taken - 5.0) * (1.0 - drift)) / tick) % modulus
+        late = DELAY + (0.02 if chance.random() < 0.05 else chance.expovariate(1.0) * 0.002)
+        found.append(hear(wired, number, count, taken + late, layout) - taken)
+    return found, wired["clock_drift"]
+
+
+@pytest.mark.parametrize("drift", [0.0, 80e-6, -200e-6])
+def test_it_follows_the_devices_clock_where_that_drifts(drift, microcontrollers):
+    found, told = errors(microcontrollers, 25, drift=drift)
+    assert told == pytest.approx(drift, abs=2e-5)
+    assert all(-1e-4 < error < DELAY + 5e-4 for error in found[500:])           # though packets come up to 20 ms late
+
+
+@pytest.mark.parametrize(("declared", "tick", "modulus", "layout"), [
+    ({}, 1e-6, 2**32, "I"), ({"kind": "uint16", "unit": "ms", "scale": 1.0}, 1e-3, 2**16, "H"),
+    ({"kind": "int32", "unit": "µs", "scale": 10.0, "clock_wrap": 10.0}, 1e-5, 10**6, "i")])
+def test_a_counter_begins_anew_and_time_goes_on(declared, tick, modulus, layout, microcontrollers):
+    found, _ = errors(microcontrollers, 12, start=modulus * tick - 6.0, tick=tick, modulus=modulus, layout=layout, **declared)
+    assert all(-1e-3 - tick < error < DELAY + 1e-3 for error in found[300:])
+
+
+def test_after_a_silence_of_several_rounds_of_its_counter_it_is_still_known(microcontrollers):
+    wired = microcontrollers("uint16", "ms", 0.1)
+    for number in range(200):
+        hear(wired, number, number * 100, 1.0 + number * 0.01, "H")
+    later = 199 * 100 + 200_000                                                 # 0.1 ms: more than three rounds
+    assert hear(wired, 0, later % 65536, 1.0 + later / 1e4 + 0.004, "H") == pytest.approx(1.0 + later / 1e4, abs=1e-3)
+
+
+def test_a_device_that_began_anew_begins_a_map_anew(microcontrollers):
+    wired = microcontrollers()
+    for number in range(300):
+        hear(wired, number, 50_000_000 + number * 10_000, 1.0 + number * 0.01)
+    for number in range(300):
+        came = 4.2 + number * 0.01
+        assert hear(wired, number, number * 10_000, came) == pytest.approx(came, abs=1e-4)
+
+
+def test_a_clock_that_stands_still_or_is_no_number_says_nothing(microcontrollers):
+    wired = microcontrollers()
+    said = [hear(wired, number, 7, 1.0 + number * 0.01) for number in range(500)]
+    assert said[200:] == pytest.approx([1.0 + number * 0.01 for number in range(200, 500)], abs=1e-9)
+    wired = microcontrollers("float64", "s", 1.0)
+    for count in (0.5, float("nan"), float("inf"), 1e308, -1e308, 1e308, 0.6):
+        assert hear(wired, 0, count, 2.0, "d") == pytest.approx(2.0)
+
+
+def test_without_a_clock_a_packet_was_made_when_it_came():
+    wired = Wired(Microcontroller, fields=(("force", "float32", "N"),))
+    wired.hear(0, packet(1, struct.pack("<f", 1.0)), time=1_500_000_000)
+    assert wired["sample_time"] == 1.5 and wired["clock_drift"] == 0.0
+
+
+def test_an_insole_puts_microseconds_into_its_frames_if_it_is_said_to():
+    for declared, expected in ((True, 2.999), (False, 3.03)):
+        wired = Wired(Insole, rows=6, columns=3, clock=declared)
+        for number in range(101):
+            data = bytearray(frame(number, [[0.0] * 3] * 6, rows=6, columns=3)[:-2])
+            data[12:16] = struct.pack("<I", (2**32 - 500_000 + number * 10_000) % 2**32)
+            came = 2.0 + number * 0.01 + (0.03 if number == 100 else -0.001)
+            data += binascii.crc_hqx(bytes(data), 0xFFFF).to_bytes(2, "little")
+            for at in range(0, len(data), 64):
+                wired.hear(0, bytes(data[at : at + 64]), time=round(came * 1e9))
+        assert wired["received"] == 101 and wired["sample_time"] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(("fields", "clock", "words"), [
+    ((("t", "uint32", "s", 1e-6),), "time", "clock is one of the fields, t, got 'time'"),
+    ((("t", "uint32", "N", 1e-6),), "t", "is no clock"), ((("t", "uint32[2]", "s"),), "t", "is no clock"), ((("t", "int8", "s", -1.0),), "t", "is no clock")])
+def test_a_field_that_is_no_clock_is_refused_in_words(fields, clock, words):
+    with pytest.raises(DiagramError, match=words):
+        Microcontroller(fields=fields, clock=clock)
