@@ -29,6 +29,7 @@ models = pytest.mark.parametrize("model", MODELS)
 def say(wired, **fields):
     """The data of the one frame for a command; fields that are not given are zero."""
     (identifier, data), = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
+    assert wired.frames[0].flags == 0, "nothing of CAN FD"
     assert identifier == wired["can_id"]
     return data
 
