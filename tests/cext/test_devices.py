@@ -5,13 +5,15 @@ import errno
 
 import pytest
 
-from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.actuators import CubeMars, EmulatedCubeMars, RobStride
+from blocks.actuators.mit_frames import DISABLE, ENABLE
 from blocks.sources import StepSource
 from cext.buses import MemoryBus
 from cext.executor import Executor
+from cext.page import RECORD_RECEIVED
 from cext.program import Program
 from cext.rings import Line, Lines
-from graph import Device, Diagram, Output, Param, compile
+from graph import Block, Device, Diagram, Output, Param, compile
 from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
@@ -46,6 +48,51 @@ def test_what_has_come_after_the_tick_began_has_no_age():
     rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=12_000_000)
     rig.run(6)
     assert rig["knee.age"] == pytest.approx([0.0, 0.0, 0.0, 0.003, 0.008, 0.013], abs=1e-12)
+
+
+def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
+    class Stubborn(Block):
+        """In the plant: answers every command but that to disable."""
+
+        taken = Output("1")
+
+        def step(self):
+            for _, _, data, time in self.end.receive():
+                if data not in (ENABLE, DISABLE):
+                    self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=time)
+            return 0.0
+
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+    with Diagram("plant", rate=200) as plant:
+        drive = Stubborn(name="stubborn")
+    rig = Rig(robot, plant)
+    drive.end = rig.buses["can"].device
+    outcome = rig.run(5)
+    assert (outcome.status, outcome.unconfirmed) == ("ok", ("knee",)) and len(rig.commands()) == 5
+
+
+def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
+    with Diagram("robot", rate=200) as robot:
+        RobStride("RS03", can_id=1, name="knee")(torque_command=1.0)
+    rig = Rig(robot)
+    steps = rig.schedule.devices[0]
+    assert len(steps.enable) > 1
+    assert rig.run(10, arming_timeout=0.1).status == "no answer"
+    rounds = len([frame for frame in rig.frames if frame.sent and frame.data == steps.zero[0][2]]) // len(steps.zero)
+    enabling = sorted({frame.time for frame in rig.frames if frame.sent and frame.data == steps.enable[-1][2]})
+    period = 5_000_000              # ns
+    assert rounds > 2 * len(steps.enable)
+    assert len(enabling) > 2 and enabling == [k * len(steps.enable) * period for k in range(len(enabling))]
+
+
+def test_when_what_was_received_is_told_in_the_recording_even_if_it_was_nothing():
+    with Diagram("robot", rate=200) as robot:
+        Sensor(name="sensor", timeout=0.0)
+    rig = Rig(robot)
+    rig.executor.run(20)
+    drains = [payload for kind, payload in rig.page.drain(1 << 30) if kind == RECORD_RECEIVED]
+    assert len(drains) >= 20 and len(set(drains)) >= 20
 
 
 def test_a_timeout_of_zero_waits_for_ever():

@@ -70,6 +70,16 @@ def test_every_field_saturates_at_its_ends_and_never_wraps(model):
         assert abs(codes["torque"] - (1.0 + sign * peak) * 4095 / 2) <= 1.0
 
 
+@pytest.mark.parametrize("invert", [False, True])
+def test_a_mirrored_drive_is_commanded_mirrored(invert):
+    drive = wired("AK70-9", invert=invert, offset=0.3)
+    [(_, said)] = drive.say(position_command=0.5, velocity_command=2.0, torque_command=3.0)
+    codes, (top, fastest, *_, strongest) = reference.force_codes(said), drive["wire"]
+    sign = -1.0 if invert else 1.0
+    for name, x, end, bits in (("position", 0.8, top, 16), ("velocity", 2.0, fastest, 12), ("torque", 3.0, strongest, 12)):
+        assert abs(codes[name] - (1.0 + sign * x / end) * (2**bits - 1) / 2) <= 1.0, name
+
+
 def test_everything_at_its_top_is_not_what_some_boards_take_for_enable():
     drive = unlimited("AK80-9-V3.0")                # whose wire ends where its limit does
     limits = drive["limits"]

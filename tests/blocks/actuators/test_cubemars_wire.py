@@ -1,5 +1,6 @@
 """The bytes of MIT mode against the slow reference: every field, over its whole range, for every model."""
 
+import ctypes
 import math
 
 import pytest
@@ -28,8 +29,9 @@ models = pytest.mark.parametrize("model", MODELS)
 
 def say(wired, **fields):
     """The data of the one frame for a command; fields that are not given are zero."""
+    ctypes.memset(wired.frames, 0xFF, ctypes.sizeof(wired.frames))
     (identifier, data), = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
-    assert wired.frames[0].flags == 0, "nothing of CAN FD"
+    assert wired.frames[0].flags == 0 and not any(wired.frames[0].data[8:]), "nothing of CAN FD, and nothing of what stood there"
     assert identifier == wired["can_id"]
     return data
 
