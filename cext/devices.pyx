@@ -245,7 +245,7 @@ cdef class Devices:
         return status
 
     cdef int command(self) noexcept nogil:
-        """Each device encodes into `outgoing`, bus by bus. If one refuses, nothing of the tick is sent."""
+        """Each device encodes into `outgoing`, bus by bus. Where one refuses, its reason: nothing of the tick is to be sent."""
         cdef int number, count
         cdef int total = 0
         cdef Device *device
@@ -254,7 +254,6 @@ cdef class Devices:
             device = &self.devices[number]
             count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
             if count < 0:
-                memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
                 self.failed.device = number
                 return -count
             total += count

@@ -31,8 +31,6 @@ EQUIVALENT = {
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx receive: break -> pass": "what is empty gives nothing more",
-    "cext/devices.pyx command: memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t)) -> "
-    "memset(self.outgoing_count, 1, self.bus_count * sizeof(int32_t))": "the second: of a tick that a device has refused, nothing is sent",
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault >= 1 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
