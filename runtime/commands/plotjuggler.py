@@ -57,8 +57,8 @@ def write(name, signals, parameters, output):
             output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot write {output or name + '.xml'}: {error.strerror}") from None
-    tell([f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, port {parameters['port']}, protocol json, "
-          "'use field as timestamp': timestamp"])
+    tell([f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address {parameters['host']}, port {parameters['port']}, "
+          "protocol json, 'use field as timestamp': timestamp"])
     return OK
 
 

@@ -7,7 +7,7 @@
     /tickwork/events        what happened besides: the begin by both clocks, live changes, marks, the end
 
 Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0. Records are written
-as they come, without chunks, so that a file which was cut off anywhere holds all that is complete before the cut. What was known before the
+as they come, so that a file which was cut off anywhere holds all that is complete before the cut. What was known before the
 first tick stands in front, as the attachments `diagram.json` and `about.json`; what is known at the end as `end.json`.
 """
 
@@ -17,6 +17,7 @@ from struct import Struct
 
 from runtime.recordings import messages
 from runtime.recorder.files import WholeFile, create
+from runtime.recorder.mcap_file import McapFile
 from runtime.recorder.service import Service
 
 FRAME_HEAD = Struct("=qIBBBB")              # struct Frame of cext/abi.pxd, before its data
@@ -43,26 +44,19 @@ class FlightLog(Service):
 
     def begin(self, about):
         """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
-        from mcap.writer import CompressionType, Writer
-
-        self.writer = Writer(self.file, use_chunking=False, compression=CompressionType.NONE)
-        self.writer.start(profile="", library="tickwork")
+        self.writer = McapFile(self.file, "tickwork")
         if self.plan.get("diagram_json"):
             self.attach("diagram.json", self.plan["diagram_json"].encode())
         self.attach("about.json", json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode())
         self.subsystems = [
-            (subsystem, self.channel(subsystem.topic, *subsystem.descriptor()))
+            (subsystem, self.writer.channel(subsystem.topic, *subsystem.descriptor()))
             for subsystem in messages.subsystems(self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])])]
-        self.tick = self.channel(messages.ROW_END, *messages.simple("Tick", messages.TICK))
-        self.buses = [self.channel(messages.BUS + bus, *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
-        self.events = self.channel(messages.EVENTS, *messages.simple("Event", messages.EVENT))
+        self.tick = self.writer.channel(messages.ROW_END, *messages.simple("Tick", messages.TICK))
+        self.buses = [self.writer.channel(messages.BUS + bus, *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
+        self.events = self.writer.channel(messages.EVENTS, *messages.simple("Event", messages.EVENT))
 
     def attach(self, name, data):
-        self.writer.add_attachment(create_time=0, log_time=0, name=name, media_type=JSON, data=data)
-
-    def channel(self, topic, descriptor, name):
-        schema = self.writer.register_schema(name=name, encoding="protobuf", data=descriptor)
-        return self.writer.register_channel(topic=topic, message_encoding="protobuf", schema_id=schema)
+        self.writer.attach(name, JSON, data)
 
     def wall(self, time):
         """ns in the file of ns since the run's begin."""
@@ -75,7 +69,7 @@ class FlightLog(Service):
 
     def row(self, tick, time, values, lateness=0.0):
         at = self.wall(self.page.first_tick + round(time * 1e9))
-        write = self.writer.add_message
+        write = self.writer.message
         for subsystem, channel in self.subsystems:
             write(channel, at, subsystem.encode([values[place] for place in subsystem.columns]), at, tick)
         write(self.tick, at, messages.tick(tick, time, lateness), at, tick)
@@ -93,7 +87,7 @@ class FlightLog(Service):
             head = self.heads[key] = self.frame_head(payload)
         channel, begin, length = head
         at = self.wall(int.from_bytes(payload[:8], "little", signed=True))
-        self.writer.add_message(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
+        self.writer.message(channel, at, begin + payload[16 : 16 + length], self.wall(self.drained), self.drain)
         self.frames += 1
 
     def frame_head(self, payload):
@@ -105,7 +99,7 @@ class FlightLog(Service):
 
     def event(self, event):
         at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
-        self.writer.add_message(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
+        self.writer.message(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
 
     def flush(self):
         self.file.flush()

@@ -19,6 +19,7 @@ FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.p
 FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
 FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
 LOOK = 4096                     # records between two looks at how far the reading is
+CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk without compression: its kind, the bytes in front of its messages
 RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
 KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
 DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError)       # what garbage makes of a reader
@@ -59,12 +60,15 @@ class Reader:
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""
+        self.spoilt = None          # where a chunk begins whose checksum is wrong
         try:
             with open(path, "rb") as stream:
                 size = os.fstat(stream.fileno()).st_size
                 good = self.read(stream, lambda: progress(stream.tell() / max(1, size)))
                 if not self.finished:
                     self.trouble = f"{path} {matter(stream, good, size)}"
+                elif self.spoilt is not None:
+                    self.finished, self.trouble = False, f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:
@@ -77,32 +81,50 @@ class Reader:
             raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
 
     def read(self, stream, look):
-        """Returns how many bytes are good."""
+        """Returns how many bytes are good. A chunk that is torn, or whose checksum is wrong, holds messages one behind the other, and they are read so."""
         from mcap.exceptions import McapError
+
+        start = 0
+        while True:
+            self.at = self.before = start
+            self.taking = False
+            stream.seek(start)
+            try:
+                self.read_from(stream, look)
+                return self.at
+            except (McapError, *DAMAGE):
+                bad = self.before if self.taking else self.at
+            stream.seek(bad)
+            if self.taking or stream.read(1) != CHUNK:
+                return bad
+            self.spoilt = bad if self.spoilt is None else self.spoilt
+            start = bad + CHUNK_HEAD
+
+    def read_from(self, stream, look):
+        """Records up to the end of the file. `before` and `at`: where the newest begins and ends; `taking`: it could be read, and is being understood"""
         from mcap.records import Attachment, Channel, Footer, Header, Message
         from mcap.stream_reader import StreamReader
 
-        good = 0
         size = os.fstat(stream.fileno()).st_size
-        try:
-            for number, record in enumerate(StreamReader(stream, record_size_limit=size).records):
-                if number % LOOK == 0:
-                    look()
-                if isinstance(record, Message):
-                    self.take(record)
-                elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
-                    setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
-                elif isinstance(record, Channel):
-                    self.topics[record.id] = record.topic
-                    self.messages.setdefault(record.topic, [])
-                elif isinstance(record, Header):
-                    self.library = record.library
-                elif isinstance(record, Footer):
-                    self.finished = True
-                good = stream.tell()
-        except (McapError, *DAMAGE):
-            pass
-        return good
+        reader = StreamReader(stream, skip_magic=self.at > 0, validate_crcs=True, record_size_limit=size)
+        for number, record in enumerate(reader.records):
+            if stream.tell() != self.at:
+                self.before, self.at = self.at, stream.tell()
+            if number % LOOK == 0:
+                look()
+            self.taking = True
+            if isinstance(record, Message):
+                self.take(record)
+            elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
+                setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
+            elif isinstance(record, Channel):
+                self.topics[record.id] = record.topic
+                self.messages.setdefault(record.topic, [])
+            elif isinstance(record, Header):
+                self.library = record.library
+            elif isinstance(record, Footer):
+                self.finished = True
+            self.taking = False
 
     def what_else(self, path, size):
         """What a file is that is no recording."""

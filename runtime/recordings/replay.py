@@ -245,7 +245,7 @@ def plan(trial, diagram, schedule, folder):
         "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "virtual": True,
         "duration": float(trial.time[-1]) + 1.0 / schedule.rate, "keys": False,
         "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses,
-        "media": schedule.media, "sinks": [],
+        "media": schedule.media, "bitrates": {load.bus: load.bitrate for load in schedule.loads}, "sinks": [],
         "status_line": True, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
     }
 

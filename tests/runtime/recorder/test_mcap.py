@@ -5,17 +5,21 @@ import json
 import math
 import struct
 
+import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 
+import runtime
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Block, Diagram, Input, Output, subsystem
+from runtime.recorder.mcap_file import CHUNK, CHUNK_HEAD, HEAD, INDEX, MESSAGE, PRIVATE
 from tests.runtime.recorder.running import CSV, columns, counting, frame, leg, plan, read_csv, record, row, run, sink
 
 EXTENDED, REMOTE = 0x80000000, 0x40000000
@@ -153,13 +157,27 @@ def test_the_end_and_what_was_known_before_are_attached(tmp_path):
     assert json.loads((tmp_path / "leg.json").read_text())["machine"] == about["machine"]
 
 
+def unfinished(data):
+    """The file as it was before its end was written: no chunks, but room for their heads, and no summary."""
+    data = bytearray(data)
+    for index in chunks(bytes(data)):
+        data[index.chunk_start_offset : index.chunk_start_offset + CHUNK_HEAD.size] = HEAD.pack(PRIVATE, CHUNK_HEAD.size - HEAD.size) + bytes(
+            CHUNK_HEAD.size - HEAD.size)
+    return bytes(data)
+
+
+def chunks(data):
+    return make_reader(io.BytesIO(data)).get_summary().chunk_indexes
+
+
 def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
     diagram, plant = leg()
     run(diagram, tmp_path, 30, plant=plant)
-    data = (tmp_path / "leg.mcap").read_bytes()
+    finished = (tmp_path / "leg.mcap").read_bytes()
+    data = unfinished(finished)
     whole = Log(data)
     positions, at = whole.signal("/left knee position"), 0
-    assert len(positions) == 30 and not whole.cut
+    assert len(positions) == 30 and not whole.cut and Log(finished).order == whole.order
     for cut in range(0, len(data), 13):
         found = Log(data[:cut])
         ticks = found.signal("/tickwork/tick tick") if "/tickwork/tick" in found.channels else []
@@ -167,6 +185,46 @@ def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
         assert found.signal("/left knee position")[:len(ticks)] == positions[:len(ticks)] if ticks else True
         at = len(ticks)
     assert at == 30
+
+
+def test_a_finished_file_that_is_cut_off_or_spoilt_is_read_as_far_as_it_is_good(tmp_path):
+    record(plan(tmp_path, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"), [row(k, *[float(k)] * 40) for k in range(1500)])
+    data = (tmp_path / "long.mcap").read_bytes()
+    first, second, *_ = chunks(data)
+    assert CHUNK <= first.uncompressed_size < CHUNK + 1000
+    whole = runtime.load(tmp_path / "long.mcap")
+    assert whole.complete and len(whole) == 1500
+    file = tmp_path / "cut.mcap"
+    for cut in (second.chunk_start_offset - 5, second.chunk_start_offset + 40, second.chunk_start_offset + 100_000):
+        file.write_bytes(data[:cut])
+        found = runtime.load(file)
+        assert not found.complete and np.array_equal(found.rows, whole.rows[: len(found)]) and abs(len(found) - 1500 * cut / len(data)) < 250
+    file.write_bytes(data[: second.chunk_start_offset + 200] + b"\xa5" + data[second.chunk_start_offset + 201 :])     # in the middle of a double
+    found = runtime.load(file)
+    assert len(found) == 1500 and not found.complete and "a checksum is wrong" in found.trouble
+
+
+def test_readers_find_messages_by_the_index_of_chunks(tmp_path):
+    """As Foxglove and Rerun do, which see nothing of a file without."""
+    diagram, plant = leg()
+    run(diagram, tmp_path, 400, plant=plant)
+    with open(tmp_path / "leg.mcap", "rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        ticks = [message.sequence for _, _, message in reader.iter_messages(topics="/tickwork/tick")]
+        count = sum(1 for _ in reader.iter_messages())
+    assert ticks == list(range(400)) and count == summary.statistics.message_count == sum(summary.statistics.channel_message_counts.values())
+    assert summary.chunk_indexes and all(set(index.message_index_offsets) <= set(summary.channels) for index in summary.chunk_indexes)
+    data = (tmp_path / "leg.mcap").read_bytes()
+    for index in summary.chunk_indexes:
+        start = index.chunk_start_offset + CHUNK_HEAD.size
+        for channel, offset in index.message_index_offsets.items():
+            kind, length, number, size = INDEX.unpack_from(data, offset)
+            places = struct.unpack_from(f"<{size // 8}Q", data, offset + INDEX.size)
+            assert (kind, number) == (7, channel)
+            for time, place in zip(places[::2], places[1::2]):
+                _, _, found, _, log_time, _ = MESSAGE.unpack_from(data, start + place)
+                assert (found, log_time) == (channel, time)
 
 
 def test_a_block_in_several_subsystems_of_any_depth_has_a_topic_each(tmp_path):

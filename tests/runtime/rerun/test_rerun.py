@@ -148,6 +148,21 @@ def test_a_recording_becomes_a_file_with_every_sample(command_line, tmp_path):
 
 
 @needs_rerun
+def test_it_opens_the_mcap_of_a_recording_as_it_is(tmp_path):
+    """Which it reads by the index of chunks alone."""
+    from rerun.chunk import RrdReader
+
+    record(plan(tmp_path, sink(CSV, "csv", columns(*LEG)), stem="trial"), [row(tick, *[float(tick)] * len(LEG)) for tick in range(2000)])
+    for words in (["check", "trial.mcap"], ["convert", "trial.mcap", "-o", "trial.rrd"]):
+        done = subprocess.run([program(), "mcap", *words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0, done.stdout + done.stderr
+    rows = {}
+    for chunk in RrdReader(str(tmp_path / "trial.rrd")).stream():
+        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
+    assert rows["/left"] == rows["/bench"] == rows["/tickwork/tick"] == 2000 + 1                # and the schema
+
+
+@needs_rerun
 def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
     process = finished(KNEE_EXO, "--fast", "--duration", "60", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
     assert process.returncode == OK, process.stderr
