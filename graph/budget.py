@@ -6,6 +6,8 @@ one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about
 
 from dataclasses import dataclass
 
+from graph.stream import StreamDevice
+
 
 BITS_OF_A_BYTE = 10
 
@@ -61,7 +63,7 @@ def line_loads(devices):
     """One LineLoad for each device whose line has a speed, and of which it is known what it sends."""
     found = []
     for device in devices:
-        if device.medium == "stream" and device.line_speed() and device.sends():
+        if isinstance(device, StreamDevice) and device.line_speed() and device.sends():
             messages = sum(often for often, _ in device.sends())
             found.append(LineLoad(device, device.line_speed(), messages, sum(often * size for often, size in device.sends())))
     return found
