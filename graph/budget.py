@@ -1,13 +1,13 @@
 """What a diagram puts on its CAN buses, and what sensors put on their serial lines, against what they carry.
 
 A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits between frames included. Stuffing adds
-one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.) A byte on a serial line takes ten bits: one to begin, eight, one to end.
+one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.) A byte
+on a serial line takes ten bits: one to begin, eight, one to end.
 """
 
 from dataclasses import dataclass
 
 from graph.stream import StreamDevice
-
 
 BITS_OF_A_BYTE = 10
 
