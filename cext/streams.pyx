@@ -9,7 +9,8 @@ to drain. It never takes the GIL, never waits for one of them, and sleeps while 
     BACK     it is there again, set up as it was
     LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
 
-A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told. A TCP
+A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told. One that can
+be asked who it is has to say first that it is the one it was: until then it stays gone, whatever else is there. A TCP
 connection is made anew, without waiting for it: tried after 0.1 s, and ever more rarely, down to every 2 s.
 What the tick sends goes out at once, as far as the line takes it without waiting.
 """
@@ -119,6 +120,7 @@ cdef extern from *:
         socklen_t size = sizeof *peer;
         return getpeername(fd, (struct sockaddr *)peer, &size) == 0 ? (int)size : -1;
     }
+    static int tw_holds(const void *data, size_t length, const void *part, size_t of_part) { return memmem(data, length, part, of_part) != NULL; }
     static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
     int dup3(int, int, int);
     """
@@ -126,6 +128,7 @@ cdef extern from *:
     int set_gpio "tw_set_gpio"(int fd, int value) noexcept nogil
     int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
     int put_in_place "tw_dup3"(int one, int other) noexcept nogil
+    bint holds "tw_holds"(const void *data, size_t length, const void *part, size_t of_part) noexcept nogil
     bint hung_up "tw_hung_up"(int fd) noexcept nogil
     void keep_alive "tw_keep_alive"(int fd) noexcept nogil
     int begin_connection "tw_begin_connection"(const sockaddr_storage *peer, unsigned length) noexcept nogil
@@ -145,6 +148,7 @@ cdef enum:
 cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
 cdef int64_t RAREST = 2000000000        # and between those to connect, at most
 cdef int64_t PATIENCE = 3000000000      # ns for a connection to be made
+cdef int64_t ANSWER = 300000000         # ns for a line that is back to say who it is
 cdef int64_t LOOK = 20000000            # ns between looks whether the chip of a GPIO line is still there
 cdef size_t STACK = 256 << 10           # bytes
 
@@ -263,10 +267,12 @@ cdef class Stream:
 
     @property
     def counts(self):
-        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, and came back."""
+        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, came back, and something
+        else answered in its place."""
         return {
             "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
-            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns)}
+            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns),
+            "strangers": load_u64(&self.source.strangers)}
 
 
 cdef class Streams:
@@ -298,7 +304,8 @@ cdef class Streams:
         free(self.buffer)
         free(self.sources)
 
-    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False):
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
+            proof=(b"", b"")):
         """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
 
         path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
@@ -307,6 +314,7 @@ cdef class Streams:
         record : bytes that belong together, 1 to 64; then a frame holds whole records
         is_gpio : it is a request of one GPIO line; what is sent to it sets its level
         reconnects : it is a TCP connection, which is made anew when it is lost
+        proof : (bytes that ask a line with a path who it is, bytes that are in the answer of this one and of no other)
         """
         cdef Stream stream = Stream()
         cdef Source *source = stream.source
@@ -320,6 +328,12 @@ cdef class Streams:
         encoded = os.fsencode(path)
         if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
             raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
+        asks, tells = proof
+        if max(len(asks), len(tells)) > LONGEST_PROOF or bool(asks) != bool(tells):
+            raise ValueError("a proof is a question and an answer, each of at most %d bytes" % LONGEST_PROOF)
+        source.question_length, source.proof_length = len(asks), len(tells)
+        memcpy(source.question, <const char *>asks, len(asks))
+        memcpy(source.proof, <const char *>tells, len(tells))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
         if is_gpio:
@@ -477,15 +491,20 @@ cdef class Streams:
         cdef epoll_event event
         cdef int found
         source.due = now + source.wait
-        if source.path[0] != 0:
-            found = open_line(source.path, source.is_tty)
-            if found >= 0:
-                if not source.is_tty or tcsetattr(found, TCSANOW, &source.settings) == 0:
-                    self.resume(source, found, index, now)
-                close(found)
-            return
         if source.attempt > 0:                                      # nobody has answered
             self.give_up(source, now)
+            return
+        if source.path[0] != 0:
+            found = open_line(source.path, source.is_tty)
+            if found < 0:
+                return
+            if source.is_tty and tcsetattr(found, TCSANOW, &source.settings) != 0:
+                close(found)
+            elif source.question_length > 0:
+                self.ask_who(source, found, index, now)
+            else:
+                self.resume(source, found, index, now)
+                close(found)
             return
         source.attempt = max(begin_connection(&source.peer, source.peer_length), 0)
         if source.attempt == 0:
@@ -498,12 +517,44 @@ cdef class Streams:
             return
         source.due = now + PATIENCE
 
+    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil:
+        cdef epoll_event event
+        source.attempt, source.seen_length, source.spoken = found, 0, False
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLIN, <uint32_t>index
+        if (epoll_ctl(self.epoll, EPOLL_CTL_ADD, found, &event) != 0
+                or write(found, source.question, source.question_length) != source.question_length):
+            self.give_up(source, now)
+            return
+        source.due = now + ANSWER
+
+    cdef bint is_the_one(self, Source *source) noexcept nogil:
+        """Whether it has said by now what it has to say. What else it said is nothing that anybody waits for."""
+        cdef ssize_t count
+        cdef int kept
+        memcpy(self.buffer, source.seen, source.seen_length)
+        count = read(source.attempt, self.buffer + source.seen_length, ROOM - source.seen_length)
+        if count <= 0:
+            if count == 0 or (errno != EAGAIN and errno != EINTR):
+                source.due = 0                                      # gone again
+            return False
+        source.spoken = True
+        count += source.seen_length
+        if holds(self.buffer, count, source.proof, source.proof_length):
+            return True
+        kept = <int>min(count, <ssize_t>(source.proof_length - 1))
+        memcpy(source.seen, self.buffer + count - kept, kept)
+        source.seen_length = kept
+        return False
+
     cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil:
-        """What was begun has come to something: a connection, or none."""
+        """What was begun has come to something: a connection, or none; an answer, or a part of one."""
         if source.attempt == 0:
             return
+        if source.path[0] != 0 and not self.is_the_one(source):
+            return
         epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.attempt, NULL)
-        if is_connected(source.attempt) and self.resume(source, source.attempt, index, now):
+        if (source.path[0] != 0 or is_connected(source.attempt)) and self.resume(source, source.attempt, index, now):
             close(source.attempt)
             source.attempt = 0
         else:
@@ -513,9 +564,12 @@ cdef class Streams:
         """Of one attempt. The next is made later than this one was."""
         if source.attempt > 0:
             close(source.attempt)                                   # which takes it out of epoll, too
+        if source.attempt > 0 and source.path[0] != 0 and source.spoken:
+            store_u64(&source.strangers, source.strangers + 1)
         source.attempt = 0
         source.due = now + source.wait
-        source.wait = min(2 * source.wait, RAREST)
+        if source.path[0] == 0:
+            source.wait = min(2 * source.wait, RAREST)
 
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil:
         """Put what was found in the place of what is gone."""
