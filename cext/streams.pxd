@@ -27,6 +27,7 @@ cdef enum:
     LONGEST_PATH = 512
     SETUP_BYTES = 2048
     SETUP_MESSAGES = 64
+    LONGEST_PROOF = 256             # bytes of a question who is there, and of the answer
 
 cdef struct Source:
     int fd                          # keeps its number: what is opened anew is put in its place
@@ -38,7 +39,15 @@ cdef struct Source:
     char path[LONGEST_PATH]         # "": what is gone stays away, unless it is a connection that is made anew
     sockaddr_storage peer           # of that
     int peer_length                 # 0 for none
-    int attempt                     # descriptor of a connection that is being made, 0 for none
+    int attempt                     # descriptor of a connection that is being made, or of a line that has not shown yet what it is; 0 for none
+    uint8_t question[LONGEST_PROOF] # what a line that is back is asked
+    int question_length             # 0: it is taken for what it was
+    uint8_t proof[LONGEST_PROOF]    # bytes that are then somewhere in what it says
+    int proof_length
+    uint8_t seen[LONGEST_PROOF]     # the end of what it has said
+    int seen_length
+    bint spoken                     # whether it has said anything
+    uint64_t strangers              # times that something else answered in its place
     int64_t wait                    # ns to the next attempt
     termios settings                # of a tty
     uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message
@@ -77,6 +86,8 @@ cdef class Streams:
     cdef bint take(self, Source *source) noexcept nogil
     cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
     cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil
+    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil
+    cdef bint is_the_one(self, Source *source) noexcept nogil
     cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil
     cdef void give_up(self, Source *source, int64_t now) noexcept nogil
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil

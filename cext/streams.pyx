@@ -9,7 +9,8 @@ to drain. It never takes the GIL, never waits for one of them, and sleeps while 
     BACK     it is there again, set up as it was
     LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
 
-A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told. A TCP
+A line with a path is opened again when it is back: with the settings that its tty had, and with what the device has to be told. One that can
+be asked who it is has to say first that it is the one it was: until then it stays gone, whatever else is there. A TCP
 connection is made anew, without waiting for it: tried after 0.1 s, and ever more rarely, down to every 2 s.
 What the tick sends goes out at once, as far as the line takes it without waiting.
 """
@@ -27,6 +28,8 @@ from posix.unistd cimport close, read, write
 
 from cext.abi cimport Frame
 from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
+from cext.line_calls cimport (
+    begin_connection, gpio_level, holds, hung_up, is_connected, keep_alive, open_line, peer_of, put_in_place, set_gpio)
 from cext.newest_ring cimport NEWEST, START, forget, pull, push
 from cext.pace cimport monotonic
 from cext.posix cimport iovec, pthread_join
@@ -44,94 +47,6 @@ cdef extern from "<sys/epoll.h>" nogil:
     const int EPOLL_CLOEXEC, EPOLL_CTL_ADD, EPOLL_CTL_DEL
     const uint32_t EPOLLIN, EPOLLOUT, EPOLLHUP, EPOLLERR
 
-cdef extern from *:
-    """
-    #ifndef _GNU_SOURCE
-    #define _GNU_SOURCE
-    #endif
-    #include <errno.h>
-    #include <fcntl.h>
-    #include <netinet/in.h>
-    #include <netinet/tcp.h>
-    #include <poll.h>
-    #include <stdint.h>
-    #include <string.h>
-    #include <sys/file.h>
-    #include <sys/ioctl.h>
-    #include <sys/socket.h>
-    #include <unistd.h>
-    /* Open a line that is back, ours alone; -1 where it is not to be had. */
-    static int tw_open_line(const char *path, int mine) {
-        int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
-        if (fd >= 0 && mine && flock(fd, LOCK_EX | LOCK_NB) != 0) {
-            close(fd);
-            return -1;
-        }
-        return fd;
-    }
-    /* What a line of <linux/gpio.h> asks and is told: GPIO_V2_LINE_GET_VALUES_IOCTL and GPIO_V2_LINE_SET_VALUES_IOCTL, of line 0 of a request. */
-    struct tw_line_values { uint64_t bits, mask; };
-    static int tw_gpio_level(int fd) {
-        struct tw_line_values values = {0, 1};
-        return ioctl(fd, _IOWR(0xB4, 0x0E, struct tw_line_values), &values) == 0 ? (int)(values.bits & 1) : -1;
-    }
-    static int tw_set_gpio(int fd, int value) {
-        struct tw_line_values values = {value != 0, 1};
-        return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
-    }
-    /* Whether a line has gone without a word: of a GPIO chip that is unplugged Linux before 6.6 wakes nobody. No chip is asked. */
-    static int tw_hung_up(int fd) {
-        struct pollfd file = {fd, 0, 0};
-        return poll(&file, 1, 0) > 0 && (file.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0;
-    }
-    /* Begin a connection; -1 where that fails at once. Whoever has vanished without a word is noticed after some 4 s. */
-    static void tw_keep_alive(int fd) {
-        int one = 1, probes = 3;
-        setsockopt(fd, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
-        setsockopt(fd, SOL_SOCKET, SO_KEEPALIVE, &one, sizeof one);
-        setsockopt(fd, IPPROTO_TCP, TCP_KEEPIDLE, &one, sizeof one);
-        setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &one, sizeof one);
-        setsockopt(fd, IPPROTO_TCP, TCP_KEEPCNT, &probes, sizeof probes);
-    }
-    static int tw_begin_connection(const struct sockaddr_storage *peer, unsigned length) {
-        int fd = socket(peer->ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
-        if (fd < 0)
-            return -1;
-        tw_keep_alive(fd);
-        if (connect(fd, (const struct sockaddr *)peer, length) != 0 && errno != EINPROGRESS) {
-            close(fd);
-            return -1;
-        }
-        return fd;
-    }
-    /* Whether a connection that was begun is there, and not with itself, as one to a free port of this computer may be. */
-    static int tw_is_connected(int fd) {
-        struct sockaddr_storage here, there;
-        socklen_t size = sizeof here, other = sizeof there, of_error = sizeof(int);
-        int error = 0;
-        memset(&here, 0, sizeof here);
-        memset(&there, 0, sizeof there);
-        return getsockopt(fd, SOL_SOCKET, SO_ERROR, &error, &of_error) == 0 && error == 0
-            && getsockname(fd, (struct sockaddr *)&here, &size) == 0 && getpeername(fd, (struct sockaddr *)&there, &other) == 0
-            && (size != other || memcmp(&here, &there, size) != 0);
-    }
-    static int tw_peer_of(int fd, struct sockaddr_storage *peer) {
-        socklen_t size = sizeof *peer;
-        return getpeername(fd, (struct sockaddr *)peer, &size) == 0 ? (int)size : -1;
-    }
-    static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
-    int dup3(int, int, int);
-    """
-    int gpio_level "tw_gpio_level"(int fd) noexcept nogil
-    int set_gpio "tw_set_gpio"(int fd, int value) noexcept nogil
-    int open_line "tw_open_line"(const char *path, int mine) noexcept nogil
-    int put_in_place "tw_dup3"(int one, int other) noexcept nogil
-    bint hung_up "tw_hung_up"(int fd) noexcept nogil
-    void keep_alive "tw_keep_alive"(int fd) noexcept nogil
-    int begin_connection "tw_begin_connection"(const sockaddr_storage *peer, unsigned length) noexcept nogil
-    bint is_connected "tw_is_connected"(int fd) noexcept nogil
-    int peer_of "tw_peer_of"(int fd, sockaddr_storage *peer) noexcept nogil
-
 cdef extern from "<sys/uio.h>" nogil:
     ssize_t writev(int fd, const iovec *parts, int count)
 
@@ -145,6 +60,7 @@ cdef enum:
 cdef int64_t RETRY = 100000000          # ns between attempts to open what is gone
 cdef int64_t RAREST = 2000000000        # and between those to connect, at most
 cdef int64_t PATIENCE = 3000000000      # ns for a connection to be made
+cdef int64_t ANSWER = 300000000         # ns for a line that is back to say who it is
 cdef int64_t LOOK = 20000000            # ns between looks whether the chip of a GPIO line is still there
 cdef size_t STACK = 256 << 10           # bytes
 
@@ -263,10 +179,12 @@ cdef class Stream:
 
     @property
     def counts(self):
-        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, and came back."""
+        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, came back, and something
+        else answered in its place."""
         return {
             "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
-            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns)}
+            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns),
+            "strangers": load_u64(&self.source.strangers)}
 
 
 cdef class Streams:
@@ -298,7 +216,8 @@ cdef class Streams:
         free(self.buffer)
         free(self.sources)
 
-    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False):
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
+            proof=(b"", b"")):
         """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
 
         path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
@@ -307,6 +226,7 @@ cdef class Streams:
         record : bytes that belong together, 1 to 64; then a frame holds whole records
         is_gpio : it is a request of one GPIO line; what is sent to it sets its level
         reconnects : it is a TCP connection, which is made anew when it is lost
+        proof : (bytes that ask a line with a path who it is, bytes that are in the answer of this one and of no other)
         """
         cdef Stream stream = Stream()
         cdef Source *source = stream.source
@@ -320,6 +240,12 @@ cdef class Streams:
         encoded = os.fsencode(path)
         if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
             raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
+        asks, tells = proof
+        if max(len(asks), len(tells)) > LONGEST_PROOF or bool(asks) != bool(tells):
+            raise ValueError("a proof is a question and an answer, each of at most %d bytes" % LONGEST_PROOF)
+        source.question_length, source.proof_length = len(asks), len(tells)
+        memcpy(source.question, <const char *>asks, len(asks))
+        memcpy(source.proof, <const char *>tells, len(tells))
         stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
         source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
         if is_gpio:
@@ -477,15 +403,20 @@ cdef class Streams:
         cdef epoll_event event
         cdef int found
         source.due = now + source.wait
-        if source.path[0] != 0:
-            found = open_line(source.path, source.is_tty)
-            if found >= 0:
-                if not source.is_tty or tcsetattr(found, TCSANOW, &source.settings) == 0:
-                    self.resume(source, found, index, now)
-                close(found)
-            return
         if source.attempt > 0:                                      # nobody has answered
             self.give_up(source, now)
+            return
+        if source.path[0] != 0:
+            found = open_line(source.path, source.is_tty)
+            if found < 0:
+                return
+            if source.is_tty and tcsetattr(found, TCSANOW, &source.settings) != 0:
+                close(found)
+            elif source.question_length > 0:
+                self.ask_who(source, found, index, now)
+            else:
+                self.resume(source, found, index, now)
+                close(found)
             return
         source.attempt = max(begin_connection(&source.peer, source.peer_length), 0)
         if source.attempt == 0:
@@ -498,12 +429,44 @@ cdef class Streams:
             return
         source.due = now + PATIENCE
 
+    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil:
+        cdef epoll_event event
+        source.attempt, source.seen_length, source.spoken = found, 0, False
+        memset(&event, 0, sizeof(event))
+        event.events, event.data.u32 = EPOLLIN, <uint32_t>index
+        if (epoll_ctl(self.epoll, EPOLL_CTL_ADD, found, &event) != 0
+                or write(found, source.question, source.question_length) != source.question_length):
+            self.give_up(source, now)
+            return
+        source.due = now + ANSWER
+
+    cdef bint is_the_one(self, Source *source) noexcept nogil:
+        """Whether it has said by now what it has to say. What else it said is nothing that anybody waits for."""
+        cdef ssize_t count
+        cdef int kept
+        memcpy(self.buffer, source.seen, source.seen_length)
+        count = read(source.attempt, self.buffer + source.seen_length, ROOM - source.seen_length)
+        if count <= 0:
+            if count == 0 or (errno != EAGAIN and errno != EINTR):
+                source.due = 0                                      # gone again
+            return False
+        source.spoken = True
+        count += source.seen_length
+        if holds(self.buffer, count, source.proof, source.proof_length):
+            return True
+        kept = <int>min(count, <ssize_t>(source.proof_length - 1))
+        memcpy(source.seen, self.buffer + count - kept, kept)
+        source.seen_length = kept
+        return False
+
     cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil:
-        """What was begun has come to something: a connection, or none."""
+        """What was begun has come to something: a connection, or none; an answer, or a part of one."""
         if source.attempt == 0:
             return
+        if source.path[0] != 0 and not self.is_the_one(source):
+            return
         epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.attempt, NULL)
-        if is_connected(source.attempt) and self.resume(source, source.attempt, index, now):
+        if (source.path[0] != 0 or is_connected(source.attempt)) and self.resume(source, source.attempt, index, now):
             close(source.attempt)
             source.attempt = 0
         else:
@@ -513,9 +476,12 @@ cdef class Streams:
         """Of one attempt. The next is made later than this one was."""
         if source.attempt > 0:
             close(source.attempt)                                   # which takes it out of epoll, too
+        if source.attempt > 0 and source.path[0] != 0 and source.spoken:
+            store_u64(&source.strangers, source.strangers + 1)
         source.attempt = 0
         source.due = now + source.wait
-        source.wait = min(2 * source.wait, RAREST)
+        if source.path[0] == 0:
+            source.wait = min(2 * source.wait, RAREST)
 
     cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil:
         """Put what was found in the place of what is gone."""

@@ -1,10 +1,15 @@
-"""What a diagram puts on its CAN buses, against what they carry.
+"""What a diagram puts on its CAN buses, and what sensors put on their serial lines, against what they carry.
 
 A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits between frames included. Stuffing adds
-one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.)
+one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.) A byte
+on a serial line takes ten bits: one to begin, eight, one to end.
 """
 
 from dataclasses import dataclass
+
+from graph.stream import StreamDevice
+
+BITS_OF_A_BYTE = 10
 
 
 @dataclass(frozen=True)
@@ -16,6 +21,20 @@ class BusLoad:
     frames: float
     typical: float
     worst: float
+
+
+@dataclass(frozen=True)
+class LineLoad:
+    """What a device sends on its own serial line, at least. messages, bytes : a second; share : of its bit/s"""
+
+    device: object
+    speed: float
+    messages: float
+    bytes: float
+
+    @property
+    def share(self):
+        return BITS_OF_A_BYTE * self.bytes / self.speed
 
 
 def frame_bits(length, extended):
@@ -38,3 +57,13 @@ def bus_loads(devices, rate):
             typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
             loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst))
     return loads
+
+
+def line_loads(devices):
+    """One LineLoad for each device whose line has a speed, and of which it is known what it sends."""
+    found = []
+    for device in devices:
+        if isinstance(device, StreamDevice) and device.line_speed() and device.sends():
+            messages = sum(often for often, _ in device.sends())
+            found.append(LineLoad(device, device.line_speed(), messages, sum(often * size for often, size in device.sends())))
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 from graph import units
 from graph.assembly import assemble
 from graph.block import Sink, size_of
-from graph.budget import bus_loads
+from graph.budget import bus_loads, line_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Signal
@@ -284,6 +284,16 @@ class Compilation:
                 self.report("TW016", what, there[0], hint=hint)
             elif load.worst > 0.7:
                 self.report("TW022", what, there[0], hint=hint, severity="warning")
+        self.check_line_speeds()
+
+    def check_line_speeds(self):
+        for load in line_loads([block for block in self.blocks if isinstance(block, Device)]):
+            what = (f"{load.messages:g} messages a second, {load.bytes:g} bytes at least, take {load.share:.0%} of its line at {load.speed:g} bit/s")
+            hint = "lower its rate, ask for fewer channels, or set the device, and `baudrate`, to more"
+            if load.share > 1.0:
+                self.report("TW016", what, load.device, hint=hint)
+            elif load.share > 0.8:
+                self.report("TW022", what, load.device, hint=hint, severity="warning")
 
     # Rates and conditions
 

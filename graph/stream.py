@@ -34,3 +34,11 @@ class StreamDevice(Device):
     def opening(self):
         """What a rig needs to know to open its line, by name; runtime.rig.streams.KINDS says which kind takes what."""
         return {}
+
+    def sends(self):
+        """What it sends by itself, as (how many a second, bytes at least) pairs, where that is known."""
+        return []
+
+    def line_speed(self):
+        """bit/s that its line carries, 0 where it has no baud rate, or may have none."""
+        return 0.0

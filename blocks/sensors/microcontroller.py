@@ -1,11 +1,13 @@
 """A microcontroller at a serial line: whatever it measures, in typed fields."""
 
 from blocks.sensors import fields
+from blocks.serial_lines import speed_of
 from cext.kernels import microcontroller as kernels
 from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 LONGEST = 250                   # bytes of a packet's fields
+CHECKSUM = 2                    # bytes
 MOST = 200                      # numbers of a packet
 BYTES = {"cobs": 256, "lines": 1024}        # that a packet or line may have on its way
 
@@ -29,6 +31,8 @@ class Microcontroller(StreamDevice):
     port = Param("", "1", "path of its serial port, such as /dev/ttyACM0; a rig says which", dtype=str)
     serial = Param("", "1", "last characters of its USB serial number, instead of a port; a rig says which", dtype=str)
     baudrate = Param(115200, "1/s", "bit/s of the line; USB ports that are no adapters do not care", min=50, max=4_000_000, fixed=True, kernel=False)
+    packet_rate = Param(0.0, "Hz", "at which it sends, as its program has it, so that `check` tells whether its line can carry that; 0: not known",
+                        min=0.0, fixed=True, kernel=False)
     start = Param("", "1", "text that it is told at the start, and again when it comes back", dtype=str)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
 
@@ -63,6 +67,17 @@ class Microcontroller(StreamDevice):
     def opening(self):
         setup = (self.start.encode(),) if self.start else ()
         return {"port": self.port, "serial": self.serial, "baudrate": self.baudrate, "setup": setup}
+
+    def sends(self):
+        if not self.packet_rate:
+            return []
+        if self.format == "lines":                                          # a digit and what ends it
+            return [(self.packet_rate, 2 * (self.counter + sum(each.numbers for each in self.declared)))]
+        length = self.counter + sum(each.size for each in self.declared) + CHECKSUM
+        return [(self.packet_rate, length + 1 + length // 254 + 1)]
+
+    def line_speed(self):
+        return speed_of(self.port, self.baudrate)
 
     def output_range(self):
         return {name: Interval(0.0) for name in ("age", "received", "lost", "corrupt")}

@@ -8,7 +8,7 @@ from runtime.errors import CHECK_FAILED, OK, BadInput
 from runtime.rig.file import I2C
 from runtime.rig.troubles import Refused
 from runtime.terminal import complain, tell
-from runtime.tools import imus, scan_text
+from runtime.tools import imus, plugged, scan_text
 from runtime.tools.bus import ToolBus, add_bus, named_buses
 from runtime.tools.chips import look
 from runtime.tools.scan import clock, plain, scan
@@ -21,7 +21,8 @@ def main(arguments):
         "scan", "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces and serial ports here.",
         "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and leaves them without\n"
         "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be looked at, nobody\n"
-        "answers, or something is wrong.")
+        "answers, or something is wrong. Other serial ports, such as those of microcontrollers, are listed and not opened, since that restarts\n"
+        "many a board; so are chips of GPIO lines. What sends over a network, as insoles do, cannot be listed: its program says to which port.")
     add_bus(parser)
     parser.add_argument("--ids", type=ids, default="1-127", metavar="IDS", help="ids that are asked: 1-127 (default), 1-255, 3,4,10-20")
     parser.add_argument("--listen", type=number("--listen", "seconds", LONGEST), default=1.0, metavar="S",
@@ -34,8 +35,16 @@ def main(arguments):
         raise BadInput(f"--write-rig {options.write_rig}: it is there already, and is not overwritten")
     wanted = ids(options.ids) if isinstance(options.ids, str) else options.ids
     reports, buses, refused = [], [], []
-    sensors, unasked = imus.look() if not (options.channel or options.interface or options.bus) else ([], [])
-    for about in on_can(options, sensors or unasked):
+    everywhere = not (options.channel or options.interface or options.bus)
+    sensors, unasked = imus.look() if everywhere else ([], [])
+    others = plugged.look({each.port for each in sensors}) if everywhere and options.rig is None else ([], [])
+    try:
+        wanted_buses = on_can(options, sensors or unasked)
+    except BadInput:
+        if not options.json:
+            tell(plugged.text(others))
+        raise
+    for about in wanted_buses:
         try:
             if about.interface == I2C:
                 reports.append(look(about))
@@ -48,10 +57,12 @@ def main(arguments):
     complain([*map(str, refused), *unasked])
     if options.json:
         troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
-        told = {"buses": [plain(report) for report in reports], "sensors": [imus.plain(each) for each in sensors], "troubles": troubles}
+        told = {"buses": [plain(report) for report in reports], "sensors": [imus.plain(each) for each in sensors], **plugged.plain(others),
+                "troubles": troubles}
         tell([json.dumps(told, indent=2, ensure_ascii=False)])
     else:
-        tell([*(line for report in reports for line in scan_text.text(report, options.verbose)), *imus.text(sensors)])
+        tell([*(line for report in reports for line in scan_text.text(report, options.verbose)), *imus.text(sensors),
+              *plugged.text(others)])
     if options.write_rig is not None and reports:
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
         complain([f"written: {options.write_rig}"])

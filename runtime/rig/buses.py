@@ -233,7 +233,8 @@ class RigBuses:
         counts = self.after[name] if hasattr(self, "after") else bus.can.counts
         lost, back = counts["losses"], counts["returns"]
         gone = f", which was lost {lost} time{'s' * (lost > 1)}" + (" and is gone" if lost > back else " and is back") if lost else ", which is there"
-        return f"{bus.interface.bus.channel}{gone}"
+        other = ", and something else answers in its place" if lost > back and counts["strangers"] else ""
+        return f"{bus.interface.bus.channel}{gone}{other}"
 
     def explain(self, name):
         """Why a bus failed, and the cure: two lines."""

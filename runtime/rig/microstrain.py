@@ -148,7 +148,7 @@ def opened(device, port):
             raise
         raise Refused(Trouble("TW128", f"{where}: {error}", "unplug it, and plug it in again")) from None
     remarks = tuple(f'{path}: {about.model} {about.serial} {remark}' for remark in setup.remarks)
-    return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(setup.messages), remarks=remarks)
+    return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(setup.messages), remarks=remarks, proof=sensor.proof())
 
 
 class SetUp:

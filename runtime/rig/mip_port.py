@@ -9,6 +9,7 @@ from blocks.imus.microstrain.asking import Information
 PATIENCE = 0.25                 # s for an answer
 ATTEMPTS = 3
 NO_SUCH_COMMAND = 1
+WHO, TOLD = mip.command(mip.BASE, mip.INFO), 0x81
 WHY = {1: "it does not know the command", 2: "it got a wrong checksum", 3: "it does not take that value", 4: "it failed", 5: "it took too long"}
 
 
@@ -29,7 +30,7 @@ class MipPort:
 
     def __init__(self, port):
         self.port = port
-        self.rest = b""
+        self.rest = self.told = b""
 
     def ask(self, packet, attempts=ATTEMPTS, patience=PATIENCE):
         """{descriptor: data} of the fields that come back with the acknowledgement of a packet of one command. Silent, Refusal"""
@@ -62,7 +63,12 @@ class MipPort:
             self.ask(mip.command(mip.BASE, mip.IDLE), attempts, patience)
         with suppress(Refusal):
             self.ask(mip.command(mip.BASE, mip.PING))
-        return Information.of(self.ask(mip.command(mip.BASE, mip.INFO)).get(0x81, b""))
+        self.told = self.ask(WHO).get(TOLD, b"")
+        return Information.of(self.told)
+
+    def proof(self):
+        """(what asks who it is, what this one answers): with its serial number no other says the same. Once it was identified"""
+        return WHO, bytes((2 + len(self.told), TOLD)) + self.told
 
     def known(self):
         """Its commands and data: sets and descriptors in one number each."""

@@ -28,7 +28,7 @@ class Opened:
 
     fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None
     channel : which one, for people
-    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio, reconnects : as of
+    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio, reconnects, proof : as of
         cext.streams.Streams.add
     remarks : lines that a person should read before the run
     """
@@ -40,6 +40,7 @@ class Opened:
     record: int = 1
     is_gpio: bool = False
     reconnects: bool = False
+    proof: tuple = (b"", b"")
     remarks: tuple = ()
     close: object = None
 
@@ -99,7 +100,7 @@ class StreamLines:
     def add(self, device, kind, opened):
         stream = self.streams.add(
             opened.fd, device.bus, path=opened.path, setup=opened.setup, record=opened.record, is_gpio=opened.is_gpio,
-            reconnects=opened.reconnects)
+            reconnects=opened.reconnects, proof=opened.proof)
         os.close(opened.fd)
         if opened.close is not None:
             self.closers.append(opened.close)

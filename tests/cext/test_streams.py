@@ -301,3 +301,44 @@ def test_attempts_to_connect_become_rarer(streams, bridge):
     bridge.begin(bridge.port)
     until(lambda: not stream.gone)
     assert 0.7 < time.monotonic() - lost < 1.5 and stream.counts["returns"] == 1
+
+
+def test_what_is_back_is_believed_once_it_has_said_who_it_is(streams, tmp_path):
+    """Asked in the middle of what it streams, and answered in two parts; who says anything else stays out."""
+    link = tmp_path / "tty"
+    master, slave, path = raw_pty()
+    link.symlink_to(path)
+    stream = streams.add(slave, "imu", path=str(link), setup=(b"go",), pause=0.001, proof=(b"who?", b"I am the first"))
+    os.close(slave)
+    streams.start()
+    stream.begin(time.monotonic_ns())
+
+    def plugged_in(*answers):
+        nonlocal master
+        os.close(master)
+        until(lambda: stream.gone)
+        link.unlink()
+        master, slave, path = raw_pty()
+        os.close(slave)
+        link.symlink_to(path)
+        os.set_blocking(master, False)
+        asked = b""
+        deadline = time.monotonic() + 2.0
+        while b"who?" not in asked:
+            assert time.monotonic() < deadline
+            try:
+                asked += os.read(master, 64)
+            except OSError:                             # nobody has it open yet
+                time.sleep(0.001)
+        for answer in answers:
+            os.write(master, answer)
+            time.sleep(0.02)
+
+    plugged_in(b"x" * 700, b"I am the second")
+    until(lambda: stream.counts["strangers"] == 1)
+    assert stream.gone and stream.counts["bytes"] == 0
+    plugged_in(b"x" * 700 + b"I am t", b"he first, ", b"yyy")
+    until(lambda: not stream.gone and stream.counts["returns"] == 1)
+    os.set_blocking(master, True)
+    assert os.read(master, 64) == b"go" and heard(stream, 3) == b"yyy"
+    os.close(master)

@@ -3,8 +3,12 @@
 import pytest
 
 from blocks.actuators import CubeMars
+from blocks.imus import MicroStrain
+from blocks.recorders import CsvRecorder
+from blocks.sensors import Microcontroller
 from graph import Diagram, compile
 from graph.budget import frame_bits
+from graph.compiler import examine
 from tests.graph.complaints import complaint
 
 
@@ -37,3 +41,36 @@ def test_a_bus_that_cannot_carry_its_traffic_is_an_error():
 def test_a_busy_bus_is_a_warning_and_a_quiet_one_is_not():
     assert [w.code for w in compile(actuators(8, 400)).warnings] == ["TW022"]
     assert compile(actuators(2, 200)).warnings == [] and compile(actuators(2, 200)).loads[0].typical == pytest.approx(0.092, abs=1e-3)
+
+
+def sensor_codes(sensor):
+    with Diagram("robot", rate=200) as robot:
+        sensor()
+        CsvRecorder()
+    return [(d.code, d.message) for d in examine(robot).diagnostics]
+
+
+@pytest.mark.parametrize("parameters, code, share", [
+    ({"port": "/dev/ttyAMA0", "baudrate": 115200}, "TW016", "191%"),
+    ({"port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A1-if00-port0", "baudrate": 460800}, None, ""),
+    ({"port": "/dev/ttyUSB0", "baudrate": 250000}, "TW022", "88%"),
+    ({"port": "/dev/ttyACM0", "baudrate": 9600}, None, ""),                             # USB: it has no baud rate
+    ({"serial": "133931", "baudrate": 9600}, None, ""),                                 # found somewhere
+])
+def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, share):
+    """At 500 Hz packets of 6 bytes around a time of 10, and accel and gyro of 14 each."""
+    found = sensor_codes(lambda: MicroStrain(name="imu", rate=500.0, channels=("accel", "gyro"), **parameters))
+    assert [each[0] for each in found] == ([code] if code else [])
+    if code:
+        [(_, message)] = found
+        assert f"500 messages a second, 22000 bytes at least, take {share} of its line" in message
+
+
+def test_a_microcontroller_that_says_how_often_it_sends_is_checked():
+    def teensy(**parameters):
+        return sensor_codes(lambda: Microcontroller(fields=(("force", "int32"), ("accel", "int16[3]")), name="teensy", **parameters))
+
+    [(code, message)] = teensy(port="/dev/ttyUSB0", packet_rate=1000.0)                 # 1 + 10 + 2 bytes, stuffed 14, and a zero
+    assert code == "TW016" and "1000 messages a second, 15000 bytes at least, take 130% of its line at 115200 bit/s" in message
+    assert teensy(port="/dev/ttyUSB0") == teensy(port="/dev/ttyACM0", packet_rate=1000.0) == []
+    assert teensy(port="/dev/ttyUSB0", packet_rate=500.0) == []

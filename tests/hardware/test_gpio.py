@@ -23,6 +23,7 @@ from graph import Diagram, StreamDevice, compile
 from runtime.rig.gpio_line import opened
 from runtime.rig.streams import StreamLines
 from runtime.rig.troubles import Refused
+from runtime.tools import plugged
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
@@ -209,3 +210,4 @@ def test_what_cannot_be_taken_is_told_in_words(chip):
     with gpiod.request_lines(chip.path, {"BUTTON": None}, consumer="another"):
         trouble = refused(name="BUTTON")
     assert trouble.code == "TW119" and "somebody else has that line" in trouble.message
+    assert (plugged.chip(chip.path).lines, plugged.chip(chip.path).trouble) == (4, "")             # as a scan tells it

@@ -1,12 +1,15 @@
 """A MicroStrain sensor as a device of a robot."""
 
 import math
+import struct
 
 from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FILTER, SENSOR, SHARED, TIMES, wanted, FIELDS
+from blocks.serial_lines import speed_of
 from cext.kernels import mip as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)       # roles of a field, in cext/kernels/mip.pyx
+ENVELOPE, SHORTEST_TIME = 6, 10                 # bytes of a packet around its fields, and of the field with its time
 LONGEST_START = 0.8             # s; arming waits one for an answer
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
 
@@ -109,6 +112,16 @@ class MicroStrain(StreamDevice):
 
     def opening(self):
         return {"serial": self.serial, "port": self.port, "baudrate": self.baudrate}
+
+    def sends(self):
+        """A packet of each set, with the shortest time that it may have."""
+        sizes = [
+            ENVELOPE + SHORTEST_TIME + sum(2 + struct.calcsize(f">{field.layout}") for field in self.fields if field.set in (own, SHARED))
+            for own in (SENSOR, FILTER) if any(field.set == own for field in self.fields)]
+        return [(self.rate, size) for size in sizes]
+
+    def line_speed(self):
+        return speed_of(self.port, self.baudrate)
 
     def output_range(self, **inputs):
         return {name: Interval(0.0) for name in ("age", "packets", "corrupt", "lost")}

@@ -178,6 +178,26 @@ def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened)
     assert stream.counts["losses"] == stream.counts["returns"] == 1
 
 
+def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path):
+    sensors = plug("133931")
+    devices, _ = robot({"serial": "133931"})
+    lines = opened(devices)
+    lines.start(0)
+    stream, block = lines.lines["imu_0"][1], Hearing()
+    stream.begin(time.monotonic_ns())
+    heard([(stream, block)], lambda: block["packets"] > 30 and block["connected"])
+    sensors.unplug()
+    heard([(stream, block)], lambda: not block["connected"])
+    before, other = block["packets"], plug("133932")
+    (tmp_path / "tty133931").symlink_to(os.readlink(tmp_path / "tty133932"))        # at the very port
+    heard([(stream, block)], lambda: stream.counts["strangers"] > 0)
+    assert not block["connected"] and block["packets"] == before and stream.counts["returns"] == 0
+    other.unplug()
+    plug("133931")
+    heard([(stream, block)], lambda: block["connected"] and block["packets"] > before + 30)
+    assert stream.counts["returns"] == 1
+
+
 # Failures in words
 
 def test_a_serial_number_that_nobody_has(there):

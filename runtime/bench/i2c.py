@@ -1,0 +1,56 @@
+"""What the thread of an I2C bus costs by itself: three IMUs behind a multiplexer, on chips in memory, so that no adapter's driver is in it."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from blocks.imus import MPU9250
+from cext.i2c import I2cBus
+from cext.i2c_memory import MemoryI2c
+from graph import Diagram
+from runtime.rig.i2c import exchange
+
+SENSORS, RATE = 3, 200.0        # how many; Hz, of each, its magnetometer at 100
+THREAD = "tickwork-i2c"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """processor : share of one; exchanges : a second, switches of the multiplexer among them; each : s of one; answers : a second"""
+
+    processor: float
+    exchanges: float
+    each: float
+    answers: float
+
+
+def measure(seconds):
+    wires = MemoryI2c((0x70,))
+    bus = I2cBus(wires)
+    with Diagram("bench", rate=RATE):
+        sensors = [MPU9250(name=f"imu{number}", bus="imus", mux=0x70, channel=number, rate=RATE) for number in range(SENSORS)]
+    for sensor in sensors:
+        wires.add(sensor.mag_address, sensor.place)
+        wires.write(wires.add(sensor.address, sensor.place), *sensor.check())
+        rounds = tuple((one.period, one.settle, tuple(exchange(transfer, sensor.address) for transfer in one.transfers)) for one in sensor.rounds())
+        bus.add(sensor.place, sensor.address, (), sensor.check(), rounds)
+    bus.start(0)
+    try:
+        time.sleep(0.1)
+        before, exchanges, answers, began = processor_time(), wires.exchanges, answered(bus), time.perf_counter()
+        time.sleep(seconds)
+        took = time.perf_counter() - began
+        spent, made, came = processor_time() - before, wires.exchanges - exchanges, answered(bus) - answers
+    finally:
+        bus.stop()
+    return Cost(spent / took, made / took, spent / made, came / took)
+
+
+def answered(bus):
+    return sum(told["answers"] for told in bus.counts["devices"])
+
+
+def processor_time():
+    """s that the thread has had of a processor."""
+    found = [task for task in Path("/proc/self/task").iterdir() if (task / "comm").read_text().strip() == THREAD]
+    return sum(int((task / "schedstat").read_text().split()[0]) for task in found) * 1e-9
