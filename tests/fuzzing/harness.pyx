@@ -87,6 +87,7 @@ cdef struct Target:
     uint8_t after[LONGEST]          # in these bytes
     int after_size
     Frame *frame
+    Frame *frames                   # that it encodes
 
 cdef Target now
 cdef uint8_t text[2 * LONGEST]
@@ -146,12 +147,12 @@ cdef int offer(const uint8_t *data, int length, uint32_t identifier, uint8_t fla
 
 
 cdef void must_encode() noexcept nogil:
-    cdef Frame[FRAMES_PER_DEVICE] frames
+    cdef Frame *frames = now.frames
     cdef int count, i
     if now.encode == NULL:
         return
     now.arena[TIME] = 2.0
-    memset(frames, 0, sizeof(frames))
+    memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
     count = now.encode(now.arena, now.slots + 4, now.sizes, frames)
     if count > FRAMES_PER_DEVICE:
         violated("encode filled too many frames")
@@ -401,7 +402,7 @@ def drive(words, device):
     __asan_poison_memory_region(now.arena, slot * sizeof(double))
     for number in range(now.count):
         unpoison(now.arena + now.items[number].slot, now.items[number].size * sizeof(double))
-    now.frame = <Frame *>malloc(sizeof(Frame))
+    now.frame, now.frames = <Frame *>malloc(sizeof(Frame)), <Frame *>malloc(FRAMES_PER_DEVICE * sizeof(Frame))
     for number, (identifier, length) in enumerate(device.identifiers):
         now.identifiers[number], now.usual[number] = identifier, length
     now.identifier_count = len(device.identifiers)

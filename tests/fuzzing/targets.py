@@ -161,6 +161,7 @@ def openimu(group, data, address=128):
 
 
 IMU_GROUPS = 0xF029, 0xF02A, 0xF02D, 0xFF6A, 0xEEFF, 0xFF55, 0xFF56, 0xFF57, 0xFF58, 0xFF59
+FINE_GROUPS = 0xFF6B, 0xFF6D, 0xF013
 IMU_TOLD = (openimu(0xFF59, b"\x80\x00\xc2"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
             openimu(0xFF58, b"\x80\0\0"), openimu(0xFF57, b"\x80\x19\x19"))
 IMU_FRAMES = (openimu(0xF02A, bytes(range(1, 9))), openimu(0xF02D, bytes(range(11, 19))), openimu(0xFF6A, bytes(range(21, 29))))
@@ -202,6 +203,13 @@ FRAMES = {
         OpenImu, {"slope": True}, is_stream=False, module="openimu", tail=(),
         seeds=((*IMU_TOLD, *IMU_FRAMES, openimu(0xF029, bytes(8))),),
         identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS)),
+    "openimu_fine": Target(
+        OpenImu, {"told": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
+        same=("accel", "gyro", "roll", "pitch"), tail=tuple(openimu(group, bytes(range(1, 9))) for group in FINE_GROUPS), is_stream=False,
+        module="openimu", identifiers=tuple((openimu(group, b"")[0], 8) for group in (*FINE_GROUPS, *IMU_GROUPS))),
+    "openimu_emulated_335": Target(
+        EmulatedOpenImu, {"model": "335RI"}, is_stream=False, module="openimu_unit",
+        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
     "openimu_emulated": Target(
         EmulatedOpenImu, is_stream=False, module="openimu_unit",
         identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
