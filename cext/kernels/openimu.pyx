@@ -105,7 +105,9 @@ cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
         return SENDS_SLOPE
     if not newer:
         return SENDS_FIELD if group == MAGNETIC_FIELD else 0
-    return SENDS_FINE_RATE if group == FINE_RATE else SENDS_FINE_ACCELERATION if group == FINE_ACCELERATION else SENDS_SLOPE_1 if group == SLOPE_1 else 0
+    if group == FINE_RATE:
+        return SENDS_FINE_RATE
+    return SENDS_FINE_ACCELERATION if group == FINE_ACCELERATION else SENDS_SLOPE_1 if group == SLOPE_1 else 0
 
 
 cdef void take_fine(double *arena, const int32_t *slots, uint32_t packet, const uint8_t *data, double sign) noexcept nogil:
@@ -120,7 +122,8 @@ cdef void take_fine(double *arena, const int32_t *slots, uint32_t packet, const 
         return
     y = arena + slots[GYRO if packet == SENDS_FINE_RATE else ACCEL]
     for i in range(3):
-        y[i] = (DEGREE * (fine(data, i) / 1024.0 - 250.0) if packet == SENDS_FINE_RATE else fine(data, i) / 800.0 - 320.0) * (1.0 if i == 0 else sign)
+        y[i] = DEGREE * (fine(data, i) / 1024.0 - 250.0) if packet == SENDS_FINE_RATE else fine(data, i) / 800.0 - 320.0
+        y[i] *= 1.0 if i == 0 else sign
         invalid(arena, slots, merit(data, 57, i) >= 2)
 
 

@@ -14,8 +14,10 @@ from cext.abi cimport (
     EXTENDED, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
 )
 from cext.kernels.openimu cimport (
-    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
-    SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE, SENDS_SLOPE_1, SLOPE, SLOPE_1, group_of, u16,
+    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
+    ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
+    SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE, SENDS_SLOPE_1,
+    SLOPE, SLOPE_1, group_of, u16,
 )
 
 cdef enum: # in the order of the declaration
@@ -261,7 +263,9 @@ cdef inline bint finite(const double *x, int count) noexcept nogil:
 
 cdef int send(double *arena, const int32_t *slots, uint32_t packet, Frame *frames, int count) noexcept nogil:
     """One packet behind `count` others, if it is sent at all. Returns how many there are then."""
-    if not <uint32_t>arena[slots[STATE] + TYPES] & packet or count == FRAMES_PER_DEVICE or arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+    if count == FRAMES_PER_DEVICE or not <uint32_t>arena[slots[STATE] + TYPES] & packet:
+        return count
+    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
         return count
     memset(&frames[count], 0, sizeof(Frame))
     frames[count].id = identifier(packet, <uint32_t>arena[slots[ADDRESS]], arena[slots[ROUNDS]] != 0.0)

@@ -4,11 +4,11 @@
 The items of the device stand apart in an arena of their own, with poisoned doubles between them: who writes or reads beside one is caught.
 What an input means:
 
-    a stream    16 bytes of plan, then what comes off the line. A byte of the plan is the length of a chunk (6 bits) and what is in front of it:
-                nothing, the begin of a read, a gap, or that the line was gone and is back. Then flags, see below
-    frames      one after another: which identifier (7 bits) and whether time jumps before it, the length or 0x80 for the usual one, the data
+    a stream    16 bytes of plan, a byte of flags, then what comes off the line. A byte of the plan: length of a chunk (6 bits), and what
+                is in front of it: nothing, the begin of a read, a gap, or that the line was gone and is back
+    frames      one after another: which identifier (7 bits) and whether time jumps before it, the length or 0x80 for the usual one, data
 
-Behind either come good packets, and they have to be heard. A violation is told in words and ends the process by abort, as libFuzzer expects.
+Behind either come good packets, and they have to be heard. A violation is told in words, and ends the process by abort.
 """
 
 from libc.math cimport isfinite

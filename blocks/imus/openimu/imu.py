@@ -27,10 +27,10 @@ class OpenImu(Device):
     rate = Param(100.0, "Hz", "of its samples", choices=tuple(frames.RATES), fixed=True, kernel=False)
     field = Param(True, "1", "whether it sends the magnetic field, where it has a magnetometer", fixed=True, kernel=False)
     slope = Param(False, "1", "whether it sends pitch and roll: of its firmware for VG or AHRS, not of that for an IMU", fixed=True, kernel=False)
-    slope_sensor = Param(2, "1", "which of its slopes that is: 1 reaches 64°, in steps of 0.002°, and a 335RI alone has it", choices=(1, 2), fixed=True,
-                         kernel=False)
-    high_resolution = Param(False, "1", "whether acceleration and angular rate come in steps of 1/800 m/s² and 1/1024 °/s, of a 335RI: with eight times "
-                            "the resolution", fixed=True, kernel=False)
+    slope_sensor = Param(2, "1", "which of its slopes that is: 1 reaches 64°, in steps of 0.002°, and a 335RI alone has it", choices=(1, 2),
+                         fixed=True, kernel=False)
+    high_resolution = Param(False, "1", "whether a 335RI sends acceleration and angular rate with eight times the resolution, in steps of "
+                            "1/800 m/s² and 1/1024 °/s", fixed=True, kernel=False)
     rate_filter = Param(25, "Hz", "low-pass of the angular rate; 0 for none", choices=frames.FILTER_FREQUENCIES, fixed=True, kernel=False)
     acceleration_filter = Param(25, "Hz", "low-pass of the acceleration; 0 for none", choices=frames.FILTER_FREQUENCIES, fixed=True,
                                 kernel=False)
@@ -65,8 +65,9 @@ class OpenImu(Device):
         newer = self.model == "335RI"
         if not newer and (self.high_resolution or self.slope_sensor == 1):
             raise ValueError("a 300RI has neither slope sensor 1 nor packets of high resolution: those are a 335RI's")
-        moves = frames.SENDS_FINE_RATE | frames.SENDS_FINE_ACCELERATION if self.high_resolution else frames.SENDS_RATE | frames.SENDS_ACCELERATION
-        self.types = moves | has_field * frames.SENDS_FIELD | self.slope * (frames.SENDS_SLOPE_1 if self.slope_sensor == 1 else frames.SENDS_SLOPE)
+        fine, plain = frames.SENDS_FINE_RATE | frames.SENDS_FINE_ACCELERATION, frames.SENDS_RATE | frames.SENDS_ACCELERATION
+        slope = frames.SENDS_SLOPE_1 if self.slope_sensor == 1 else frames.SENDS_SLOPE
+        self.types = (fine if self.high_resolution else plain) | has_field * frames.SENDS_FIELD | self.slope * slope
         self.divider = frames.RATES[self.rate]
         behaviour = (0, frames.MIXES) if newer else (frames.RIGHT_HANDED, 0xFFFF)
         self.wanted = (self.divider, self.types, *behaviour, self.orientation, self.rate_filter, self.acceleration_filter,
