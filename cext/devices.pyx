@@ -14,8 +14,8 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, MALFORMED, MOVING, OK, PRESSED, SILENT,
-    TAKEN, TICK,
+    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
+    SILENT, TAKEN, TICK,
 )
 from cext.histogram cimport add, summary
 from cext.pace cimport monotonic
@@ -409,6 +409,8 @@ cdef int load_batch(Batch *batch, frames) except -1:
     batch.count = len(frames)
     for index, (identifier, extended, data) in enumerate(frames):
         frame = &batch.frames[index]
+        if len(data) > FRAME_BYTES:
+            raise ValueError("a frame carries at most %d bytes, not %d" % (FRAME_BYTES, len(data)))
         frame.id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
         frame.length = <uint8_t>len(data)
         for position, byte in enumerate(data):

@@ -7,6 +7,8 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
+from cext.abi cimport FRAME_BYTES
+
 
 cdef void tape_at(void *context, int64_t now) noexcept nogil:
     """The next drain begins."""
@@ -48,6 +50,8 @@ cdef class TapeBus:
                 if len(payload) != sizeof(Frame):
                     raise ValueError("a frame has %d bytes, not %d" % (sizeof(Frame), len(payload)))
                 memcpy(&self.reel.frames[number], <const char *>payload, sizeof(Frame))
+                if self.reel.frames[number].length > FRAME_BYTES:
+                    raise ValueError("a frame carries at most %d bytes, not %d" % (FRAME_BYTES, self.reel.frames[number].length))
                 number += 1
             self.reel.ends[index] = number
         self.host = BusEnd()

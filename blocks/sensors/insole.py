@@ -11,8 +11,8 @@ LARGEST = 65534 * 10.0              # Pa that a cell can say
 
 
 def plan_of(block):
-    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a datagram, whether frames have
-    a time."""
+    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a datagram,
+    whether frames have a time."""
     return (float(block.rows), float(block.columns), float(SIDES[block.side]), block.length, block.breadth,
             getattr(block, "least", 0.0), float(getattr(block, "transport", "udp") == "udp"), float(getattr(block, "clock", False)))
 

@@ -26,8 +26,8 @@ class Microcontroller(StreamDevice):
     format = Param("cobs", "1", "of the packets", choices=tuple(BYTES))
     counter = Param(True, "1", "whether a packet begins with a counter, modulo 256", fixed=True, kernel=False)
     clock = Param("", "1", "name of the field that is its clock, in a unit of time, one number: then sample_time follows it", dtype=str)
-    clock_wrap = Param(0.0, "s", "after which that begins anew; 0: where its type does, of whole numbers without a sign, else never", min=0.0,
-                       fixed=True, kernel=False)
+    clock_wrap = Param(0.0, "s", "after which that begins anew; 0: where its type does, of whole numbers without a sign, else never",
+                       min=0.0, fixed=True, kernel=False)
     port = Param("", "1", "path of its serial port, such as /dev/ttyACM0; a rig says which", dtype=str)
     serial = Param("", "1", "last characters of its USB serial number, instead of a port; a rig says which", dtype=str)
     baudrate = Param(115200, "1/s", "bit/s of the line; USB ports that are no adapters do not care", min=50, max=4_000_000, fixed=True, kernel=False)

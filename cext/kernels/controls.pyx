@@ -4,11 +4,11 @@
     0   s      8   µs     16   kind, 0 of the stream itself, 1 a key or button, 3 an axis    18   code    20   value, of a key 1 down, 0 up, 2 held
 """
 
-from libc.math cimport fabs, rint
+from libc.math cimport fabs, isfinite, rint
 from libc.stdint cimport int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
-from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode
+from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode
 from cext.streams cimport BACK, BYTES, LOST
 
 cdef enum: # outputs behind those of axes and buttons
@@ -95,6 +95,8 @@ cdef int emulated_encode_kernel(double *arena, const int32_t *slots, const int32
     cdef int32_t value
     cdef uint16_t kind, code
     for index in range(slots[INPUTS]):
+        if not isfinite(arena[slots[index]]):
+            return -NOT_FINITE
         kind, code = <uint16_t>plan[WORDS * index + KIND], <uint16_t>plan[WORDS * index + CODE]
         value = <int32_t>(arena[slots[index]] != 0.0)
         if kind == AXIS:

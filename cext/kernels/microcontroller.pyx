@@ -4,8 +4,8 @@
     packet    counter (one byte), fields, checksum, least significant byte first; stuffed, so that zero ends it and is nowhere else
     line      counter, numbers, with commas between, a line feed at the end; what begins with # is a remark
 
-The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one. That of a line is not even read: without
-its first digits a number is another, and no checksum tells.
+The rest of a packet whose beginning was not heard, at the start or behind a gap, is no corrupt one. That of a line is not even read:
+without its first digits a number is another, and no checksum tells.
 """
 
 from libc.math cimport isfinite
@@ -45,7 +45,7 @@ cdef enum: # memory
     PLAN                        # lines?, whether there is a counter, bytes of a packet's fields, then of each field: type, scale
     STATE                       # as the enum below
     BUFFER                      # bytes of the packet that is coming, as they are
-    CLOCK_PLAN                  # which of the numbers is the device's clock, -1: none; s of one count; s after which it begins anew, 0: never
+    CLOCK_PLAN                  # which of the numbers is the device's clock, -1: none; s of a count; s after which it begins anew, 0: never
     CLOCK                       # a DeviceClock
 
 cdef enum:

@@ -1,16 +1,20 @@
 """What an OpenIMU and whoever listens to it have in common: SAE J1939 identifiers, packets and settings. (blocks/imus/openimu/frames.py)"""
 
-from libc.stdint cimport uint8_t, uint32_t
+from libc.stdint cimport uint8_t, uint32_t, uint64_t
+from libc.string cimport memcpy
 
 from cext.abi cimport ERROR_FRAME, EXTENDED, REMOTE
 
 cdef enum: # parameter groups
     ADDRESS_CLAIM = 0xEE00
     REQUEST = 0xEA00
+    SLOPE_1 = 0xF013            # of the 335RI: ±64°
     SLOPE = 0xF029
     ANGULAR_RATE = 0xF02A
     ACCELERATION = 0xF02D
     MAGNETIC_FIELD = 0xFF6A
+    FINE_RATE = 0xFF6B          # of the 335RI
+    FINE_ACCELERATION = 0xFF6D
     PACKET_RATE = 0xFF55
     PACKET_TYPE = 0xFF56
     FILTERS = 0xFF57
@@ -21,7 +25,10 @@ cdef enum: # bits of the packet type
     SENDS_SLOPE = 1
     SENDS_RATE = 2
     SENDS_ACCELERATION = 4
-    SENDS_FIELD = 8
+    SENDS_FIELD = 8             # of the 300RI; the 335RI has three others
+    SENDS_FINE_RATE = 8
+    SENDS_FINE_ACCELERATION = 16
+    SENDS_SLOPE_1 = 32
 
 cdef enum: # bits of the settings that have been told
     TOLD_BEHAVIOUR = 1
@@ -45,3 +52,17 @@ cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
 
 cdef inline uint32_t u24(const uint8_t *data) noexcept nogil:
     return data[0] | <uint32_t>data[1] << 8 | <uint32_t>data[2] << 16
+
+
+cdef inline uint32_t fine(const uint8_t *data, int axis) noexcept nogil:
+    """One of the three codes of 19 bits, the least significant first, of a packet of high resolution."""
+    cdef uint64_t word
+    memcpy(&word, data, 8)                      # of the processors that this runs on, all begin with the least
+    return <uint32_t>(word >> 19 * axis) & 0x7FFFFu
+
+
+cdef inline uint32_t merit(const uint8_t *data, int first, int axis) noexcept nogil:
+    """Two bits behind them, from bit `first` on: 0 as it should be, 1 degraded, 2 an error, 3 not available."""
+    cdef uint64_t word
+    memcpy(&word, data, 8)
+    return <uint32_t>(word >> first + 2 * axis) & 3u

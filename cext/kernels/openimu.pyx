@@ -6,6 +6,12 @@
     slope             pitch, roll: raw / 32768 - 250 °, three bytes each
     magnetic field    raw / 4000 - 8 G
 
+and of the 335RI, of which any may take the place of the one above:
+
+    acceleration      raw / 800 - 320 m/s², 19 bits each, then two bits of merit each
+    angular rate      raw / 1024 - 250 °/s, the same
+    slope sensor 1    pitch, roll: raw / 500 - 64 °, two bytes each; pitch rate; merit
+
 Nothing is measured until the unit has told that its settings are ours: as it is sold, acceleration and angular rate are not in one frame.
 """
 
@@ -16,8 +22,9 @@ from libc.string cimport memset
 from cext.abi cimport EXTENDED, FOREIGN, MALFORMED, NOTED, TAKEN, Frame, export_decode, export_encode
 from cext.kernels.openimu cimport (
     ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE, PACKET_TYPE,
-    SENDS_ACCELERATION, SENDS_FIELD, SENDS_RATE, SENDS_SLOPE, SLOPE, TOLD_BEHAVIOUR, TOLD_FILTERS, TOLD_ORIENTATION, TOLD_RATE, TOLD_TYPE,
-    group_of, u16, u24,
+    FINE_ACCELERATION, FINE_RATE, SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE,
+    SENDS_SLOPE_1, SLOPE, SLOPE_1, TOLD_BEHAVIOUR, TOLD_FILTERS, TOLD_ORIENTATION, TOLD_RATE, TOLD_TYPE,
+    fine, group_of, merit, u16, u24,
 )
 
 cdef enum: # in the order of the declaration
@@ -28,7 +35,7 @@ cdef enum: # in the order of the declaration
     STATE                       # as the enum below
 
 cdef enum: # in WANTED
-    DIVIDER, TYPES, BITS, MASK, ORIENTED, RATE_FILTER, ACCEL_FILTER, SIGN, NEEDED, GAP
+    DIVIDER, TYPES, BITS, MASK, ORIENTED, RATE_FILTER, ACCEL_FILTER, SIGN, NEEDED, GAP, NEWER
 
 cdef enum: # in STATE
     ARRIVED                     # packets since the last whole sample
@@ -78,13 +85,46 @@ cdef void never(double *arena, const int32_t *slots, bint nothing_yet) noexcept 
     """What it does not send is NaN, and so is all of it before it has told its settings."""
     cdef uint32_t types = <uint32_t>arena[slots[WANTED] + TYPES]
     cdef int i
-    if not types & SENDS_SLOPE:
+    cdef bint newer = (arena + slots[WANTED])[NEWER] != 0.0
+    if not types & SENDS_SLOPE and not (newer and types & SENDS_SLOPE_1):
         arena[slots[ROLL]] = arena[slots[PITCH]] = NAN
     for i in range(3):
-        if not types & SENDS_FIELD:
+        if newer or not types & SENDS_FIELD:
             arena[slots[MAG] + i] = NAN
         if nothing_yet:
             arena[slots[ACCEL] + i] = arena[slots[GYRO] + i] = NAN
+
+
+cdef inline uint32_t packet_of(uint32_t group, bint newer) noexcept nogil:
+    """Its bit in the packet type; 0 for what is no measurement of this model."""
+    if group == ACCELERATION:
+        return SENDS_ACCELERATION
+    if group == ANGULAR_RATE:
+        return SENDS_RATE
+    if group == SLOPE:
+        return SENDS_SLOPE
+    if not newer:
+        return SENDS_FIELD if group == MAGNETIC_FIELD else 0
+    if group == FINE_RATE:
+        return SENDS_FINE_RATE
+    return SENDS_FINE_ACCELERATION if group == FINE_ACCELERATION else SENDS_SLOPE_1 if group == SLOPE_1 else 0
+
+
+cdef void take_fine(double *arena, const int32_t *slots, uint32_t packet, const uint8_t *data, double sign) noexcept nogil:
+    """One of the packets that a 335RI alone has."""
+    cdef double *y
+    cdef int i
+    if packet == SENDS_SLOPE_1:
+        arena[slots[PITCH]] = sign * DEGREE * (u16(data) / 500.0 - 64.0)
+        arena[slots[ROLL]] = DEGREE * (u16(&data[2]) / 500.0 - 64.0)
+        for i in range(2):
+            invalid(arena, slots, merit(data, 48, i) >= 2)
+        return
+    y = arena + slots[GYRO if packet == SENDS_FINE_RATE else ACCEL]
+    for i in range(3):
+        y[i] = DEGREE * (fine(data, i) / 1024.0 - 250.0) if packet == SENDS_FINE_RATE else fine(data, i) / 800.0 - 320.0
+        y[i] *= 1.0 if i == 0 else sign
+        invalid(arena, slots, merit(data, 57, i) >= 2)
 
 
 cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
@@ -104,8 +144,7 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
         return NOTED
     if PACKET_RATE <= group <= BEHAVIOUR:
         return told(arena, slots, group, frame)
-    packet = (SENDS_ACCELERATION if group == ACCELERATION else SENDS_RATE if group == ANGULAR_RATE else SENDS_SLOPE if group == SLOPE
-              else SENDS_FIELD if group == MAGNETIC_FIELD else 0)
+    packet = packet_of(group, wanted[NEWER] != 0.0)
     if packet == 0:
         return NOTED
     if frame.length != 8:
@@ -119,7 +158,9 @@ cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     if (<uint32_t>arena[slots[SETTINGS]] & needed) != needed or not packet & <uint32_t>wanted[TYPES]:
         return NOTED
     state[NEXT] = -1.0
-    if packet == SENDS_SLOPE:
+    if wanted[NEWER] != 0.0 and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
+        take_fine(arena, slots, packet, data, sign)
+    elif packet == SENDS_SLOPE:
         arena[slots[PITCH]] = sign * DEGREE * (u24(data) / 32768.0 - 250.0)
         arena[slots[ROLL]] = DEGREE * (u24(&data[3]) / 32768.0 - 250.0)
         invalid(arena, slots, data[2] >= NO_VALUE >> 8 or data[5] >= NO_VALUE >> 8)

@@ -14,8 +14,10 @@ from cext.abi cimport (
     EXTENDED, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
 )
 from cext.kernels.openimu cimport (
-    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, MAGNETIC_FIELD, ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
-    SENDS_ACCELERATION, SENDS_FIELD, SENDS_RATE, SENDS_SLOPE, SLOPE, group_of, u16,
+    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
+    ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
+    SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE, SENDS_SLOPE_1,
+    SLOPE, SLOPE_1, group_of, u16,
 )
 
 cdef enum: # in the order of the declaration
@@ -135,6 +137,26 @@ cdef inline double clamped(double x, double most) noexcept nogil:
     return most if x > most else -most if x < -most else x
 
 
+cdef void put_fine(double *arena, const int32_t *slots, uint32_t packet, uint32_t bits, uint8_t *data) noexcept nogil:
+    """Three codes of 19 bits, rounded, in the axes that it has been set to."""
+    cdef bint turns = packet == SENDS_FINE_RATE
+    cdef const double *u = arena + slots[GYRO if turns else ACCEL]
+    cdef uint64_t word = 0
+    cdef uint32_t code
+    cdef double x
+    cdef int i, axis
+    for i in range(3):
+        axis = 1 - i if i < 2 and bits & SWAP_PITCH_ROLL else i
+        if turns:
+            x = (clamped(<float>(u[axis] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 1024.0
+        else:
+            x = ((-u[axis] if axis > 0 and bits & ACCEL_NWU else u[axis]) + 320.0) * 800.0
+        x = <float>(x + 0.5)
+        code = 0 if not x > 0.0 else 0x7FFFF if x >= 524287.0 else <uint32_t>x
+        word |= <uint64_t>code << 19 * i
+    memcpy(data, &word, 8)
+
+
 cdef void measure(double *arena, const int32_t *slots, uint32_t packet, Frame *frame) noexcept nogil:
     """The data of one packet. 57.296 is the degrees of a radian as the firmware has them."""
     cdef uint32_t bits = <uint32_t>arena[slots[STATE] + BITS]
@@ -156,6 +178,12 @@ cdef void measure(double *arena, const int32_t *slots, uint32_t packet, Frame *f
         for i in range(3):
             put16(&data[2 * i], ((-u[i] if i > 0 and bits & ACCEL_NWU else u[i]) + 320.0) * 100.0, rounds)
         data[6] = 0x80 if rounds else 0xBF
+    elif rounds and packet == SENDS_SLOPE_1:
+        put16(data, (clamped(<float>(arena[slots[PITCH]] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[2], (clamped(<float>(arena[slots[ROLL]] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[4], (clamped(<float>(arena[slots[GYRO] + 1] * 57.296), 64.0) + 64.0) * 500.0, False)
+    elif rounds:
+        put_fine(arena, slots, packet, bits, data)
     else:
         u = arena + slots[MAG]
         for i in range(3):
@@ -214,8 +242,12 @@ cdef int unit_kernel(double *arena, const int32_t *slots, const int32_t *sizes) 
     return OK
 
 
-cdef uint32_t identifier(uint32_t packet, uint32_t address) noexcept nogil:
+cdef uint32_t identifier(uint32_t packet, uint32_t address, bint newer) noexcept nogil:
     """Priority 2 for acceleration, 3 for angular rate and slope, 6 for the field."""
+    if newer and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
+        return <uint32_t>EXTENDED | address | (
+            2 << 26 | FINE_ACCELERATION << 8 if packet == SENDS_FINE_ACCELERATION else 3 << 26 | FINE_RATE << 8 if packet == SENDS_FINE_RATE
+            else 3 << 26 | SLOPE_1 << 8)
     return <uint32_t>EXTENDED | address | (
         2 << 26 | ACCELERATION << 8 if packet == SENDS_ACCELERATION else 3 << 26 | ANGULAR_RATE << 8 if packet == SENDS_RATE
         else 3 << 26 | SLOPE << 8 if packet == SENDS_SLOPE else 6 << 26 | MAGNETIC_FIELD << 8)
@@ -231,10 +263,12 @@ cdef inline bint finite(const double *x, int count) noexcept nogil:
 
 cdef int send(double *arena, const int32_t *slots, uint32_t packet, Frame *frames, int count) noexcept nogil:
     """One packet behind `count` others, if it is sent at all. Returns how many there are then."""
-    if not <uint32_t>arena[slots[STATE] + TYPES] & packet or arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+    if count == FRAMES_PER_DEVICE or not <uint32_t>arena[slots[STATE] + TYPES] & packet:
+        return count
+    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
         return count
     memset(&frames[count], 0, sizeof(Frame))
-    frames[count].id = identifier(packet, <uint32_t>arena[slots[ADDRESS]])
+    frames[count].id = identifier(packet, <uint32_t>arena[slots[ADDRESS]], arena[slots[ROUNDS]] != 0.0)
     frames[count].length = 8
     measure(arena, slots, packet, &frames[count])
     return count + 1
@@ -273,6 +307,10 @@ cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, 
         if arena[slots[ROUNDS]] == 0.0:
             count = send(arena, slots, SENDS_FIELD, frames, count)
         count = send(arena, slots, SENDS_RATE, frames, count)
+        if arena[slots[ROUNDS]] != 0.0:
+            count = send(arena, slots, SENDS_SLOPE_1, frames, count)
+            count = send(arena, slots, SENDS_FINE_ACCELERATION, frames, count)
+            count = send(arena, slots, SENDS_FINE_RATE, frames, count)
     while bit <= OWES_VERSION and count < FRAMES_PER_DEVICE:
         count = say(arena, slots, bit, frames, count)
         bit <<= 1

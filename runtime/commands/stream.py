@@ -4,7 +4,7 @@ import os
 
 from runtime.commands.configure import drive_id
 from runtime.commands.move import model_of
-from runtime.commands.parsing import LONGEST, Parser, folder, host_and_port, number, settings
+from runtime.commands.parsing import LONGEST, Parser, folder, host_and_port, number, rerun_target, settings
 from runtime.errors import CHECK_FAILED, OK, BadInput
 from runtime.terminal import tell
 from runtime.tools.bus import add_bus, i2c_bus, opened, single_bus
@@ -15,6 +15,7 @@ EPILOG = """\
   stream actuator 3 --channel can0 --model AK80-9 --plotjuggler 127.0.0.1:9870
   stream actuator 9 --rig lab.toml --bus legs --record recordings
   stream imu 133931 --channels accel,gyro --rate 500
+  stream imu --rerun                    every sensor that answers, in Rerun's viewer
   stream openimu 128 --channel can1 --bitrate 250000
   stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
 
@@ -54,6 +55,8 @@ def add_showing(parser):
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="stop after S seconds (default: Ctrl-C)")
     parser.add_argument("--record", type=folder, metavar="DIR", help="write a CSV file into this folder")
     parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
+    parser.add_argument("--rerun", nargs="?", const="", type=rerun_target, metavar="WHERE",
+                        help="show it in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of a viewer elsewhere")
 
 
 def show(watched, name, options):
@@ -61,7 +64,8 @@ def show(watched, name, options):
     try:
         if options.record is not None:
             os.makedirs(options.record, exist_ok=True)
-        return stream(watched, name, options.rate, options.duration, None if options.record is None else str(options.record), options.plotjuggler)
+        folder = None if options.record is None else str(options.record)
+        return stream(watched, name, options.rate, options.duration, folder, options.plotjuggler, options.rerun)
     except OSError as error:
         raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
 

@@ -161,7 +161,10 @@ def buses(trial, schedule):
         for frame in trial.frames:
             if frame.bus == name and not frame.sent and frame.drain > 0:
                 reel[frame.drain - 1].append(frame.payload)
-        ends.append(TapeBus(reel).host)
+        try:
+            ends.append(TapeBus(reel).host)
+        except ValueError as error:
+            raise BadInput(f"{trial.path} is damaged: of bus {name!r}, {error}") from None
     return ends
 
 

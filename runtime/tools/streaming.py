@@ -4,6 +4,7 @@ One that reports by itself, a CubeMars in servo mode, is listened to, and is lef
 """
 
 import math
+import re
 import sys
 import time
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ SILENT = 1.0                    # s without an answer, then it is told
 REPORTING = 0.15                # s in which a drive that reports by itself is heard
 REFRESH = 0.1                   # s between two lines on a terminal
 SLOW = 1.0                      # and where it is none
+FLUSH = 0.5                     # s between two flushes of what takes the rows
+ELEMENTS = {"euler": ("roll", "pitch", "yaw"), "raw_euler": ("roll", "pitch", "yaw")}
 
 
 @dataclass
@@ -88,23 +91,53 @@ def column(path, unit):
     return {"path": path, "unit": unit, "ascii_unit": ascii_name(unit), "dtype": "float"}
 
 
-def stream(drive, name, rate, duration, folder=None, plotjuggler=None, clock=time.monotonic):
+def in_subsystems(columns):
+    """The same columns with a subsystem a channel of a device, so that Rerun draws each in a plot of its own, and finds attitudes."""
+    found = []
+    for each in columns:
+        device, port, element = re.fullmatch(r"(.+)\.(\w+)(?:\[(\d+)\])?", each["path"]).groups()
+        names = ELEMENTS.get(port, "xyz")
+        if port == "quaternion":
+            path = f"{device}/{port}/attitude.quaternion[{element}]"
+        elif element is None:
+            path = f"{device}/{port}/{port}.value"
+        else:
+            path = f"{device}/{port}/{port}.{names[int(element)] if int(element) < len(names) else element}"
+        found.append({**each, "path": path})
+    return found
+
+
+def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
+    """What takes the rows, not yet open."""
+    plan = {"name": name, "folder": folder, "stem": f"{name}_{time.strftime('%Y-%m-%d_%H-%M-%S')}", "rate": rate, "virtual": False}
+    sinks, columns = [], drive.columns(name)
+    if folder is not None:
+        sinks.append(CsvWriter(plan, {"parameters": {}, "columns": columns}))
+    if plotjuggler is not None:
+        sinks.append(PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": columns}))
+    if rerun is not None:
+        from runtime.rerun.sender import RerunSender
+        from runtime.rerun.target import PORT, WEB_PORT
+
+        sinks.append(RerunSender(plan, {
+            "path": "rerun", "parameters": {"target": rerun, "port": PORT, "web_port": WEB_PORT}, "columns": in_subsystems(columns)}))
+        sinks[-1].say = lambda line: tell([line])
+    return sinks
+
+
+def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
     """Watch until the time is over, or Ctrl-C. Returns a Told; raises OSError where a file or a host is not there.
 
     drive : Watched, or something else that is asked, has columns, and makes a row and a line of what it answers
     name : of the drive, in files; rate : Hz; duration : s, None for ever; folder : of a CSV file; plotjuggler : (host, port)
+    rerun : as runtime.rerun.target reads it, None for nowhere
     """
-    sinks, told = [], Told()
-    plan = {"folder": folder, "stem": f"{name}_{time.strftime('%Y-%m-%d_%H-%M-%S')}"}
-    if folder is not None:
-        sinks.append(CsvWriter(plan, {"parameters": {}, "columns": drive.columns(name)}))
-    if plotjuggler is not None:
-        sinks.append(PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": drive.columns(name)}))
+    sinks, told = sinks_of(drive, name, rate, folder, plotjuggler, rerun), Told()
     for sink in sinks:
         sink.open()
     live = sys.stdout.isatty()
     began = heard = clock()
-    shown, tick = -SLOW, 0
+    shown, tick, flushed = -SLOW, 0, -FLUSH
     try:
         while duration is None or tick < duration * rate:
             now = clock() - began
@@ -118,8 +151,10 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, clock=tim
             if answer is not None:
                 told.answers, heard = told.answers + 1, clock()
                 row = drive.row(answer)
-                for sink in sinks:
-                    sink.row(tick, tick / rate, row)
+                flushes = now - flushed >= FLUSH
+                flushed = now if flushes else flushed
+                for sink in list(sinks):
+                    give(sink, tick, tick / rate, row, flushes, sinks)
                 if now - shown >= (REFRESH if live else SLOW):
                     shown = show(now, f"{now:8.1f} s  {drive.line(answer)}", live)
             elif clock() - heard > SILENT and now - shown >= SLOW:
@@ -132,9 +167,25 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, clock=tim
             said = sink.close()
             told.files += tuple(f"{path}  ({remark})" for path, remark in sink.files.items())
             told.lost += said.get("lost", 0)
+            if "problem" in said:
+                tell([said["problem"]])
     if live:
         tell([""])
     return told
+
+
+def give(sink, tick, now, row, flushes, sinks):
+    """A row; flushes : and all before it. A viewer that has gone is told, and taken out of `sinks`; what a file cannot take ends it all."""
+    try:
+        sink.row(tick, now, row)
+        if flushes:
+            sink.flush()
+    except OSError as error:
+        if not sink.elsewhere:
+            raise
+        tell(["", f"{sink.sink['path']}: {error.strerror or error}; the rest goes on"])
+        sink.close()
+        sinks.remove(sink)
 
 
 def show(now, text, live):

@@ -13,7 +13,9 @@ from cext.executor import Executor
 from cext.page import RECORD_RECEIVED
 from cext.program import Program
 from cext.rings import Line, Lines
+from cext.tape import TapeBus
 from graph import Block, Device, Diagram, Output, Param, compile
+from tests.blocks.actuators.wire import Frame
 from tests.cext.rigs import STOP, Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
@@ -145,6 +147,22 @@ def test_a_flood_of_foreign_frames_is_taken_64_a_tick():
     assert rig.run(20).status == "ok"
     frames = rig.statistics()["frames"]
     assert frames["foreign"] == 500
+
+
+def test_what_is_longer_than_a_frame_comes_neither_from_a_block_nor_from_a_recording():
+    """It would be written behind the frame's end."""
+    class Long(CubeMars):
+        def enable_frames(self):
+            return [(1, False, bytes(65))]
+
+    with Diagram("robot", rate=200) as robot:
+        Long("AK10-9-V2.0", can_id=1)(torque_command=0.0)
+    with pytest.raises(ValueError, match="at most 64 bytes, not 65"):
+        Rig(robot)
+    recorded = bytearray(bytes(Frame(id=1, length=65)))
+    with pytest.raises(ValueError, match="at most 64 bytes, not 65"):
+        TapeBus([[bytes(recorded)]])
+    assert TapeBus([[bytes(Frame(id=1, length=64))]]).host.receive() == []
 
 
 DOUBLES, SLOTS, FRAME = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int64)

@@ -4,11 +4,11 @@
 The items of the device stand apart in an arena of their own, with poisoned doubles between them: who writes or reads beside one is caught.
 What an input means:
 
-    a stream    16 bytes of plan, then what comes off the line. A byte of the plan is the length of a chunk (6 bits) and what is in front of it:
-                nothing, the begin of a read, a gap, or that the line was gone and is back. Then flags, see below
-    frames      one after another: which identifier (7 bits) and whether time jumps before it, the length or 0x80 for the usual one, the data
+    a stream    16 bytes of plan, a byte of flags, then what comes off the line. A byte of the plan: length of a chunk (6 bits), and what
+                is in front of it: nothing, the begin of a read, a gap, or that the line was gone and is back
+    frames      one after another: which identifier (7 bits) and whether time jumps before it, the length or 0x80 for the usual one, data
 
-Behind either come good packets, and they have to be heard. A violation is told in words and ends the process by abort, as libFuzzer expects.
+Behind either come good packets, and they have to be heard. A violation is told in words, and ends the process by abort.
 """
 
 from libc.math cimport isfinite
@@ -87,6 +87,7 @@ cdef struct Target:
     uint8_t after[LONGEST]          # in these bytes
     int after_size
     Frame *frame
+    Frame *frames                   # that it encodes
 
 cdef Target now
 cdef uint8_t text[2 * LONGEST]
@@ -146,12 +147,12 @@ cdef int offer(const uint8_t *data, int length, uint32_t identifier, uint8_t fla
 
 
 cdef void must_encode() noexcept nogil:
-    cdef Frame[FRAMES_PER_DEVICE] frames
+    cdef Frame *frames = now.frames
     cdef int count, i
     if now.encode == NULL:
         return
     now.arena[TIME] = 2.0
-    memset(frames, 0, sizeof(frames))
+    memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
     count = now.encode(now.arena, now.slots + 4, now.sizes, frames)
     if count > FRAMES_PER_DEVICE:
         violated("encode filled too many frames")
@@ -401,7 +402,7 @@ def drive(words, device):
     __asan_poison_memory_region(now.arena, slot * sizeof(double))
     for number in range(now.count):
         unpoison(now.arena + now.items[number].slot, now.items[number].size * sizeof(double))
-    now.frame = <Frame *>malloc(sizeof(Frame))
+    now.frame, now.frames = <Frame *>malloc(sizeof(Frame)), <Frame *>malloc(FRAMES_PER_DEVICE * sizeof(Frame))
     for number, (identifier, length) in enumerate(device.identifiers):
         now.identifiers[number], now.usual[number] = identifier, length
     now.identifier_count = len(device.identifiers)

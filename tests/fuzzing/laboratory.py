@@ -28,7 +28,7 @@ OPTIONS = ("-max_len=1500", "-timeout=5", "-rss_limit_mb=3000", "-detect_leaks=0
 
 @dataclass(frozen=True)
 class Run:
-    """executions : of the harness. edges, of_edges : in the functions that it came to, of the target's module; missed : its other functions.
+    """executions : of the harness. edges, of_edges : in the functions that it came to, of the target's module; missed : the others.
 
     failure : what it found, in words, or ""; said : all that the fuzzer wrote
     """
@@ -54,7 +54,7 @@ def why_not():
     if shutil.which("clang") is None:
         return "fuzzing wants clang: sudo apt install clang"
     missing = [name for name in ("fuzzer_no_main", "asan") if runtime(name) is None]
-    return f"fuzzing wants clang's runtime ({', '.join(missing)}): sudo apt install clang libclang-rt-14-dev, or the version of your clang" if missing else ""
+    return f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install clang, with what it recommends" if missing else ""
 
 
 def runtime(name):
@@ -79,7 +79,8 @@ class Laboratory:
         modules |= {"tests/fuzzing/harness": [], "tests/fuzzing/lines": []}
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(self.build, *zip(*modules.items())))
-        self.compile(["-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive", "-lstdc++", "-lpthread"], self.engine)
+        whole = "-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive"
+        self.compile([*whole, "-lstdc++", "-lpthread"], self.engine)
 
     def build(self, module, flags):
         code = self.folder / f"{module}.c"
@@ -133,10 +134,11 @@ def main():
         sys.exit(why_not())
     with tempfile.TemporaryDirectory() as folder:
         laboratory = Laboratory(Path(folder) / "checked")
-        runs = [laboratory.fuzzed(name, seconds) for name in sys.argv[2:] or EVERYTHING if print(name, end="\r", flush=True) is None]
         counting = Laboratory(Path(folder) / "counted", checks="")
-        for run in runs:
-            print(run.in_words(), "| without the checks' own:", "{0.edges} of {0.of_edges} edges, not {0.missed}".format(counting.fuzzed(run.target, 0)))
+        for name in sys.argv[2:] or EVERYTHING:
+            run = laboratory.fuzzed(name, seconds)
+            counted = counting.fuzzed(name, 0)                  # the checks' own branches lead to a failure, and are none of the parser's
+            print(f"{run.in_words()}; {counted.edges} of {counted.of_edges} without the checks', missed: {counted.missed or 'none'}")
             if run.failure:
                 print(run.said[-6000:])
 

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""What carries frames, driven by libFuzzer inside of this Python process: the reader of streams with its ring, and the receiver of CAN's datagrams.
+"""What carries frames, driven by libFuzzer in this process: the reader of streams with its ring, and the receiver of CAN's datagrams.
 
     reads       an input is writes of so many bytes, each read at once, ticks that take so many frames, and begins of a run
     datagrams   an input is datagrams: a size, and the bytes

@@ -1,4 +1,4 @@
-"""Fuzz one target in this process, which tests/fuzzing/laboratory.py has started with libFuzzer in it: `python -m tests.fuzzing.one TARGET ARGUMENTS`."""
+"""`python -m tests.fuzzing.one TARGET ARGUMENTS`: fuzz it in this process, which the laboratory has started with libFuzzer in it."""
 
 import socket
 import sys

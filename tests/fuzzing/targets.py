@@ -105,8 +105,10 @@ ODD = (mip.packet(0x80, (0xD3, struct.pack(">dHH", 1.5, 2000, 3)), (0x12, struct
        mip.packet(0x82, (0x05, floats(0.1, 0.2, 0.3) + b"\0\0"), (0x10, bytes(6)), (0x11, struct.pack(">dHH", 1e9, 1, 1))),
        mip.packet(0xA0, (0xD5, bytes(8)), (0xD1, bytes(4))), mip.packet(0x0C, (0xF1, b"\x01\x00")), TIMED,
        mip.packet(0x82, (0x03, floats(float("nan"), float("inf"), 1e38, -0.0) + b"\0\1")))
-COMMANDS = (mip.packet(0x01, (0x01, b"")), mip.packet(0x01, (0x03, b"")), mip.packet(0x0C, (0x08, b"\x01\x01\x02\x04\x00\x01\x05\x00\x02")),
-            mip.packet(0x0C, (0x0F, b"\x01\x80\x01\x04\x00\x01")), mip.packet(0x0C, (0x11, b"\x01\x01\x01")), mip.packet(0x0C, (0x30, b"\x03")),
+COMMANDS = (mip.packet(0x01, (0x01, b"")), mip.packet(0x01, (0x03, b"")), mip.packet(0x0C, (0x08,
+    b"\x01\x01\x02\x04\x00\x01\x05\x00\x02")),
+            mip.packet(0x0C, (0x0F, b"\x01\x80\x01\x04\x00\x01")), mip.packet(0x0C, (0x11, b"\x01\x01\x01")), mip.packet(0x0C, (0x30,
+                b"\x03")),
             mip.packet(0x0D, (0x18, b"\x01\x01")), mip.packet(0x0D, (0x50, b"\x01\x01\x00\x01")), mip.packet(0x0C, (0x08, b"\x02\x01")))
 FIELDS = (("force", "int24", "N", 0.01), ("accel", "int16[3]", "m/s²", 0.0048))
 WIDE = (("a", "uint8"), ("b", "float32[2]"), ("c", "float64"), ("d", "int32"), ("e", "uint16"))
@@ -126,7 +128,8 @@ SMALL = (("x", "float32"), ("y", "float32"))
 STREAMS = {
     "microstrain": Target(
         MicroStrain, same=("accel", "gyro", "mag", "quaternion", "euler", "rotation", "raw_quaternion", "valid", "connected"),
-        tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")), seeds=ODD, protocol=(MIP, 0, 0, 0, 0, 0), module="mip"),
+        tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")), seeds=ODD, protocol=(MIP, 0, 0, 0, 0, 0),
+        module="mip"),
     "microstrain_tared": Target(
         MicroStrain, {"channels": ("accel", "quaternion", "euler", "pressure", "filter_status"), "tare_at_start": True, "tare_time": 0.0},
         same=("accel", "raw_quaternion", "connected"), tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
@@ -136,7 +139,8 @@ STREAMS = {
         Microcontroller, {"fields": FIELDS}, same=("force", "accel"), tail=((NOTHING, b"\0"), (NOTHING, PACKETS[0])), seeds=PACKETS,
         protocol=(COBS, 1, 9, 0, 0, 0), module="microcontroller"),
     "cobs_wide": Target(
-        Microcontroller, {"fields": WIDE, "counter": False}, same=("a", "b", "c", "d", "e"), tail=((NOTHING, b"\0"), (NOTHING, WIDE_PACKET)),
+        Microcontroller, {"fields": WIDE, "counter": False}, same=("a", "b", "c", "d", "e"), tail=((NOTHING, b"\0"), (NOTHING,
+        WIDE_PACKET)),
         seeds=(WIDE_PACKET,), protocol=(COBS, 0, 23, 0, 0, 0), module="microcontroller"),
     "lines": Target(
         Microcontroller, {"fields": SMALL, "format": "lines"}, same=("x", "y"), tail=((NOTHING, b"\n"), (NOTHING, b"17,1.5,-2e3\n")),
@@ -144,7 +148,8 @@ STREAMS = {
         protocol=(LINES, 1, 3, 0, 0, 0), module="microcontroller"),
     "lines_uncounted": Target(
         Microcontroller, {"fields": (("x", "float32"),), "format": "lines", "counter": False}, same=("x",),
-        tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")), seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"), protocol=(LINES, 0, 1, 0, 0, 0), module="microcontroller"),
+        tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")), seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"), protocol=(LINES, 0, 1, 0, 0, 0),
+        module="microcontroller"),
     "insole": Target(
         Insole, {**INSOLES, "transport": "tcp"}, same=("force", "centre", "regions", "dead"),
         tail=((NOTHING, bytes(SOLE_SIZE)), (NOTHING, SOLES[0])), seeds=SOLES, protocol=(INSOLE, 1, SOLE_SIZE, 6, 3, 0), module="insole"),
@@ -161,6 +166,7 @@ def openimu(group, data, address=128):
 
 
 IMU_GROUPS = 0xF029, 0xF02A, 0xF02D, 0xFF6A, 0xEEFF, 0xFF55, 0xFF56, 0xFF57, 0xFF58, 0xFF59
+FINE_GROUPS = 0xFF6B, 0xFF6D, 0xF013
 IMU_TOLD = (openimu(0xFF59, b"\x80\x00\xc2"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
             openimu(0xFF58, b"\x80\0\0"), openimu(0xFF57, b"\x80\x19\x19"))
 IMU_FRAMES = (openimu(0xF02A, bytes(range(1, 9))), openimu(0xF02D, bytes(range(11, 19))), openimu(0xFF6A, bytes(range(21, 29))))
@@ -202,6 +208,13 @@ FRAMES = {
         OpenImu, {"slope": True}, is_stream=False, module="openimu", tail=(),
         seeds=((*IMU_TOLD, *IMU_FRAMES, openimu(0xF029, bytes(8))),),
         identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS)),
+    "openimu_fine": Target(
+        OpenImu, {"told": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
+        same=("accel", "gyro", "roll", "pitch"), tail=tuple(openimu(group, bytes(range(1, 9))) for group in FINE_GROUPS), is_stream=False,
+        module="openimu", identifiers=tuple((openimu(group, b"")[0], 8) for group in (*FINE_GROUPS, *IMU_GROUPS))),
+    "openimu_emulated_335": Target(
+        EmulatedOpenImu, {"model": "335RI"}, is_stream=False, module="openimu_unit",
+        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
     "openimu_emulated": Target(
         EmulatedOpenImu, is_stream=False, module="openimu_unit",
         identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
@@ -225,26 +238,33 @@ FRAMES = {
         EmulatedRobStride, values=("RS03",), is_stream=False, module="robstride_drive",
         identifiers=tuple((robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (0, 1, 3, 4, 6, 7, 17, 18, 24, 25))),
     "robstride_mit": Target(
-        RobStrideMIT, {"can_id": 1}, ("RS03",), same=JOINT, tail=((0xFD, bytes([1] + [128] * 7)),), is_stream=False, module="robstride_mit", identifiers=((0, 8), (1, 8), (0xFD, 8), (0xFE, 8))),
+        RobStrideMIT, {"can_id": 1}, ("RS03",), same=JOINT, tail=((0xFD, bytes([1] + [128] * 7)),), is_stream=False,
+        module="robstride_mit", identifiers=((0, 8), (1, 8), (0xFD, 8), (0xFE, 8))),
     "mpu9250": Target(
-        MPU9250, {"calibration": ""}, is_stream=False, module="invensense", same=("accel", "gyro", "mag", "temperature"), tail=MPU, identifiers=named(MPU)),
+        MPU9250, {"calibration": ""}, is_stream=False, module="invensense", same=("accel", "gyro", "mag", "temperature"), tail=MPU,
+        identifiers=named(MPU)),
     "icm20948": Target(
         ICM20948, {"calibration": ""}, is_stream=False, module="invensense", same=("accel", "gyro", "mag", "temperature"), tail=ICM,
         identifiers=named(ICM)),
     "ads1115": Target(
         ADS1115, is_stream=False, module="converters",
-        identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4) for transfer in (0, 1, 2, 3, 4, 7, 15)),
+        identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4) for transfer in (0, 1, 2, 3, 4, 7,
+        15)),
         seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),)),
     "nau7802": Target(
-        NAU7802, {"tare_at_start": False}, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
+        NAU7802, {"tare_at_start": False}, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A,
+        (0, b"\x20\x80\x00\x01")),
         identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x2A, 5 if transfer == 15 else 4) for transfer in (0, 1, 15))),
     "gpio": Target(
-        GpioInput, is_stream=False, module="gpio", same=("on", "known"), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
+        GpioInput, is_stream=False, module="gpio", same=("on", "known"), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0),
+        (LEVEL, 1)),
         seeds=(((0, event(1, 0xFFFFFFFE)), (0, event(2, 0xFFFFFFFF)), (0, event(1, 0))),)),
     "estop_switch": Target(
-        EStopSwitch, is_stream=False, module="gpio", same=("pressed",), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1))),
+        EStopSwitch, is_stream=False, module="gpio", same=("pressed",), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0),
+        (LEVEL, 1))),
     "estop_heartbeat": Target(
-        EStopHeartbeat, is_stream=False, module="safety", same=("pressed",), tail=((0x100, b"\x05\x00"), (0x100, b"\x06\x5A")), identifiers=((0x100, 2), (0x101, 2))),
+        EStopHeartbeat, is_stream=False, module="safety", same=("pressed",), tail=((0x100, b"\x05\x00"), (0x100, b"\x06\x5A")),
+        identifiers=((0x100, 2), (0x101, 2))),
     "controls": Target(
         GameController, is_stream=False, module="controls", identifiers=((0, 48), (1, 0), (2, 0)),
         seeds=(((0, INPUT.pack(1, 2, 3, 0, 255) + INPUT.pack(1, 2, 1, 304, 1)), (0, INPUT.pack(1, 2, 0, 3, 0)), (1, b"")),)),
@@ -266,8 +286,10 @@ class Carrying:
     seeds: tuple
 
 
-CAN_DATAGRAMS = (b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"), b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8, b"\0\4\0\0\0\0\0\0"),
-                 b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)), b"\x80" + struct.pack("=IB3x8s", 1, 9, b"longer"),
+CAN_DATAGRAMS = (b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"), b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8,
+    b"\0\4\0\0\0\0\0\0"),
+                 b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)), b"\x80" + struct.pack("=IB3x8s", 1, 9,
+                     b"longer"),
                  b"\x05short")
 READS = (bytes([0, 9, 2, 63]), bytes([0xFD, 0, 0xFD, 0] * 12 + [2, 63]), bytes([1, 5, 3, 0, 4, 4, 2, 1]))
 LINES_THAT_CARRY = {

@@ -1,6 +1,6 @@
-"""No crash, no hang, nothing out of bounds, no wrong checksum believed, every good packet behind garbage found: looked for by a fuzzer guided by coverage.
+"""No crash, no hang, nothing out of bounds, no wrong checksum believed, every good packet found: a fuzzer looks, guided by coverage.
 
-`make soak` gives it a minute or so; TICKWORK_FUZZ_SECONDS gives every parser more. What it finds is kept in build/fuzzing, and begun with next time.
+`make soak` gives each parser some seconds, TICKWORK_FUZZ_SECONDS more. What it finds is kept in build/fuzzing, and begun with next time.
 """
 
 import os

@@ -27,6 +27,10 @@ class OpenImu(Device):
     rate = Param(100.0, "Hz", "of its samples", choices=tuple(frames.RATES), fixed=True, kernel=False)
     field = Param(True, "1", "whether it sends the magnetic field, where it has a magnetometer", fixed=True, kernel=False)
     slope = Param(False, "1", "whether it sends pitch and roll: of its firmware for VG or AHRS, not of that for an IMU", fixed=True, kernel=False)
+    slope_sensor = Param(2, "1", "which of its slopes that is: 1 reaches 64°, in steps of 0.002°, and a 335RI alone has it", choices=(1, 2),
+                         fixed=True, kernel=False)
+    high_resolution = Param(False, "1", "whether a 335RI sends acceleration and angular rate with eight times the resolution, in steps of "
+                            "1/800 m/s² and 1/1024 °/s", fixed=True, kernel=False)
     rate_filter = Param(25, "Hz", "low-pass of the angular rate; 0 for none", choices=frames.FILTER_FREQUENCIES, fixed=True, kernel=False)
     acceleration_filter = Param(25, "Hz", "low-pass of the acceleration; 0 for none", choices=frames.FILTER_FREQUENCIES, fixed=True,
                                 kernel=False)
@@ -45,8 +49,8 @@ class OpenImu(Device):
     age = Output("s", "since the newest whole sample was heard")
     settings = Output("1", "which settings it has told to be as wanted: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters", dtype=int)
     invalid = Output("1", "values so far that it marked as errors or not available", dtype=int)
-    wanted = Memory((0.0,) * 10, "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, settings that must be told, "
-                    "s of silence after which it must tell them again")
+    wanted = Memory((0.0,) * 11, "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, settings that must be told, "
+                    "s of silence after which it must tell them again, whether it is a 335RI")
     set_up = Memory((), "what sets it up and asks what is set: identifier, length, eight bytes of each")
     state = Memory((0.0,) * 4, "packets since the last whole sample, whether anything was heard, frame that is sent next, time last heard")
 
@@ -58,12 +62,16 @@ class OpenImu(Device):
         if 0.0 < self.timeout < 2.5 / self.rate:
             raise ValueError(f"timeout {self.timeout:g} s is shorter than 2.5 samples at {self.rate:g} Hz: give {2.5 / self.rate:g} or more")
         has_field = self.field and self.model == "300RI"
-        self.types = frames.SENDS_RATE | frames.SENDS_ACCELERATION | has_field * frames.SENDS_FIELD | self.slope * frames.SENDS_SLOPE
-        self.divider = frames.RATES[self.rate]
         newer = self.model == "335RI"
+        if not newer and (self.high_resolution or self.slope_sensor == 1):
+            raise ValueError("a 300RI has neither slope sensor 1 nor packets of high resolution: those are a 335RI's")
+        fine, plain = frames.SENDS_FINE_RATE | frames.SENDS_FINE_ACCELERATION, frames.SENDS_RATE | frames.SENDS_ACCELERATION
+        slope = frames.SENDS_SLOPE_1 if self.slope_sensor == 1 else frames.SENDS_SLOPE
+        self.types = (fine if self.high_resolution else plain) | has_field * frames.SENDS_FIELD | self.slope * slope
+        self.divider = frames.RATES[self.rate]
         behaviour = (0, frames.MIXES) if newer else (frames.RIGHT_HANDED, 0xFFFF)
         self.wanted = (self.divider, self.types, *behaviour, self.orientation, self.rate_filter, self.acceleration_filter,
-                       SIGNS[self.axes], NEEDED[self.model] if self.told else 0, max(0.05, 2.5 / self.rate))
+                       SIGNS[self.axes], NEEDED[self.model] if self.told else 0, max(0.05, 2.5 / self.rate), float(newer))
         self.set_up = tuple(
             float(x) for identifier, _, data in self.enable_frames() for x in (identifier, len(data), *data.ljust(8, b"\0")))
 

@@ -235,3 +235,71 @@ def test_its_own_traffic_is_in_the_load_of_its_bus():
 def test_a_timeout_shorter_than_its_samples_is_refused():
     with pytest.raises(DiagramError, match="timeout 0.1 s is shorter than 2.5 samples at 10 Hz: give 0.25 or more"):
         OpenImu(rate=10.0)
+
+
+# What a 335RI alone sends
+
+def packed(*fields):
+    """Codes of so many bits, the least significant first: (code, bits)"""
+    word, at = 0, 0
+    for code, bits in fields:
+        word, at = word | code << at, at + bits
+    return word.to_bytes(8, "little")
+
+
+FINE = {"model": "335RI", "high_resolution": True, "told": False, "slope": True, "slope_sensor": 1}
+
+
+@given(codes=st.lists(st.integers(0, 2**19 - 1), min_size=3, max_size=3), merits=st.lists(st.integers(0, 3), min_size=3, max_size=3))
+@settings(max_examples=100, deadline=None)
+def test_packets_of_high_resolution_have_three_codes_of_19_bits(codes, merits):
+    wired = fine()
+    for group, port, count, least in ((frames.FINE_ACCELERATION, "accel", 1 / 800, -320.0), (frames.FINE_RATE, "gyro", 1 / 1024, -250.0)):
+        before = wired["invalid"]
+        data = packed(*((code, 19) for code in codes), *((merit, 2) for merit in merits))
+        assert wired.hear(identifier(group), data) in (NOTED, TAKEN)
+        expected = [code * count + least for code in codes]
+        assert wired[port] == pytest.approx(expected if port == "accel" else np.radians(expected), rel=1e-12, abs=1e-12)
+        assert wired["invalid"] - before == sum(merit >= 2 for merit in merits)
+
+
+MADE = {}
+
+
+def fine(**more):
+    """A fresh one, compiled once."""
+    key = tuple(more.items())
+    MADE.setdefault(key, Wired(OpenImu, **FINE, **more))
+    return Wired.again(MADE[key])
+
+
+def test_slope_sensor_1_has_500_codes_a_degree_and_reaches_64():
+    wired = fine()
+    for pitch, roll in ((32000, 32000), (0, 64000), (42000, 12345)):
+        wired.hear(identifier(frames.SLOPE_1), packed((pitch, 16), (roll, 16), (32000, 16), (0, 2), (0, 2), (2, 2), (0, 2), (5, 8)))
+        assert np.degrees([wired["pitch"], wired["roll"]]) == pytest.approx([pitch / 500 - 64, roll / 500 - 64], abs=1e-12)
+    assert wired["invalid"] == 0.0                                      # the merit of the pitch rate is another's
+    wired.hear(identifier(frames.SLOPE_1), packed((0, 16), (0, 16), (0, 16), (2, 2), (3, 2), (0, 2), (0, 2), (0, 8)))
+    assert wired["invalid"] == 2.0
+
+
+def test_all_three_together_are_a_sample_and_a_field_is_none_of_it():
+    wired = fine()
+    assert wired.hear(identifier(frames.FINE_RATE), bytes(8)) == wired.hear(identifier(frames.SLOPE_1), bytes(8)) == NOTED
+    assert wired.hear(identifier(frames.MAGNETIC_FIELD), bytes(8)) == wired.hear(identifier(frames.ACCELERATION), bytes(8)) == NOTED
+    assert np.isnan(wired["mag"]).all() and wired.hear(identifier(frames.FINE_ACCELERATION), bytes(8)) == TAKEN
+
+
+def test_a_unit_is_set_to_high_resolution_and_measures_so():
+    given = {"accel": (3.0011, -2.0049, -9.0), "gyro": (0.5003, 1.5, -1.0), "pitch": 0.2, "roll": -0.1}
+    recording = together(60, given, model="335RI", high_resolution=True, slope=True, slope_sensor=1)
+    assert recording.outcome.status == "ok" and recording["imu.settings"][-1] >= 7.0
+    assert vector(recording, "accel")[-1] == pytest.approx(given["accel"], abs=0.51 / 800)
+    assert vector(recording, "gyro")[-1] == pytest.approx(given["gyro"], abs=math.radians(0.51 / 1024))
+    assert [recording["imu.pitch"][-1], recording["imu.roll"][-1]] == pytest.approx([0.2, -0.1], abs=math.radians(0.003))
+
+
+def test_a_300ri_has_none_of_it():
+    for more in ({"high_resolution": True}, {"slope": True, "slope_sensor": 1}):
+        with pytest.raises(DiagramError, match="those are a 335RI's"):
+            robot(**more)

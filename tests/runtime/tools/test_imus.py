@@ -1,11 +1,13 @@
 """`scan` and `stream imu`: MicroStrain's sensors behind pseudo-terminals, real pyserial in between."""
 
+import importlib.util
 import json
 import re
 
 import pytest
 
 from runtime.errors import BAD_INPUT, OK
+from tests.runtime.rerun.test_rerun import vectors
 from tests.runtime.rig.test_microstrain import Sensors
 from tests.runtime.runs import Listener
 
@@ -33,9 +35,11 @@ def test_a_scan_tells_every_sensor_with_its_serial_number(command_line, ports):
 
 
 def test_two_are_shown_recorded_and_plotted(command_line):
+    """In Rerun, where it is there, each channel has a plot, and an attitude its axes."""
+    viewer = ["--rerun", "out.rrd"] if importlib.util.find_spec("rerun") else []
     with Listener() as listener:
         code, out, err = command_line("stream", "imu", "3931", "3932", "--channels", "accel,quaternion", "--rate", "100", "--duration", "0.5",
-                                      "--record", "out", "--plotjuggler", listener.address)
+                                      "--record", "out", "--plotjuggler", listener.address, *viewer)
         told = listener.rest()
     assert (code, err) == (OK, "")
     assert re.search(r"imu_3931  accel +-?0\.000 +-?0\.000 +-9\.807 m/s²", out)
@@ -44,6 +48,12 @@ def test_two_are_shown_recorded_and_plotted(command_line):
     lines = file.read_text().splitlines()
     assert "imu_3931.accel[2] [m/s^2]" in lines[0] and "imu_3932.quaternion[0]," in lines[0] and len(lines) > 10
     assert told[-1]["imu_3932"]["accel"][2] == pytest.approx(-9.80665)
+    if viewer:
+        seen = vectors(command_line.folder / "out.rrd")
+        for sensor in ("imu_3931", "imu_3932"):
+            ticks, accel = seen[f"/{sensor}/accel"]
+            assert len(ticks) > 10 and ticks == sorted(ticks) and accel[-1] == pytest.approx([0.0, 0.0, -9.80665])
+            assert seen[f"/{sensor}/quaternion"][1][-1] == pytest.approx([1.0, 0.0, 0.0, 0.0]) and len(seen[f"/{sensor}/euler"][1][-1]) == 3
 
 
 def test_one_that_is_not_there_is_told_with_those_that_are(command_line):
