@@ -77,6 +77,7 @@ class Rig:
                 rows.append(struct.unpack(f"={width}d", record))
             elif kind == RECORD_FRAME:
                 time, identifier, length, _, bus, sent, data = FRAME.unpack(record)
+                assert sent in (0, 1)
                 self.frames.append(Frame(time, identifier, bus, bool(sent), data[:length]))
             elif kind == RECORD_CHANGE:
                 self.changes += map(Change._make, CHANGE.iter_unpack(record))

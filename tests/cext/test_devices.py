@@ -2,6 +2,7 @@
 
 import ctypes
 import errno
+import time
 
 import pytest
 
@@ -10,7 +11,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE
 from blocks.sources import StepSource
 from cext.buses import MemoryBus
 from cext.executor import Executor
-from cext.page import RECORD_RECEIVED
+from cext.page import RECORD_RECEIVED, Page
 from cext.program import Program
 from cext.rings import Line, Lines
 from cext.tape import TapeBus
@@ -96,6 +97,14 @@ def test_when_what_was_received_is_told_in_the_recording_even_if_it_was_nothing(
     rig.executor.run(20)
     drains = [payload for kind, payload in rig.page.drain(1 << 30) if kind == RECORD_RECEIVED]
     assert len(drains) >= 20 and len(set(drains)) >= 20
+
+
+def test_without_a_bus_nothing_is_told_of_what_was_received():
+    with Diagram("robot", rate=200) as robot:
+        StepSource(0.0, 1.0, 0.1)
+    rig = Rig(robot)
+    rig.executor.run(20)
+    assert RECORD_RECEIVED not in {kind for kind, _ in rig.page.drain(1 << 30)}
 
 
 def test_a_timeout_of_zero_waits_for_ever():
@@ -260,6 +269,44 @@ def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
     lines.fail(1, errno.ENODEV)
     outcome = Executor(Program(schedule, ends), 200.0, virtual=True).run(10)
     assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1])
+
+
+def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
+    with Diagram("robot", rate=200) as robot:
+        for bus in ("left", "middle", "right"):
+            CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
+    schedule, lines = compile(robot), Lines(3)
+    ends = [Line(lines, number).end for number in range(3)]
+    executor = Executor(Program(schedule, ends), 200.0, virtual=True)
+    for number in range(3):
+        lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
+    for _ in range(500):                            # of 512 that it holds; nobody takes any
+        ends[1].send(5, b"")
+    outcome = executor.run(1000)
+    assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1]) and outcome.tick < 20
+
+
+@pytest.mark.parametrize("batch", ["zero", "disable", "enable"])
+def test_what_is_like_any_command_of_ours_is_a_foreign_command(batch):
+    with Diagram("robot", rate=200) as robot:
+        RobStride("RS03", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
+    page = Page(1 << 20)
+    page.look_after(time.monotonic_ns())            # where the guardian sees to it that we are alone
+    rig = Rig(robot, plant_of(robot), page=page, guard=30.0)
+    number, extended, data = getattr(rig.schedule.devices[0], batch)[0]
+    rig.buses["can"].device.send(number, bytes(len(data)), extended)
+    assert (outcome := rig.run(20)).status == "foreign command" and outcome.culprit == "knee"
+
+
+def test_who_has_answered_is_not_enabled_again_while_the_others_are_waited_for():
+    with Diagram("robot", rate=200) as robot:
+        for can_id in (1, 2):
+            CubeMars("AK80-9", can_id=can_id, name=f"drive{can_id}")(torque_command=0.0)
+    with Diagram("plant", rate=200) as plant:
+        EmulatedCubeMars.of(robot["drive1"], name="drive1")(0.0, 0.0)
+    rig = Rig(robot, plant)
+    assert rig.run(10, arming_timeout=0.1).unanswered == ("drive2",)
+    assert rig.sent(1).count(ENABLE) == 1 and rig.sent(2).count(ENABLE) > 20
 
 
 @pytest.mark.parametrize("can_id", [1, 5, 255])

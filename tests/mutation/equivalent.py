@@ -31,6 +31,8 @@ EQUIVALENT = {
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx receive: break -> pass": "what is empty gives nothing more",
+    "cext/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.count > 0: -> "
+    "if self.laps != NULL and self.laps.each == NULL and self.count >= 0:": "where nothing is encoded that takes no time",
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault >= 1 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
