@@ -129,9 +129,9 @@ class McapFile:
         start = self.file.tell()
         opcode, summary = self.opcode, self.builder()
         statistics = Statistics(
-            attachment_count=len(self.attachments), channel_count=len(self.channels), channel_message_counts=self.counts, chunk_count=len(self.chunks),
-            message_count=sum(self.counts.values()), message_start_time=self.first or 0, message_end_time=self.last or 0, metadata_count=0,
-            schema_count=len(self.schemas))
+            attachment_count=len(self.attachments), metadata_count=0, schema_count=len(self.schemas), channel_count=len(self.channels),
+            chunk_count=len(self.chunks), message_count=sum(self.counts.values()), channel_message_counts=self.counts,
+            message_start_time=self.first or 0, message_end_time=self.last or 0)
         offsets = []
         for kind, records in (
                 (opcode.SCHEMA, self.schemas), (opcode.CHANNEL, self.channels), (opcode.STATISTICS, [statistics]),

@@ -41,7 +41,7 @@ def whole(path, read, progress):
 
 
 def read_first(path, read, progress):
-    """(what was read, the number of the part, [its Path]). An empty file is one whose recorder died at once: the next part begins where it should have."""
+    """(what was read, the number of the part, [its Path]). An empty file's recorder died at once: the next part begins where it should have."""
     following = path.parent / f"{path.stem}_part2{path.suffix}"
     if following.exists() and path.exists() and path.stat().st_size == 0:
         first = read(following, progress)
@@ -70,7 +70,7 @@ def join(first, second):
 
 
 def keep(first, second):
-    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was killed leaves more, and they are cut off."""
+    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was killed leaves more."""
     kept = first.messages[messages.ROW_END]
     if second.messages[messages.ROW_END]:
         begins = number_of(second.messages[messages.ROW_END][0])

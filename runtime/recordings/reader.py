@@ -78,10 +78,11 @@ class Reader:
         if self.about is None:
             raise BadInput(f"{path} {self.what_else(path, size)}")
         if self.about.get("format") not in FORMATS:
-            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: pip install --upgrade tickwork")
+            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: "
+                           "pip install --upgrade tickwork")
 
     def read(self, stream, look):
-        """Returns how many bytes are good. A chunk that is torn, or whose checksum is wrong, holds messages one behind the other, and they are read so."""
+        """Returns how many bytes are good. Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong."""
         from mcap.exceptions import McapError
 
         start = 0
@@ -101,7 +102,7 @@ class Reader:
             start = bad + CHUNK_HEAD
 
     def read_from(self, stream, look):
-        """Records up to the end of the file. `before` and `at`: where the newest begins and ends; `taking`: it could be read, and is being understood"""
+        """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is being understood"""
         from mcap.records import Attachment, Channel, Footer, Header, Message
         from mcap.stream_reader import StreamReader
 

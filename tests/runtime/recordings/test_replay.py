@@ -199,7 +199,7 @@ def test_what_is_no_recording_is_refused(command_line, tmp_path):
 def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_tick(recorded, command_line, tmp_path):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.2")
     data = file.read_bytes()
-    for share in (0.35, 0.6, 0.9):
+    for share in (0.3, 0.45, 0.6):
         cut = file.with_name("cut.mcap")
         cut.write_bytes(data[: int(share * len(data))])
         trial = Trial(cut)
