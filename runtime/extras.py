@@ -22,4 +22,5 @@ def need(module, purpose):
         package = module.partition(".")[0]
         if error.name is None or error.name.partition(".")[0] != package:           # it is there, and what it needs is not
             raise MissingExtra(f"{purpose} needs {package}, which cannot be imported ({error})") from None
-        raise MissingExtra(f"{purpose} needs {package}: pip install 'tickwork[{EXTRAS[package]}]'") from None
+        what = f"'tickwork[{EXTRAS[package]}]'" if package in EXTRAS else package         # of a clone that nothing was installed for
+        raise MissingExtra(f"{purpose} needs {package}: pip install {what}") from None

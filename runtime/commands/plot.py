@@ -6,6 +6,7 @@ from pathlib import Path
 from runtime.commands.parsing import Parser
 from runtime.commands.reading import read
 from runtime.errors import OK, BadInput
+from runtime.extras import need
 from runtime.progress import Progress
 from runtime.recorder.files import create
 from runtime.terminal import tell
@@ -48,6 +49,7 @@ def main(arguments):
 
 def pictures(trial, options):
     """[(name, function that draws it into a file)]"""
+    need("matplotlib.figure", "a picture")
     from runtime.recordings import pictures
 
     if options.strides and options.signals:

@@ -10,6 +10,7 @@ import struct
 from dataclasses import dataclass
 
 from runtime.errors import BadInput
+from runtime.extras import need
 from runtime.recordings import messages
 
 FORMATS = ("1",)
@@ -60,6 +61,7 @@ class Reader:
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""
+        need("mcap.stream_reader", "reading a recording")
         self.spoilt = None          # where a chunk begins whose checksum is wrong
         try:
             with open(path, "rb") as stream:

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -34,6 +35,13 @@ def test_signals_are_drawn_with_their_units_on_the_axes(command_line, recording)
     code, out, err = command_line("plot", recording, "left/knee.position", "left/gait.phase", "-o", "a.svg")
     assert (code, out, err) == (OK, "a.svg\n", "")
     assert {"[rad]", "time [s]", "left/knee.position", "left/gait.phase"} <= drawn("a.svg")           # which leg, too
+
+
+def test_without_matplotlib_it_says_how_to_get_it(command_line, recording, monkeypatch):
+    for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert command_line.refused("plot", recording, "left/knee.position") == "a picture needs matplotlib: pip install matplotlib"
 
 
 def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):
