@@ -361,7 +361,6 @@ cdef class Streams:
         if load_i32(&source.gone):
             return
         source.error = error
-        store_i32(&source.gone, 1)
         epoll_ctl(self.epoll, EPOLL_CTL_DEL, source.fd, NULL)
         put_in_place(self.nothing, source.fd)
         store_u64(&source.losses, source.losses + 1)
@@ -370,6 +369,7 @@ cdef class Streams:
         memset(&frame, 0, sizeof(Frame))
         frame.time, frame.id = now, LOST
         push(&source.ring, &frame)
+        store_i32(&source.gone, 1)                                  # last: who sees that has all that is told of it
 
     cdef int look_after(self, int64_t now) noexcept nogil:
         """Try to open what is gone; tell what is back how to be. Returns the ms until something is due, -1 for never."""

@@ -34,7 +34,7 @@ from blocks.recorders import CsvRecorder
 from graph import Diagram
 
 with Diagram("sensors", rate=50) as diagram:
-    common = {"bus": "imus", "rate": 20.0, "accel_range": 4, "gyro_range": 500, "timeout": 0.5}
+    common = {"bus": "imus", "rate": 20.0, "accel_range": 4, "gyro_range": 500, "timeout": 3.0}
     MPU9250(name="trunk", address=0x69, bypass=False, **common)
     MPU9250(name="shank", mux=0x70, channel=0, **common)
     ICM20948(name="thigh", mux=0x70, channel=1, **common)
@@ -141,7 +141,7 @@ def test_a_run_from_the_command_line_records_every_sensor(wires, tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     files = Files(tmp_path / "out")
     assert_read({header.split(" [")[0]: column[-1] for header, column in files.table.items()})
-    assert len(files.table["tick"]) == 50 and wires.counts["combined"] > 40
+    assert files.table["tick"][-1] == 49 and wires.counts["combined"] > 40
 
 
 def test_a_stream_shows_those_that_are_named(wires, tmp_path):
