@@ -67,6 +67,11 @@ def runtime(name):
     return None
 
 
+def module_of(name):
+    """Path of the module that a target drives, without its ending."""
+    return f"cext/{'' if EVERYTHING[name] in OF_CEXT else 'kernels/'}{EVERYTHING[name]}"
+
+
 class Laboratory:
     """The copy, built. checks : of clang's sanitizers, besides those of the harness; "" for coverage alone"""
 
@@ -74,15 +79,14 @@ class Laboratory:
         self.folder = copy_rooms(Path(folder), rooms=("cext", "graph", "blocks", "runtime", "tests"))
         self.build_of = build_of()
         self.engine = self.folder / "engine.so"
-        instrumented = "-fsanitize=" + ",".join(filter(None, ("fuzzer-no-link", checks)))
-        modules = {f"cext/{'' if name in OF_CEXT else 'kernels/'}{name}": [instrumented] for name in set(EVERYTHING.values())}
-        modules |= {"tests/fuzzing/harness": [], "tests/fuzzing/lines": []}
+        self.instrumented = ["-fsanitize=" + ",".join(filter(None, ("fuzzer-no-link", checks)))]
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(self.build, *zip(*modules.items())))
+            list(pool.map(self.build, {*map(module_of, EVERYTHING), "tests/fuzzing/harness", "tests/fuzzing/lines"}))
         whole = "-Wl,--whole-archive", str(runtime("fuzzer_no_main")), "-Wl,--no-whole-archive"
         self.compile([*whole, "-lstdc++", "-lpthread"], self.engine)
 
-    def build(self, module, flags):
+    def build(self, module):
+        flags = self.instrumented if module.startswith("cext") else []
         code = self.folder / f"{module}.c"
         directives = [word for name, value in self.build_of.DIRECTIVES.items() for word in ("-X", f"{name}={value}")]
         translate = [sys.executable, "-m", "cython", "-3", "--line-directives", *directives, f"{module}.pyx", "-o", str(code)]
@@ -99,9 +103,23 @@ class Laboratory:
         if made.returncode != 0:
             raise RuntimeError(made.stderr)
 
-    def fuzzed(self, name, seconds):
+    def with_error(self, file, before, after, name, seconds):
+        """A Run of a parser into whose source an error was put; it is taken out again."""
+        path, corpus = self.folder / file, self.folder / "corpus"
+        text = path.read_text()
+        if text.count(before) != 1:
+            raise ValueError(f"{file} has {before!r} {text.count(before)} times")
+        path.write_text(text.replace(before, after))
+        try:
+            self.build(module_of(name))
+            return self.fuzzed(name, seconds, corpus)
+        finally:
+            path.write_text(text)
+            self.build(module_of(name))
+
+    def fuzzed(self, name, seconds, corpus=CORPUS):
         """A Run of so many seconds; of none, what is kept from earlier ones alone. It begins with that and the seeds."""
-        kept, failures = CORPUS / name, CORPUS / "failures"
+        kept, failures = corpus / name, corpus / "failures"
         kept.mkdir(parents=True, exist_ok=True)
         failures.mkdir(parents=True, exist_ok=True)
         for number, seed in enumerate(seeds_of(name)):

@@ -144,7 +144,7 @@ STREAMS = {
         seeds=(WIDE_PACKET,), protocol=(COBS, 0, 23, 0, 0, 0), module="microcontroller"),
     "lines": Target(
         Microcontroller, {"fields": SMALL, "format": "lines"}, same=("x", "y"), tail=((NOTHING, b"\n"), (NOTHING, b"17,1.5,-2e3\n")),
-        seeds=(b"18,0x1p3,nan\n", b"# a remark\n19, -inf ,3\r\n", b"20,1,2,3\n\n21,.5,5.\n", b"300,1e400,-1e-400\n"),
+        seeds=(b"18,0x1p3,nan\n", b"# a remark\n19, -inf ,3\r\n", b"20,1,2,3\n\n21,.5,5.\n", b"300,1e400,-1e-400\n", b"1," * 600 + b"\n"),
         protocol=(LINES, 1, 3, 0, 0, 0), module="microcontroller"),
     "lines_uncounted": Target(
         Microcontroller, {"fields": (("x", "float32"),), "format": "lines", "counter": False}, same=("x",),

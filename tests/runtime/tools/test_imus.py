@@ -38,7 +38,7 @@ def test_two_are_shown_recorded_and_plotted(command_line):
     """In Rerun, where it is there, each channel has a plot, and an attitude its axes."""
     viewer = ["--rerun", "out.rrd"] if importlib.util.find_spec("rerun") else []
     with Listener() as listener:
-        code, out, err = command_line("stream", "imu", "3931", "3932", "--channels", "accel,quaternion", "--rate", "100", "--duration", "0.5",
+        code, out, err = command_line("stream", "imu", "3931", "3932", "--channels", "accel,quaternion", "--rate", "100", "--duration", "1",
                                       "--record", "out", "--plotjuggler", listener.address, *viewer)
         told = listener.rest()
     assert (code, err) == (OK, "")
