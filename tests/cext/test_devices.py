@@ -63,7 +63,11 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
             for _, _, data, time in self.end.receive():
                 if data not in (ENABLE, DISABLE):
                     self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=time)
+                if data == DISABLE:
+                    states.add(rig.page.state)
             return 0.0
+
+    states = set()
 
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
@@ -73,6 +77,7 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
     drive.end = rig.buses["can"].device
     outcome = rig.run(5)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ("knee",)) and len(rig.commands()) == 5
+    assert states == {"stopping"} and rig.page.state == "safe"
 
 
 def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
