@@ -14,8 +14,8 @@ from graph.block import suggestion
 from graph.drawing.cards import class_card, documentation, summary, unit_text
 from graph.store import ENTRY_POINTS
 from runtime.errors import BadInput
-from runtime.lines import count, paper
-from runtime.terminal import program
+from runtime.telling.lines import count, paper
+from runtime.telling.terminal import program
 
 OWN = "blocks"                  # our library's package
 BASES = (Block.__module__, Device.__module__)

@@ -11,13 +11,13 @@ from graph.compiler import examine
 from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
-from runtime.check_text import text
 from runtime.coverage import coverage
-from runtime.errors import BadInput
-from runtime.lines import paper, place
 from runtime.diagram_file import blamed, load
+from runtime.errors import BadInput
 from runtime.rig import read
 from runtime.simulation import Simulation
+from runtime.telling.check_text import text
+from runtime.telling.lines import paper, place
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
   diagram, file, rate, ok       name; path; Hz; whether nothing is wrong

@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.terminal import complain, program, tell
+from runtime.telling.terminal import complain, program, tell
 
 COMMANDS = {
     "run": "run a diagram, in simulation or on a rig",

@@ -8,10 +8,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from graph.drawing import draw, mermaid, page, svg
-from runtime.errors import BadInput
-from runtime.lines import count, place
 from runtime.diagram_file import blamed, load
-from runtime.terminal import program
+from runtime.errors import BadInput
+from runtime.telling.lines import count, place
+from runtime.telling.terminal import program
 
 FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
 BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}

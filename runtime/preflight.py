@@ -1,7 +1,7 @@
 """The pre-flight table: what every device has answered, and what would stop it, for a person to read before anything may move.
 
 It is made in the control process as plain data, between two rounds of arming, and told by the recorder, which has the terminal
-(runtime.preflight_text).
+(runtime.telling.preflight_text).
 """
 
 from graph.diagram import Signal

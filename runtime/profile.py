@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from runtime.errors import BadInput
-from runtime.timing import details
+from runtime.telling.timing import details
 
 SHOWN = 40                      # rows of a table
 BAR = 24                        # characters

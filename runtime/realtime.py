@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from cext import realtime as native
 
 from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, capable, exhausted_group, isolated_processors, memory_sizes, stack_limit, user
-from runtime.terminal import program
+from runtime.telling.terminal import program
 
 MODES = ("off", "try", "require")
 PRIORITY = 80               # below the kernel's own threads that must run (99), above its interrupt threads (50)

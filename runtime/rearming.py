@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from blocks.safety import Rearm
 from cext.page import RECORD_EVENT
 from runtime.errors import BadInput
-from runtime.fault import explain, what
+from runtime.telling.fault import explain, what
 
 NOBODY = (
     "--rearm: nobody could ask for it: here is no terminal for the key r (standard input, output and error), and the diagram has no Rearm block")

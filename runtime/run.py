@@ -12,19 +12,19 @@ from cext.page import RECORD_EVENT, Page
 from cext.program import Program
 
 from runtime import rearming
+from runtime.diagram_file import compiled, load
 from runtime.errors import BadInput
-from runtime.fault import explain
 from runtime.guardian import SILENCE
-from runtime.held import held
 from runtime.live.table import describe
 from runtime.preflight import Preflight
-from runtime.diagram_file import compiled, load
 from runtime.realtime import PRIORITY, Realtime
 from runtime.rearming import Rearming
 from runtime.recorder import RecorderProcess, can_ask
 from runtime.recording_plan import plan, ring_bytes
 from runtime.rig import RigBuses, read
 from runtime.simulation import Simulation
+from runtime.telling.fault import explain
+from runtime.telling.held import held
 
 MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
 NOBODY = (

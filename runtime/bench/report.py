@@ -4,7 +4,7 @@ import json
 import os
 import platform
 
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 
 
 def machine():

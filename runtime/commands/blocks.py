@@ -3,7 +3,7 @@
 from runtime.catalog import catalog
 from runtime.commands.parsing import Parser
 from runtime.errors import OK
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 
 
 def main(arguments):

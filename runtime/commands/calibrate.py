@@ -6,7 +6,7 @@ from pathlib import Path
 
 from runtime.commands.parsing import Parser, add_diagram, add_rig, number, settings
 from runtime.errors import CHECK_FAILED, OK, BadInput
-from runtime.terminal import complain, tell
+from runtime.telling.terminal import complain, tell
 
 EPILOG = """\
   calibrate diagrams/leg.py left/shank_imu --rig lab.toml

@@ -3,7 +3,7 @@
 from runtime.check import KEYS, check, told
 from runtime.commands.parsing import Parser, add_diagram, add_rig, settings
 from runtime.errors import CHECK_FAILED, OK
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 
 
 def main(arguments):

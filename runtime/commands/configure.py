@@ -12,7 +12,7 @@ from runtime.errors import CHECK_FAILED, OK, BadInput
 from runtime.rig import read
 from runtime.rig.file import parse
 from runtime.rig.overrides import override
-from runtime.terminal import complain, tell
+from runtime.telling.terminal import complain, tell
 from runtime.tools import drive_changes, mounting, rig_edit
 from runtime.tools.asking import sure
 from runtime.tools.bus import add_bus, opened, single_bus

@@ -6,9 +6,9 @@ from runtime.commands.parsing import Parser, number
 from runtime.commands.reading import read
 from runtime.conversion import FORMATS, OPENSIM, convert
 from runtime.errors import OK, BadInput
-from runtime.progress import Progress
 from runtime.recordings.parts import heads
-from runtime.terminal import tell
+from runtime.telling.progress import Progress
+from runtime.telling.terminal import tell
 
 READING = 0.5                   # share of the time that goes into reading, about
 

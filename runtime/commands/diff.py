@@ -5,10 +5,10 @@ from pathlib import Path
 from runtime.commands.parsing import Parser
 from runtime.commands.reading import read
 from runtime.errors import CHECK_FAILED, OK
-from runtime.progress import Progress
 from runtime.recordings import diff
 from runtime.recordings.compare import compare
-from runtime.terminal import tell
+from runtime.telling.progress import Progress
+from runtime.telling.terminal import tell
 
 
 def main(arguments):

@@ -3,7 +3,7 @@
 from runtime.commands.parsing import Parser, add_diagram, settings
 from runtime.draw import FORMATS, draw_file
 from runtime.errors import OK
-from runtime.terminal import complain, tell
+from runtime.telling.terminal import complain, tell
 
 
 def main(arguments):

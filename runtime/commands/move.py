@@ -8,13 +8,13 @@ from blocks.actuators.cubemars import models as cubemars
 from blocks.actuators.cubemars import models_v3
 from blocks.actuators.robstride import mit
 from blocks.actuators.robstride import models as robstride
-from runtime import report
 from runtime.commands.configure import drive_id
 from runtime.commands.parsing import LONGEST, Parser, add_pace, folder, host_and_port, number
 from runtime.commands.run import carried_out
 from runtime.errors import BadInput
 from runtime.run import Request
-from runtime.terminal import tell
+from runtime.telling import report
+from runtime.telling.terminal import tell
 from runtime.tools import move
 from runtime.tools.bus import add_bus, entry, single_bus
 

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from runtime.errors import BadInput
-from runtime.terminal import program
+from runtime.telling.terminal import program
 
 LONGEST = 1e9                   # s: 30 years
 
@@ -61,7 +61,7 @@ def add_bitrate(parser, help):
 
 
 def add_pace(parser):
-    from runtime.timing import overrun_policy, spin_window
+    from runtime.telling.timing import overrun_policy, spin_window
 
     parser.add_argument("--overrun", type=overrun_policy, default="skip", metavar="POLICY",
                         help="of a tick that comes too late: skip (default), catch-up:N ticks run late at most, fault:N missed in a row, "

@@ -7,9 +7,9 @@ from runtime.commands.parsing import Parser
 from runtime.commands.reading import read
 from runtime.errors import OK, BadInput
 from runtime.extras import need
-from runtime.progress import Progress
 from runtime.recorder.files import create
-from runtime.terminal import tell
+from runtime.telling.progress import Progress
+from runtime.telling.terminal import tell
 
 KINDS = (".png", ".svg")
 EPILOG = """\

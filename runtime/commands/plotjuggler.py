@@ -7,7 +7,7 @@ from pathlib import Path
 from runtime.commands.parsing import LONGEST, Parser, host_and_port, number, settings
 from runtime.errors import OK, BadInput
 from runtime.recorder.files import create
-from runtime.terminal import program, tell
+from runtime.telling.terminal import program, tell
 
 DUMMY = [{"path": f"{side}/{signal}", "dtype": "float", "unit": unit} for side in ("left", "right") for signal, unit in (
     ("knee.position", "rad"), ("knee.torque", "N·m"))]

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from runtime import report
 from runtime.commands.parsing import LONGEST, Parser, add_diagram, add_pace, number, settings
 from runtime.commands.run import carried_out, profiled
 from runtime.profile import picture
 from runtime.run import Request
-from runtime.terminal import tell
+from runtime.telling import report
+from runtime.telling.terminal import tell
 
 
 def main(arguments):

@@ -5,7 +5,7 @@ from pathlib import Path
 from runtime.commands.parsing import Parser, folder
 from runtime.errors import CHECK_FAILED, OK
 from runtime.recordings.replay import replay, told
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 
 
 def main(arguments):

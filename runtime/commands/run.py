@@ -4,11 +4,11 @@ from runtime.commands.parsing import (
     LONGEST, Parser, add_bitrate, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, rerun_target, settings, trial,
 )
 from runtime.errors import BadInput
-from runtime.terminal import complain, program, tell
+from runtime.telling.terminal import complain, program, tell
 
 
 def main(arguments):
-    from runtime import report
+    from runtime.telling import report
 
     result = carried_out(parse_run(arguments))
     tell(report.summary(result))
@@ -21,7 +21,7 @@ def main(arguments):
 
 def carried_out(request):
     """The Result of a run, with what went wrong told."""
-    from runtime import report
+    from runtime.telling import report
     from runtime.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.run import prepare, run

@@ -7,7 +7,7 @@ from runtime.commands.parsing import LONGEST, Parser, number
 from runtime.errors import CHECK_FAILED, OK, BadInput
 from runtime.rig.file import I2C
 from runtime.rig.troubles import Refused
-from runtime.terminal import complain, tell
+from runtime.telling.terminal import complain, tell
 from runtime.tools import imus, plugged, scan_text
 from runtime.tools.bus import ToolBus, add_bus, named_buses
 from runtime.tools.chips import look

@@ -3,7 +3,7 @@
 from runtime.commands.parsing import Parser, settings
 from runtime.errors import OK, BadInput
 from runtime.live.command import set_live
-from runtime.terminal import program, tell
+from runtime.telling.terminal import program, tell
 
 
 def main(arguments):

@@ -6,7 +6,7 @@ from runtime.commands.configure import drive_id
 from runtime.commands.move import model_of
 from runtime.commands.parsing import LONGEST, Parser, folder, host_and_port, number, rerun_target, settings
 from runtime.errors import CHECK_FAILED, OK, BadInput
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 from runtime.tools.bus import add_bus, i2c_bus, opened, single_bus
 from runtime.tools.streaming import Watched, stream
 

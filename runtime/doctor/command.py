@@ -14,7 +14,7 @@ from runtime.doctor.machine import Machine
 from runtime.doctor.script import script
 from runtime.errors import CHECK_FAILED, BadInput
 from runtime.errors import OK as FIT
-from runtime.terminal import program, tell
+from runtime.telling.terminal import program, tell
 
 WIDTH = 110                     # characters of a line of reasons
 MARKS = {UNKNOWN: "?"}

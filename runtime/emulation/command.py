@@ -5,7 +5,7 @@ from pathlib import Path
 
 from runtime.commands.parsing import LONGEST, Parser, add_bitrate, number, settings
 from runtime.errors import FAULT, OK, BadInput
-from runtime.terminal import complain, program, tell
+from runtime.telling.terminal import complain, program, tell
 
 SIDE_BY_SIDE = "a drive that is really there would take such an answer for a command, and move"
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from graph.budget import frame_bits
 from runtime.commands.parsing import Parser, add_rig, count, number
 from runtime.errors import CHECK_FAILED, OK, BadInput
-from runtime.progress import Progress
 from runtime.rate.robot import MOST
 from runtime.rate.search import HIGHEST, LOWEST, RESOLUTION, highest
-from runtime.terminal import complain, tell
+from runtime.telling.progress import Progress
+from runtime.telling.terminal import complain, tell
 
 SECONDS, PAPER_SECONDS, PAPER_VALIDATION = 2.0, 60.0, 300.0         # s of a step; those of the paper, and of its validation
 BITRATE = 1e6

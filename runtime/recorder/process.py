@@ -14,13 +14,13 @@ from contextlib import suppress
 from cext import realtime
 from cext.page import Page
 
-from runtime.lines import Paper
 from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
 from runtime.recorder.succession import Heir, Inherited, call_oneself
 from runtime.recorder.terminal import Terminal
+from runtime.telling.lines import Paper
 
 ORDERS = 0                      # standard input
 BATCH = 4096                    # records taken out of the ring at once

@@ -15,15 +15,15 @@ from struct import Struct
 from cext.bits import payload_bits
 from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
-from runtime import preflight_text
 from runtime.errors import BadInput
-from runtime.lines import Paper
 from runtime.live import table
 from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
 from runtime.recorder.service import find
+from runtime.telling import preflight_text
+from runtime.telling.lines import Paper
 
 KEPT_EVENTS = 100_000
 BUS_OF_FRAME = 14               # bytes into struct Frame of cext/abi.pxd

@@ -20,14 +20,14 @@ from cext.tape import Tape, TapeBus
 from blocks.recorders import CsvRecorder
 from graph import DiagramError, Sink
 from graph.store import from_json, to_json
-from runtime.recordings.compare import Comparison, compare, sent_frames
+from runtime.diagram_file import compiled, load
 from runtime.errors import BadInput
 from runtime.live.table import describe
-from runtime.progress import Progress
-from runtime.diagram_file import compiled, load
 from runtime.recorder import RecorderProcess
+from runtime.recordings.compare import Comparison, compare, sent_frames
 from runtime.recordings.trial import Trial
 from runtime.rig.file import parse
+from runtime.telling.progress import Progress
 
 RING = 1 << 22                  # bytes
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")

@@ -4,7 +4,7 @@ import select
 import sys
 
 from runtime.errors import BadInput
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 
 
 def sure(question, yes):

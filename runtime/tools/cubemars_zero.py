@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from blocks.actuators.cubemars import asking, frames
 from blocks.actuators.mit_frames import SET_ZERO
 from runtime.errors import BadInput
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 from runtime.tools.asking import sure
 from runtime.tools.scan import servo_drives
 

@@ -2,7 +2,7 @@
 
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking, parameters
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 from runtime.tools import cubemars_zero
 from runtime.tools.asking import sure
 from runtime.tools.scan import refuse_company

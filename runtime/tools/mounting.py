@@ -13,7 +13,7 @@ from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import RobStride, RobStrideMIT
 from blocks.actuators.robstride import asking as private
 from runtime.errors import BadInput
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 from runtime.tools.asking import entered
 from runtime.tools.scan import refuse_company
 

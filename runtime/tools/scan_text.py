@@ -2,8 +2,8 @@
 
 from blocks.actuators.cubemars import asking as cubemars
 from blocks.actuators.robstride import asking as robstride
-from runtime.lines import count
 from runtime.rig.file import I2C
+from runtime.telling.lines import count
 from runtime.tools import openimu
 from runtime.tools.bus import entry, in_candump
 

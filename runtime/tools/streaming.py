@@ -15,7 +15,7 @@ from graph.units import ascii_name
 from runtime.errors import BadInput
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
-from runtime.terminal import tell
+from runtime.telling.terminal import tell
 from runtime.tools.scan import refuse_company
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}

@@ -12,7 +12,7 @@ from blocks.actuators.robstride import models as robstride
 from graph.drawing.cards import summary
 from runtime.catalog import describe, libraries, listing
 from runtime.errors import OK
-from runtime.lines import Paper, length
+from runtime.telling.lines import Paper, length
 from tests.runtime.runs import ROOT, finished, write
 from tests.runtime.test_library import installed  # noqa: F401  (the example of a lab's library, as pip installs it)
 

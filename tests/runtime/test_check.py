@@ -14,10 +14,10 @@ import pytest
 
 from graph import compile
 from runtime.check import KEYS, check
-from runtime.check_text import bar, interval, text
-from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.lines import Paper, length
 from runtime.diagram_file import load
+from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.telling.check_text import bar, interval, text
+from runtime.telling.lines import Paper, length
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, knee, line_of, write
 
 RATES = '''

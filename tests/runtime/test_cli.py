@@ -8,7 +8,7 @@ import pytest
 
 from runtime.commands.run import parse_run
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK
-from runtime.terminal import program
+from runtime.telling.terminal import program
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write
 
 LISTS = "lists the options)"

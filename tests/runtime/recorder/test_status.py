@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from runtime.progress import Progress
 from runtime.recorder.status import StatusLine, describe, fit, rates, torque_parts
 from runtime.recorder.terminal import Terminal
+from runtime.telling.progress import Progress
 from tests.runtime.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE

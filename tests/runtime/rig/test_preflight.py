@@ -11,9 +11,9 @@ from blocks.actuators import CubeMars
 from blocks.safety import EStopHeartbeat
 from graph import Diagram, compile
 from runtime.coverage import coverage, in_words
-from runtime.lines import Paper
 from runtime.preflight import Preflight
-from runtime.preflight_text import ASK, text
+from runtime.telling.lines import Paper
+from runtime.telling.preflight_text import ASK, text
 from tests.runtime.guardian.bus import ROBOT, Bus, is_torque
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, write
 from tests.runtime.terminals import Terminal

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from cext.outcome import Outcome
-from runtime import fault, report, timing
 from runtime.recorder import RecorderProcess
 from runtime.recordings.trial import Trial
 from runtime.run import Request, prepare, run
+from runtime.telling import fault, report, timing
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
 
 

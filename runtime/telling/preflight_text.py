@@ -1,13 +1,13 @@
 """The pre-flight table for people: a row for every device, a row for every bus, and how many things are out of the ordinary."""
 
 from runtime.coverage import in_words
-from runtime.lines import count
+from runtime.telling.lines import count
 
 ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
 
 
 def text(event, paper):
-    """Lines. event : of Preflight; paper : runtime.lines.Paper"""
+    """Lines. event : of Preflight; paper : runtime.telling.lines.Paper"""
     lines = [paper.bold("before arming"), *devices(event["devices"], paper), *buses(event["buses"], paper)]
     strange = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
     if strange:

@@ -4,10 +4,10 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
-from runtime.held import held
-from runtime.held import text as held_text
-from runtime.lines import count
-from runtime.timing import spread, timing
+from runtime.telling.held import held
+from runtime.telling.held import text as held_text
+from runtime.telling.lines import count
+from runtime.telling.timing import spread, timing
 
 SPOILT = {                      # kinds of frames that are no replies
     "foreign": "foreign", "malformed": "malformed", "corrupt": "corrupt", "echoes": "of this machine", "errors": "about errors",

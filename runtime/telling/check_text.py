@@ -1,14 +1,14 @@
 """What `check` has found, for people: sections of aligned lines, each made from the same data that --json prints."""
 
 from graph.drawing.cards import unit_text
-from runtime.lines import count
-from runtime.preflight_text import covered
+from runtime.telling.lines import count
+from runtime.telling.preflight_text import covered
 
 BAR = 24                        # columns of a picture of an interval
 
 
 def text(found, paper):
-    """All lines. found : of runtime.check.check; paper : runtime.lines.Paper"""
+    """All lines. found : of runtime.check.check; paper : runtime.telling.lines.Paper"""
     lines = heading(found, paper)
     if not found["errors"]:
         for section in (ports, schedule, holds, proofs, buses):

@@ -5,9 +5,9 @@ import traceback
 
 from graph import Device
 from graph.diagram import Signal
-from runtime import aftermath
 from runtime.diagram_file import own_frames, words
-from runtime.timing import micro
+from runtime.telling import aftermath
+from runtime.telling.timing import micro
 
 
 def explain(result):

@@ -7,7 +7,7 @@ import sys
 import textwrap
 from dataclasses import dataclass
 
-from runtime.terminal import relative
+from runtime.telling.terminal import relative
 
 LEAST, INDENT = 20, 8           # columns: beside a head, and where a text goes for which they are too few
 _INK = re.compile(r"\x1b\[[0-9]*m")

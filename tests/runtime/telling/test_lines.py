@@ -1,6 +1,6 @@
 """Text on a terminal and in a pipe."""
 
-from runtime.lines import Paper, count, length
+from runtime.telling.lines import Paper, count, length
 
 
 def test_a_long_text_hangs_below_its_own_beginning():

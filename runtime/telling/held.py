@@ -1,7 +1,7 @@
 """Exceptions of Python blocks that were no fault, since the block may hold some: told at the end of a run."""
 
 from runtime.diagram_file import own_frames, words
-from runtime.lines import count, relative
+from runtime.telling.lines import count, relative
 
 
 def held(file, program, plant=None):
