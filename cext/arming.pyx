@@ -183,8 +183,7 @@ cdef class Arming:
         cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)
-        self.journal.make_room(True)
-        self.control.devices.receive(now, self.layout)             # answers to the last commands confirm nothing
+        self.control.devices.receive(now, self.layout)             # answers to the last commands confirm nothing; the last tick left room
         while self.control.devices.count > 0:
             self.journal.attend(monotonic())
             self.control.devices.want_replies(True, True)

@@ -7,6 +7,7 @@ from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import ENABLE
 from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
+from blocks.safety import Rearm
 from graph import Block, Diagram, DiagramError, Input, Output, compile
 from tests.blocks.actuators import reference
 from tests.cext.rigs import STOP, Rig, one_drive, plant_of
@@ -85,6 +86,31 @@ def test_a_run_that_was_never_under_torque_is_not_damped():
     rig = one_drive(lambda knee: 0.0, plant=False, safe_stop="damp")
     assert rig.run(10).status == "no answer"
     assert set(rig.sent()) == {ENABLE, *STOP}
+
+
+def test_a_run_that_ends_with_its_first_tick_was_under_torque_and_is_damped():
+    rig = one_drive(lambda knee: 1.0, safe_stop="damp", stop_damping=2.0, stop_time=0.1)
+    assert rig.run(1, fade=0.0).status == "ok"
+    assert len([data for data in rig.sent() if data not in (ENABLE, *STOP)]) == 1 + 20
+
+
+def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
+    class Never(Block):
+        asked = Output("1", dtype=bool)
+
+        def step(self):
+            return False
+
+    with Diagram("robot", rate=200) as robot:
+        damp(robot, stop_time=0.1)(torque_command=TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0)))
+        Rearm(name="again")(Never(name="never")())
+    rig = Rig(robot, plant_of(robot))
+    outcome = rig.run(100, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], told=lambda *told: None)
+    assert outcome.status == "exception" and rig.tick[-1] == 99
+    last = max(frame.time for frame in rig.frames if frame.sent and frame.data == rig.commands()[0])
+    assert rig.page.first_tick + 39 * 5_000_000 == last
+    damped = [frame.time - last for frame in rig.frames if frame.sent and frame.time > last and frame.data not in STOP]
+    assert len(damped) == 20 and max(damped) < 0.12e9
 
 
 def test_damping_ends_on_its_time_where_nobody_answers_any_more():

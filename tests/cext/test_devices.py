@@ -2,6 +2,9 @@
 
 import ctypes
 import errno
+import os
+import signal
+import threading
 import time
 
 import pytest
@@ -11,7 +14,7 @@ from blocks.actuators.mit_frames import DISABLE, ENABLE
 from blocks.sources import StepSource
 from cext.buses import MemoryBus
 from cext.executor import Executor
-from cext.page import RECORD_RECEIVED, Page
+from cext.page import RECORD_FRAME, RECORD_RECEIVED, Page
 from cext.program import Program
 from cext.rings import Line, Lines
 from cext.tape import TapeBus
@@ -238,6 +241,84 @@ def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_ou
     rig = Rig(robot)
     rig.buses["other"].device.send(42, b"")
     assert rig.run(20).status == "fenced" and set(rig.sent()) == set(STOP)
+
+
+def test_what_happens_during_the_stop_is_not_blamed_for_it():
+    @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
+    def is_pressed(arena, slots, sizes, frame):
+        return 5                                    # PRESSED of cext/abi.pxd
+
+    class Button(Sensor):
+        bus, decode = "other", is_pressed
+
+    class Presser(Block):
+        """In the plant: presses the button as soon as the drive is disabled."""
+
+        taken = Output("1")
+
+        def step(self):
+            if any(data == DISABLE for _, _, data, _ in self.drive.receive()):
+                self.button.send(42, b"")
+            return 0.0
+
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.05)(torque_command=1.0)
+        Button(name="button", timeout=0.0)
+    with Diagram("plant", rate=200) as plant:
+        presser = Presser(name="presser")
+    rig = Rig(robot, plant)
+    presser.drive, presser.button = rig.buses["can"].device, rig.buses["other"].device
+    presser.drive.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit) == ("silent", "knee") and any(frame.id == 42 for frame in rig.frames)
+
+
+@pytest.mark.parametrize("by_signal", [False, True])
+def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow(by_signal):
+    """Eight drives that do not confirm, and a ring that is full to some degree when the stop begins."""
+    class Ends(Block):
+        y = Output("1")
+
+        def step(self, tick):
+            if by_signal and tick == ticks - 1:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return 0.0
+
+    with Diagram("robot", rate=200) as robot:
+        Ends(name="ends")
+        for can_id in range(1, 9):
+            CubeMars("AK10-9-V2.0", can_id=can_id, name=f"drive{can_id}", timeout=0.0)(torque_command=1.0)
+    for ticks in range(20, 80, 5):
+        here, there = os.pipe()                     # hangs up when nobody reads any more
+        rig, records, over = Rig(robot, page=1 << 17, reader=here), [], threading.Event()
+        for can_id in range(1, 9):
+            rig.buses["can"].device.send(can_id, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
+
+        def read():
+            while not over.wait(0.02):
+                records.extend(rig.page.drain(1 << 30))
+
+        thread = threading.Thread(target=read)
+        thread.start()
+        try:
+            outcome = rig.executor.run(1000 if by_signal else ticks)
+        finally:
+            over.set()
+            thread.join()
+            os.close(here)
+            os.close(there)
+        records += rig.page.drain(1 << 30)
+        statistics = rig.statistics()
+        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 8 and statistics["dropped"] == 0
+        assert sum(kind == RECORD_FRAME for kind, _ in records) == statistics["frames"]["sent"] + statistics["frames"]["received"]
+
+
+@pytest.mark.parametrize("plant, least, most", [(True, 2, 2), (False, 30, 42)])
+def test_in_real_time_the_stop_is_told_twice_and_then_every_5_ms_until_it_is_confirmed(plant, least, most):
+    rig = one_drive(lambda knee: 0.0, virtual=False, plant=plant)
+    outcome = rig.run(10, arming_timeout=0.05)
+    assert outcome.unconfirmed == (() if plant else ("knee",))
+    assert least <= rig.sent().count(DISABLE) <= most
 
 
 def test_a_robot_without_a_page_arms_and_runs():
