@@ -80,7 +80,7 @@ cdef class Devices:
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
-    cdef int send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil
+    cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil

@@ -331,19 +331,17 @@ cdef class Devices:
                 status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
         return BUS_ERROR if status != OK else OK
 
-    cdef int send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil:
+    cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil:
         """One round of the safe stop, `since` ns after it began: damping to who is damped first, zero torque and disable to all others."""
         cdef int number
         cdef Device *device
-        cdef int status = OK
         for number in range(self.count):
             device = &self.devices[number]
             if since < device.damping:
-                status |= self.send(device.bus, device.damp.frames, device.damp.count, now, page)
+                self.send(device.bus, device.damp.frames, device.damp.count, now, page)
             else:
-                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
-                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
-        return BUS_ERROR if status != OK else OK
+                self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+                self.send(device.bus, device.disable.frames, device.disable.count, now, page)
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number

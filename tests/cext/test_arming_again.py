@@ -134,8 +134,6 @@ def test_after_a_fault_a_rising_input_arms_again_with_torque_faded_in_on_the_sam
     assert set(robot.between()) <= {NOTHING, DISABLE}
     rig = robot.rig
     assert (np.diff(rig.tick) > 0).all() and len(rig.tick) == len(set(rig.tick))
-    times = [frame.time for frame in rig.frames if frame.sent]
-    assert times == sorted(times)
     armed = next(tick for tick in rig.tick if tick > 80 and rig["knee.torque_sent"][list(rig.tick).index(tick)] > 0.0) - 1
     assert 81 < armed < 90
     sent = dict(zip(rig.tick, rig["knee.torque_sent"]))

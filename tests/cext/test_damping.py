@@ -111,6 +111,8 @@ def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
     assert rig.page.first_tick + 39 * 5_000_000 == last
     damped = [frame.time - last for frame in rig.frames if frame.sent and frame.time > last and frame.data not in STOP]
     assert len(damped) == 20 and max(damped) < 0.12e9
+    times = [frame.time for frame in rig.frames if frame.sent]
+    assert times == sorted(times)
 
 
 def test_damping_ends_on_its_time_where_nobody_answers_any_more():

@@ -85,10 +85,10 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
 
 def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
     with Diagram("robot", rate=200) as robot:
-        RobStride("RS03", can_id=1, name="knee")(torque_command=1.0)
+        RobStride("CyberGear", can_id=1, name="knee")(torque_command=1.0)
     rig = Rig(robot)
     steps = rig.schedule.devices[0]
-    assert len(steps.enable) > 1
+    assert len(steps.enable) == 4
     assert rig.run(10, arming_timeout=0.1).status == "no answer"
     rounds = len([frame for frame in rig.frames if frame.sent and frame.data == steps.zero[0][2]]) // len(steps.zero)
     arming = [frame for frame in rig.frames if frame.sent and frame.time <= 100_000_000]
@@ -275,7 +275,7 @@ def test_what_happens_during_the_stop_is_not_blamed_for_it():
 
 @pytest.mark.parametrize("by_signal", [False, True])
 def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow(by_signal):
-    """Eight drives that do not confirm, and a ring that is full to some degree when the stop begins."""
+    """Sixteen drives that do not confirm, and a ring that is full to some degree when the stop begins."""
     class Ends(Block):
         y = Output("1")
 
@@ -286,12 +286,12 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
 
     with Diagram("robot", rate=200) as robot:
         Ends(name="ends")
-        for can_id in range(1, 9):
+        for can_id in range(1, 17):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=f"drive{can_id}", timeout=0.0)(torque_command=1.0)
-    for ticks in range(20, 80, 5):
+    for ticks in range(40, 140, 10):
         here, there = os.pipe()                     # hangs up when nobody reads any more
-        rig, records, over = Rig(robot, page=1 << 17, reader=here), [], threading.Event()
-        for can_id in range(1, 9):
+        rig, records, over = Rig(robot, page=1 << 18, reader=here), [], threading.Event()
+        for can_id in range(1, 17):
             rig.buses["can"].device.send(can_id, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
 
         def read():
@@ -309,15 +309,16 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
             os.close(there)
         records += rig.page.drain(1 << 30)
         statistics = rig.statistics()
-        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 8 and statistics["dropped"] == 0
+        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 16 and statistics["dropped"] == 0
         assert sum(kind == RECORD_FRAME for kind, _ in records) == statistics["frames"]["sent"] + statistics["frames"]["received"]
 
 
 @pytest.mark.parametrize("plant, least, most", [(True, 2, 2), (False, 30, 42)])
 def test_in_real_time_the_stop_is_told_twice_and_then_every_5_ms_until_it_is_confirmed(plant, least, most):
     rig = one_drive(lambda knee: 0.0, virtual=False, plant=plant)
+    began = time.monotonic()
     outcome = rig.run(10, arming_timeout=0.05)
-    assert outcome.unconfirmed == (() if plant else ("knee",))
+    assert outcome.unconfirmed == (() if plant else ("knee",)) and (plant or time.monotonic() - began > 0.25)
     assert least <= rig.sent().count(DISABLE) <= most
 
 
@@ -355,6 +356,41 @@ def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
     lines.fail(1, errno.ENODEV)
     outcome = Executor(Program(schedule, ends), 200.0, virtual=True).run(10)
     assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1])
+
+
+def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_named():
+    @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
+    def pulls_the_plug(arena, slots, sizes, frame):
+        lines.fail(1, errno.ENODEV)                 # of a bus that has been heard already
+        return 1
+
+    class Spy(Sensor):
+        bus, decode = "spy", pulls_the_plug
+
+    class Wires(Block):
+        """In the plant: drives that answer, and a word to the spy."""
+
+        taken = Output("1")
+
+        def step(self, tick):
+            for number in range(3):
+                if lines.take(number):
+                    lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
+            if tick == 10:
+                lines.give(3, 42, b"", 0)
+            return 0.0
+
+    with Diagram("robot", rate=200) as robot:
+        for bus in ("left", "middle", "right"):
+            CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
+        Spy(name="spy", timeout=0.0)
+    with Diagram("plant", rate=200) as plant:
+        Wires(name="wires")
+    schedule, lines = compile(robot), Lines(4)
+    assert schedule.buses == ["left", "middle", "right", "spy"]
+    ends = [Line(lines, number).end for number in range(4)]
+    outcome = Executor(Program(schedule, ends), 200.0, plant=Program(compile(plant)), virtual=True).run(100)
+    assert (outcome.status, outcome.culprit) == ("bus error", "middle") and outcome.tick < 20
 
 
 def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():

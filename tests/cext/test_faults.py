@@ -193,3 +193,10 @@ def test_if_one_drive_refuses_none_of_the_tick_is_sent():
     outcome = rig.run(50)
     assert (outcome.culprit, outcome.tick) == ("bad", 6) and len(rig.commands(1)) == len(rig.commands(2)) == 6
     assert ends_in_the_safe_stop(rig, 1) and ends_in_the_safe_stop(rig, 2)
+
+
+def test_what_is_told_of_a_run_is_as_it_was_before_its_safe_stop_was_answered():
+    rig = one_drive(lambda knee: 2.0, safe_stop="damp", stop_time=0.2)
+    assert rig.run(60, fade=0.0).status == "ok"
+    slot = rig.schedule.signals["knee.position"].slot
+    assert rig.control.final[slot] == rig["knee.position"][-1] != rig.control.values[slot]

@@ -28,7 +28,7 @@ TARGETS = (
     Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
            "want_replies", "is_like"), ("cext/devices",),
            (*STOPS, "tests/cext/test_stopwatch.py", "tests/cext/test_overrun.py", "tests/cext/test_latency.py",
-            "tests/cext/test_buses.py",
+            "tests/cext/test_buses.py", "tests/cext/test_timed_bus.py",
             "tests/blocks/actuators/test_cubemars_extended_life.py")),
     Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), ("cext/journal",), STOPS),
     Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), ("cext/page",), STOPS),
