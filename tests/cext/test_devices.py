@@ -68,9 +68,10 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
                     self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=time)
                 if data == DISABLE:
                     states.add(rig.page.state)
+                    beats.add(rig.page.beat)
             return 0.0
 
-    states = set()
+    states, beats = set(), set()
 
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
@@ -81,6 +82,7 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
     outcome = rig.run(5)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ("knee",)) and len(rig.commands()) == 5
     assert states == {"stopping"} and rig.page.state == "safe"
+    assert len(beats) == rig.sent().count(DISABLE) > 30       # it shows that it lives, all the time
 
 
 def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
@@ -275,7 +277,7 @@ def test_what_happens_during_the_stop_is_not_blamed_for_it():
 
 @pytest.mark.parametrize("by_signal", [False, True])
 def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow(by_signal):
-    """Sixteen drives that do not confirm, and a ring that is full to some degree when the stop begins."""
+    """Thirty drives that do not confirm, and a ring that is full to some degree when the stop begins."""
     class Ends(Block):
         y = Output("1")
 
@@ -284,14 +286,14 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
                 os.kill(os.getpid(), signal.SIGTERM)
             return 0.0
 
-    with Diagram("robot", rate=200) as robot:
+    with Diagram("robot", rate=100) as robot:
         Ends(name="ends")
-        for can_id in range(1, 17):
+        for can_id in range(1, 31):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=f"drive{can_id}", timeout=0.0)(torque_command=1.0)
-    for ticks in range(40, 140, 10):
+    for ticks in range(40, 100, 5):
         here, there = os.pipe()                     # hangs up when nobody reads any more
-        rig, records, over = Rig(robot, page=1 << 18, reader=here), [], threading.Event()
-        for can_id in range(1, 17):
+        rig, records, over = Rig(robot, page=1 << 19, reader=here), [], threading.Event()
+        for can_id in range(1, 31):
             rig.buses["can"].device.send(can_id, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
 
         def read():
@@ -309,7 +311,7 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
             os.close(there)
         records += rig.page.drain(1 << 30)
         statistics = rig.statistics()
-        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 16 and statistics["dropped"] == 0
+        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 30 and statistics["dropped"] == 0
         assert sum(kind == RECORD_FRAME for kind, _ in records) == statistics["frames"]["sent"] + statistics["frames"]["received"]
 
 
@@ -320,6 +322,33 @@ def test_in_real_time_the_stop_is_told_twice_and_then_every_5_ms_until_it_is_con
     outcome = rig.run(10, arming_timeout=0.05)
     assert outcome.unconfirmed == (() if plant else ("knee",)) and (plant or time.monotonic() - began > 0.25)
     assert least <= rig.sent().count(DISABLE) <= most
+    times = [frame.time for frame in rig.frames if frame.sent]
+    assert times == sorted(times) and times[-1] < 1e9 * (time.monotonic() - began)
+
+
+@pytest.mark.parametrize("rate, rounds", [(50, 41), (200, 41), (1000, 201)])
+def test_the_stop_is_told_again_with_every_period_and_at_least_every_5_ms(rate, rounds):
+    rig = one_drive(lambda knee: 0.0, plant=False, rate=rate)
+    assert rig.run(10, arming_timeout=0.05).status == "no answer"
+    assert abs(rig.sent().count(DISABLE) - rounds) <= 1
+
+
+def test_where_there_is_nothing_to_stop_a_run_ends_with_its_last_tick():
+    class Counts(Block):
+        """In the plant."""
+
+        y = Output("1")
+
+        def step(self, tick):
+            steps.append(tick)
+            return 0.0
+
+    steps = []
+    with Diagram("robot", rate=200) as robot:
+        StepSource(0.0, 1.0, 0.1)
+    with Diagram("plant", rate=200) as plant:
+        Counts(name="counts")
+    assert Rig(robot, plant).run(20).status == "ok" and steps == list(range(20))
 
 
 def test_a_robot_without_a_page_arms_and_runs():

@@ -11,7 +11,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain, Product, Sum
 from cext.kernels import mathematics as kernels
-from graph import Block, Diagram, Input, Output
+from graph import Block, Diagram, Input, Output, compile
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, one_drive, plant_of
 
 
@@ -196,7 +196,12 @@ def test_if_one_drive_refuses_none_of_the_tick_is_sent():
 
 
 def test_what_is_told_of_a_run_is_as_it_was_before_its_safe_stop_was_answered():
-    rig = one_drive(lambda knee: 2.0, safe_stop="damp", stop_time=0.2)
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee", safe_stop="damp", stop_time=0.2)(torque_command=2.0)
+    plant = plant_of(robot)
+    rig = Rig(robot, plant)
     assert rig.run(60, fade=0.0).status == "ok"
     slot = rig.schedule.signals["knee.position"].slot
     assert rig.control.final[slot] == rig["knee.position"][-1] != rig.control.values[slot]
+    limb = compile(plant).signals["knee_limb.position"].slot
+    assert abs(rig.plant.final[limb] - rig["knee.position"][-1]) < 0.05 < 0.15 < rig.plant.values[limb] - rig.plant.final[limb]

@@ -30,6 +30,8 @@ EQUIVALENT = {
         "the share stays what it is then",
     "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "
     "cdef int64_t step = max(100001, min(self.pace.period, 5000000))": "by a nanosecond",
+    "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "
+    "cdef int64_t step = max(100000, min(self.pace.period, 5000001))": "by a nanosecond",
     "cext/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began -> "
     "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by a nanosecond",
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",

@@ -33,7 +33,7 @@ TARGETS = (
     Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), ("cext/journal",), STOPS),
     Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), ("cext/page",), STOPS),
     Target("cext/executor.pyx", ("stop",), ("cext/executor",), STOPS),
-    Target("cext/arming.pyx", ("halt",), ("cext/arming",), STOPS),
+    Target("cext/arming.pyx", ("halt",), ("cext/arming",), (*STOPS, "tests/blocks/actuators/test_cubemars_extended_life.py")),
     Target("cext/waiting.pyx", ("is_survived",), ("cext/waiting",), STOPS),
     Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), (), ("tests/runtime/guardian/test_safe_stop.py",)),
     Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), (), ("tests/runtime/guardian/test_carrying.py",)),
