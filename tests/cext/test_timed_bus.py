@@ -2,9 +2,15 @@
 
 import pytest
 
+from blocks.actuators import CubeMars
 from cext.bits import frame_bits
 from cext.buses import MemoryBus
+from cext.executor import Executor
+from cext.page import Page
+from cext.program import Program
 from cext.timed_bus import SlowBus, TimedBus
+from graph import Diagram, compile
+from tests.cext.rigs import plant_of
 
 LATER = 10**9
 
@@ -92,3 +98,14 @@ def test_a_fast_bus_is_slowed_to_its_bitrate():
     slow.end.advance(step + microseconds(2, b"\x02"))
     slow.end.receive()
     assert [frame[:3] for frame in real.host.receive()] == [(2, False, b"\x02")]
+
+
+def test_a_robot_on_a_wire_with_a_bitrate_hears_its_answers_when_their_bits_have_passed():
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
+    bus, schedule, plant = TimedBus(1e6), compile(robot), compile(plant_of(robot))
+    page = Page(1 << 20)
+    executor = Executor(
+        Program(schedule, [bus.host]), schedule.rate, plant=Program(plant, [bus.device]), substeps=5, page=page, virtual=True)
+    assert executor.run(20).status == "ok" and bus.carried >= 40
+    assert page.statistics()["frames"]["received"] >= 20

@@ -28,6 +28,14 @@ EQUIVALENT = {
         "the share is 1 then",
     "cext/kernels/drive_law.pxd share_inside: if share * (spread - error) > limit + law.torque: -> if share * (spread - error) >= limit + law.torque:":
         "the share stays what it is then",
+    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
+    "return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) >= self.guard else OK": "by a nanosecond",
+    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
+    "return UNGUARDED if self.guard > 1 and now - load_i64(&self.layout.guard) > self.guard else OK": "by a nanosecond",
+    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
+    "return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) >= self.guard else OK": "by a nanosecond",
+    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
+    "return UNGUARDED if self.guard > 1 and now - load_i64(&self.layout.guard) > self.guard else OK": "by a nanosecond",
     "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "
     "cdef int64_t step = max(100001, min(self.pace.period, 5000000))": "by a nanosecond",
     "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "

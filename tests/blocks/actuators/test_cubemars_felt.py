@@ -106,7 +106,8 @@ def test_where_spring_and_damper_pull_against_each_other_neither_counts_on_the_o
     error = 100.0 * position + damping * (velocity - moving)
     spread = 100.0 * (moves + 2.0 * 25.0 / 65535) + damping * 2.0 * 100.0 / 4095
     limit = 1.0 - max(500.0 / 4095 * (position + moves), 5.0 / 4095 * abs(velocity - moving))
-    assert understood["stiffness"] == pytest.approx(100.0 * limit / (error + spread), abs=500.0 / 4095)
+    code = math.floor(100.0 * limit / (error + spread) * 4095 / 500.0)
+    assert understood["stiffness"] == pytest.approx(code * 500.0 / 4095, abs=1e-9)
 
 
 def test_a_share_is_never_more_than_was_asked():
