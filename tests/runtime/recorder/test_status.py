@@ -226,6 +226,7 @@ def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
         assert shown.end() == 0
 
 
+@pytest.mark.soak
 def test_a_replay_tells_how_far_it_is_and_asks_for_no_keys(tmp_path):
     done = finished(KNEE_EXO, "--fast", "--duration", "30", "--record", "out", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

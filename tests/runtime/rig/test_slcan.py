@@ -127,6 +127,7 @@ def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
         assert f"slcan {adapter.channel}: the interface has hung up" in errors and "is the adapter plugged in" in errors
 
 
+@pytest.mark.soak
 def test_an_adapter_without_drives_does_not_arm(tmp_path):
     with Adapter(drives=()) as adapter:
         process = run(tmp_path, adapter)

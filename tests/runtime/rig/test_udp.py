@@ -246,6 +246,7 @@ def test_a_press_stops_the_drives_of_another_bus_at_once_and_its_recording_runs_
     assert replayed.returncode == OK and "are the same, bit for bit" in replayed.stdout, replayed.stderr
 
 
+@pytest.mark.soak
 def test_a_button_that_falls_silent_stops_them_after_its_timeout(tmp_path):
     port = free_port(socket.AF_INET6)
     with Button(port, "::1") as button, robot_and_button(tmp_path, port, "::1") as bus:

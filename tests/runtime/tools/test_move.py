@@ -70,6 +70,7 @@ def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path
     assert "36 °C        none" in process.stderr and drive.mode == 0
 
 
+@pytest.mark.soak
 def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
     """An AK60-6 V1.1: 0.2 N·m over 0.078 N·m/A at the motor, behind a gear of 6, is 0.427 A."""
     drive = Servo(4, error=0)
