@@ -385,12 +385,19 @@ def test_what_a_line_has_given_is_taken_whole_in_one_tick():
     assert rig.run(1).status == "ok" and rig["sensor.reading"].tolist() == [500.0]
 
 
-def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
+def on_lines(more=lambda: None):
+    """A drive on each of three buses, and more; lines that nobody but the test serves. Returns (schedule, lines, their ends)."""
     with Diagram("robot", rate=200) as robot:
         for bus in ("left", "middle", "right"):
             CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
-    schedule, lines = compile(robot), Lines(3)
-    ends = [Line(lines, number).end for number in range(3)]
+        more()
+    schedule = compile(robot)
+    lines = Lines(len(schedule.buses))
+    return schedule, lines, [Line(lines, number).end for number in range(len(schedule.buses))]
+
+
+def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
+    schedule, lines, ends = on_lines()
     for number in range(3):
         lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
     lines.fail(1, errno.ENODEV)
@@ -420,25 +427,16 @@ def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_
                 lines.give(3, 42, b"", 0)
             return 0.0
 
-    with Diagram("robot", rate=200) as robot:
-        for bus in ("left", "middle", "right"):
-            CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
-        Spy(name="spy", timeout=0.0)
     with Diagram("plant", rate=200) as plant:
         Wires(name="wires")
-    schedule, lines = compile(robot), Lines(4)
+    schedule, lines, ends = on_lines(lambda: Spy(name="spy", timeout=0.0))
     assert schedule.buses == ["left", "middle", "right", "spy"]
-    ends = [Line(lines, number).end for number in range(4)]
     outcome = Executor(Program(schedule, ends), 200.0, plant=Program(compile(plant)), virtual=True).run(100)
     assert (outcome.status, outcome.culprit) == ("bus error", "middle") and outcome.tick < 20
 
 
 def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
-    with Diagram("robot", rate=200) as robot:
-        for bus in ("left", "middle", "right"):
-            CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
-    schedule, lines = compile(robot), Lines(3)
-    ends = [Line(lines, number).end for number in range(3)]
+    schedule, lines, ends = on_lines()
     executor = Executor(Program(schedule, ends), 200.0, virtual=True)
     for number in range(3):
         lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
