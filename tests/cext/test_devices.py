@@ -63,9 +63,9 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
         taken = Output("1")
 
         def step(self):
-            for _, _, data, time in self.end.receive():
+            for _, _, data, at in self.end.receive():
                 if data not in (ENABLE, DISABLE):
-                    self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=time)
+                    self.end.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), time=at)
                 if data == DISABLE:
                     states.add(rig.page.state)
                     beats.add(rig.page.beat)
