@@ -21,10 +21,10 @@ def main(arguments):
 
 def carried_out(request):
     """The Result of a run, with what went wrong told."""
-    from runtime.telling import report
     from runtime.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.run import prepare, run
+    from runtime.telling import report
 
     prepared = prepare(request)
     complain(map(str, prepared.schedule.warnings))

@@ -185,6 +185,8 @@ class Ear:
     def close(self):
         self.over.set()
         self.thread.join(4.0 * WAIT)
+        if not self.thread.is_alive():          # one that still hangs in its interface may yet ring
+            os.close(self.bell)
 
 
 class SocketCanWire(Wire):

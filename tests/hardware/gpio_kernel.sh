@@ -46,11 +46,11 @@ mkdir -p /host/dev/shm /host/dev/pts
 mount -t tmpfs tmpfs /host/dev/shm
 mount -t devpts devpts /host/dev/pts
 mount -t tmpfs tmpfs /host/run
-mkdir /host/run/work
-mount -t 9p -o trans=virtio,version=9p2000.L,msize=262144 work /host/run/work
+mkdir /host/run/job
+mount -t 9p -o trans=virtio,version=9p2000.L,msize=262144 work /host/run/job
 ifconfig lo up
-chroot /host sh /run/work/command </dev/null >/host/run/work/output 2>&1
-echo $? >/host/run/work/status
+chroot /host sh /run/job/command </dev/null >/host/run/job/output 2>&1
+echo $? >/host/run/job/status
 sync
 poweroff -f
 END_OF_INIT

@@ -5,7 +5,6 @@ Under User Mode Linux, where test_user_mode_linux.py runs this file: elsewhere t
 
 import math
 import os
-import struct
 import threading
 import time
 
@@ -13,12 +12,10 @@ import pytest
 
 from blocks.imus import MPU9250
 from blocks.sensors import ADS1115
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
-from graph import Device, Diagram, compile
+from graph import Device, Diagram
 from runtime.rig.file import RigBus
 from runtime.rig.i2c import I2cInterface, SeveralRefused
+from tests.hardware.reading import newest
 from tests.hardware.vcan import REQUIRED
 
 needs_stub = pytest.mark.skipif(not os.environ.get(REQUIRED), reason="needs the chips of i2c-stub: under User Mode Linux alone")
@@ -102,18 +99,8 @@ def assert_read(last):
 def test_every_sensor_is_set_up_and_read_through_the_kernel(stub, converting):
     namespace = {}
     exec(ROBOT, namespace)
-    schedule = compile(namespace["diagram"])
     interface = I2cInterface(BUS, [block for block in namespace["diagram"] if isinstance(block, Device)])
-    page = Page(1 << 20)
-    interface.start(0)
-    try:
-        outcome = Executor(Program(schedule, [interface.end]), schedule.rate, page=page).run(15)
-    finally:
-        interface.close()
-    assert outcome.status == "ok", (outcome, interface.counts)
-    row = struct.Struct(f"={2 + len(schedule.columns)}d")
-    last = [row.unpack(payload) for kind, payload in page.drain(1 << 30) if kind == RECORD_ROW][-1]
-    assert_read({column.path: last[2 + column.index] for column in schedule.sinks[0].columns})
+    assert_read(newest(namespace["diagram"], interface, 15))
     assert stub.read_byte_data(MPU, 0x1C) == 0x10 and stub.read_byte_data(MPU, 0x37) == 0x02 and stub.read_byte_data(MAG, 0x0A) == 0x16
     assert stub.read_byte_data(NAU, 0x01) == 0x2F and stub.read_byte_data(ICM, 0x14) == 3 << 3 | 1 | 1 << 1
 

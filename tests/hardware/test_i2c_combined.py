@@ -6,21 +6,18 @@ Under User Mode Linux, where test_user_mode_linux.py runs this file.
 import errno
 import math
 import os
-import struct
 import subprocess
 import time
 
 import pytest
 
 from blocks.imus import ICM20948, MPU9250
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
-from graph import Device, Diagram, compile
+from graph import Device, Diagram
 from runtime.rig.chips import KnownChips
 from runtime.rig.file import RigBus
 from runtime.rig.i2c import I2cInterface, SeveralRefused, open_adapter
 from tests.hardware.i2c_adapter import UserSpaceBus
+from tests.hardware.reading import newest
 from tests.hardware.vcan import REQUIRED
 from tests.runtime.runs import Files, finished, write
 
@@ -116,17 +113,7 @@ def test_every_sensor_is_read_by_combined_transfers(wires, robot):
     interface = I2cInterface(BUS, [block for block in robot if isinstance(block, Device)])
     set_up = wires.counts
     assert set_up["timeout"] == 0.03
-    schedule = compile(robot)
-    page = Page(1 << 20)
-    interface.start(0)
-    try:
-        outcome = Executor(Program(schedule, [interface.end]), schedule.rate, page=page).run(50)
-    finally:
-        interface.close()
-    assert outcome.status == "ok", (outcome, interface.counts)
-    row = struct.Struct(f"={2 + len(schedule.columns)}d")
-    last = [row.unpack(payload) for kind, payload in page.drain(1 << 30) if kind == RECORD_ROW][-1]
-    assert_read({column.path: last[2 + column.index] for column in schedule.sinks[0].columns})
+    assert_read(newest(robot, interface, 50))
     counts = wires.counts
     answers = sum(told["answers"] for told in interface.counts["devices"].values())
     assert counts["smbus"] == set_up["smbus"] and counts["combined"] >= answers > 40      # the thread's are combined, checks among them

@@ -161,7 +161,8 @@ def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(t
             assert refused.value.code == 3
 
 
-def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened):
+def streaming(plug, opened):
+    """One sensor that is set up and heard: (what is plugged in, its stream, the block that hears it)."""
     sensors = plug("133931")
     devices, _ = robot({"serial": "133931"})
     lines = opened(devices)
@@ -170,6 +171,11 @@ def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened)
     stream, block = lines.lines["imu_0"][1], Hearing()
     stream.begin(time.monotonic_ns())
     heard([(stream, block)], lambda: block["packets"] > 30 and block["connected"])
+    return sensors, stream, block
+
+
+def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened):
+    sensors, stream, block = streaming(plug, opened)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
     gone = block["packets"]
@@ -179,13 +185,7 @@ def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened)
 
 
 def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path):
-    sensors = plug("133931")
-    devices, _ = robot({"serial": "133931"})
-    lines = opened(devices)
-    lines.start(0)
-    stream, block = lines.lines["imu_0"][1], Hearing()
-    stream.begin(time.monotonic_ns())
-    heard([(stream, block)], lambda: block["packets"] > 30 and block["connected"])
+    sensors, stream, block = streaming(plug, opened)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
     before, other = block["packets"], plug("133932")
