@@ -52,7 +52,7 @@ COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/
 	$(addprefix tests/runtime/tools/test_,configure.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
 	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
 	$(addprefix tests/cext/test_,bits.py buses.py damping.py life_cycle.py live.py timed_bus.py) \
-	tests/runtime/telling $(addprefix tests/runtime/test_,settings.py trial.py) $(addprefix tests/runtime/tools/test_,chips.py page.py) \
+	tests/runtime/telling $(addprefix tests/runtime/test_,processor.py settings.py trial.py) $(addprefix tests/runtime/tools/test_,chips.py page.py) \
 	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) tests/runtime/calibration tests/mutation \
 	tests/test_packaging.py tests/test_wheel.py
 

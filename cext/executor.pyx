@@ -60,17 +60,18 @@ cdef class Executor(Waiting):
     guard : s of the guardian's silence that end the run; then nobody else may command the devices either, and in real time a watchdog
         looks for blocks that hang. 0 where there is no guardian
     carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
+    others : processors for the watchdog; where there are none, it has those of the thread that runs
     """
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None,
-                 double guard=0.0, bint carried=False):
+                 double guard=0.0, bint carried=False, others=()):
         self.signals = Signals()
         self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
         self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9))
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
-        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual)
+        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
         self.body.handover = self.watchdog.handover
         self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
         self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated

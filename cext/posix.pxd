@@ -103,6 +103,12 @@ cdef extern from "<sched.h>" nogil:
     int sched_setscheduler(int pid, int policy, const sched_param *parameters)
     const int SCHED_FIFO
     const int SCHED_RESET_ON_FORK
+    ctypedef struct cpu_set_t:
+        pass
+    void CPU_ZERO(cpu_set_t *processors)
+    void CPU_SET(int number, cpu_set_t *processors)
+    int CPU_COUNT(cpu_set_t *processors)
+    int sched_setaffinity(int pid, size_t size, const cpu_set_t *processors)
 
 cdef extern from "<sys/prctl.h>" nogil:
     int prctl(int option, unsigned long argument)

@@ -2,7 +2,7 @@ from libc.stdint cimport int32_t, int64_t, uint64_t
 
 from cext.atomics cimport load_i32, store_i64, store_u64, swap
 from cext.journal cimport Journal
-from cext.posix cimport pthread_t
+from cext.posix cimport cpu_set_t, pthread_t
 from cext.program cimport Program
 
 cdef enum: # who may use the buses, the devices and the ring of the page
@@ -33,6 +33,7 @@ cdef class Watchdog:
     cdef bint running
     cdef object before           # what SIGURG did
     cdef int priority            # of SCHED_FIFO, 0 for an ordinary thread
+    cdef cpu_set_t processors    # that it stays on; none: those of the loop
     cdef int32_t leave
     cdef int32_t hung
     cdef int64_t limit           # ns that a tick may work

@@ -25,8 +25,9 @@ from cext.atomics cimport load_i64, store_i32
 from cext.pace cimport monotonic
 from cext.page cimport RUNNING
 from cext.posix cimport (
-    SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, pthread_join, pthread_kill, pthread_self, pthread_sigmask,
-    sched_getparam, sched_getscheduler, sched_param, sigaddset, sigemptyset, sigset_t,
+    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, cpu_set_t, pthread_join,
+    pthread_kill, pthread_self, pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity, sigaddset, sigemptyset,
+    sigset_t,
 )
 from cext.signals cimport Signals
 from cext.threads cimport be_called, doze, start_thread, wake
@@ -55,9 +56,13 @@ cdef class Watchdog:
     program : Program whose ticks are watched, and whose devices are stopped
     period : ns
     wanted : whether to watch at all
+    processors : that it stays on; where there are none, those of the loop
     """
 
-    def __init__(self, Program program, Journal journal, Signals signals, int64_t period, bint wanted):
+    def __init__(self, Program program, Journal journal, Signals signals, int64_t period, bint wanted, processors):
+        CPU_ZERO(&self.processors)
+        for number in processors:
+            CPU_SET(number, &self.processors)
         self.program, self.journal, self.caught = program, journal, signals.caught
         self.limit = max(PERIODS * period, LEAST)
         self.patience = max(START_PERIODS * period, START_LEAST) - self.limit
@@ -117,6 +122,8 @@ cdef class Watchdog:
         cdef int64_t now, since
         cdef int64_t due = monotonic() + self.limit
         cdef int64_t spared = 0
+        if CPU_COUNT(&self.processors):
+            sched_setaffinity(0, sizeof(cpu_set_t), &self.processors)
         name_and_priority(self.priority)
         while not load_i32(&self.leave):
             self.sleep(due)

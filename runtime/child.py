@@ -6,6 +6,7 @@ import select
 import subprocess
 import sys
 import time
+from contextlib import suppress
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 
@@ -45,6 +46,23 @@ class ChildProcess:
             os.close(control)
         self.pid = self._child.pid
         self._answers, self._heard = answers, b""
+
+    def keep_to(self, processors):
+        """From now on it runs on these alone, with all that it starts. One that has ended, or may not, stays as it is."""
+        with suppress(OSError):
+            for thread in self._threads():
+                os.sched_setaffinity(thread, processors)
+
+    def bring_to(self, processors):
+        """It goes on there, and may leave: a thread of real-time priority does where another one is in its way."""
+        with suppress(OSError):
+            for thread in self._threads():
+                before = os.sched_getaffinity(thread)
+                os.sched_setaffinity(thread, processors)
+                os.sched_setaffinity(thread, before)
+
+    def _threads(self):
+        return map(int, os.listdir(f"/proc/{self.pid}/task"))
 
     def _answer(self, timeout):
         """The next line of JSON from the process; None if it ended without one. TimeoutError."""

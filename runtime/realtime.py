@@ -13,11 +13,12 @@ ordinary one and goes on; `spun` tells it.
 
 import os
 import resource
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 
 from cext import realtime as native
 
+from runtime.processor import Processor, fastest_first
 from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, capable, exhausted_group, isolated_processors, memory_sizes, stack_limit, user
 from runtime.telling.terminal import program
 
@@ -52,9 +53,11 @@ class Realtime:
     ----------
     mode : "off", "try" or "require"
     priority : of SCHED_FIFO, 1 to 98
-    cpu : number of the processor to stay on; None for the last isolated one, or any if none is isolated
+    cpu : number of the processor to stay on; None for the last isolated one or, where none is isolated and the priority was granted,
+        the last of the fastest
 
     granted, refused : list of names; list of Refusal
+    others : processors for everything else of the run; empty where no processor is the loop's, or there is only one
     spun : whether the thread lost its priority because it did not sleep; known after `release`
     """
 
@@ -63,6 +66,7 @@ class Realtime:
             raise ValueError(f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}")
         self.mode, self.priority, self.cpu = mode, priority, cpu
         self.granted, self.refused = [], []
+        self.others = set()
         self.spun = False
         self._undo = ExitStack()
 
@@ -83,7 +87,7 @@ class Realtime:
             return
         self.granted.append("timer slack 1 ns")
         try:
-            for step in (self._lock_memory, self._stay_awake, self._stay_on_one_processor, self._take_priority):
+            for step in (self._lock_memory, self._stay_awake, self._take_priority, self._stay_on_one_processor):
                 try:
                     name = step()
                 except Refusal as refusal:
@@ -166,18 +170,23 @@ class Realtime:
         return "processors awake"
 
     def _stay_on_one_processor(self):
-        isolated = isolated_processors()
-        cpu = self.cpu if self.cpu is not None else max(isolated, default=None)
-        if cpu is None:
+        before, isolated = os.sched_getaffinity(0), isolated_processors()
+        choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
+        if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:     # an ordinary loop finds one sooner if it may move
+            choice = fastest_first(before)
+        if not choice:
             return None
-        before = os.sched_getaffinity(0)
-        try:
-            os.sched_setaffinity(0, {cpu})
-        except OSError:
-            raise Refusal(
-                f"processor {cpu}", f"this process may not run there: it may run on {numbers(before)}",
-                "start it without `taskset`, or put the processor into the cpuset of its control group") from None
-        self._undo.callback(os.sched_setaffinity, 0, before)
+        with ExitStack() as guard:
+            cpu = guard.enter_context(closing(Processor(choice))).number
+            try:
+                os.sched_setaffinity(0, {cpu})
+            except OSError:
+                raise Refusal(
+                    f"processor {cpu}", f"this process may not run there: it may run on {numbers(before)}",
+                    "start it without `taskset`, or put the processor into the cpuset of its control group") from None
+            guard.callback(os.sched_setaffinity, 0, before)
+            self._undo.push(guard.pop_all())
+        self.others = before - {cpu}
         return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
 
     def _take_priority(self):

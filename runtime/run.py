@@ -145,6 +145,10 @@ def run(prepared, say=lambda lines: None, count_from=0):
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
         realtime.obtain()
+        if realtime.others:
+            recorder.keep_to(realtime.others)
+            if rig is not None:
+                rig.guardian.bring_to(realtime.others)
         say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
@@ -153,7 +157,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
             virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
-            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries)
+            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries, others=realtime.others)
     except BaseException:
         realtime.release()
         recorder.abandon()

@@ -71,7 +71,7 @@ def parse_run(arguments):
     parser.add_argument("--priority", type=count("--priority", HIGHEST), metavar="N",
                         help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})")
     parser.add_argument("--cpu", type=processor, metavar="N",
-                        help="stay on this processor (default: the last isolated one, if one is isolated)")
+                        help="stay on this processor (default: the last isolated one; else, with real-time priority, one that no other run has)")
     parser.add_argument("--yes", action="store_true", help="on a rig: arm without waiting for Enter")
     parser.add_argument("--rearm", action="store_true",
                         help="after a fault, wait in the safe stop until the key r arms again and nothing stands in the way")
