@@ -44,22 +44,22 @@ help:
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
-# What only computes goes side by side; what keeps time has the machine for itself.
-COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/rerun \
-	$(addprefix tests/runtime/recordings/test_,convert.py plot.py trial.py) \
+# What does not mind a busy machine goes side by side; what keeps time has it for itself.
+TOGETHER := tests/hardware tests/blocks tests/graph tests/diagrams tests/mutation tests/test_house.py tests/test_makefile.py \
+	tests/test_packaging.py tests/test_wheel.py \
+	$(addprefix tests/runtime/,calibration doctor live rate recordings rerun telling) \
 	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
-	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py plotjuggler.py strides.py) \
-	$(addprefix tests/runtime/tools/test_,configure.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
+	$(addprefix tests/runtime/test_,processor.py profile.py run.py settings.py trial.py) \
+	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py plotjuggler.py status.py strides.py) \
+	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) \
+	$(addprefix tests/runtime/tools/test_,chips.py configure.py page.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
 	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
-	$(addprefix tests/cext/test_,bits.py buses.py damping.py life_cycle.py live.py timed_bus.py) \
-	tests/runtime/telling $(addprefix tests/runtime/test_,processor.py settings.py trial.py) $(addprefix tests/runtime/tools/test_,chips.py page.py) \
-	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) tests/runtime/calibration tests/mutation \
-	tests/test_packaging.py tests/test_wheel.py
+	$(addprefix tests/cext/test_,bits.py buses.py damping.py life_cycle.py live.py timed_bus.py)
 
 test: $(VENV)/installed-test
 	if [ -z "$(TESTS)" ]; then
-	    $(VENV)/bin/python -m pytest -n auto --dist worksteal $(COMPUTING)
-	    exec $(VENV)/bin/python -m pytest $(COMPUTING:%=--ignore=%)
+	    $(VENV)/bin/python -m pytest -n auto --dist worksteal $(TOGETHER)
+	    exec $(VENV)/bin/python -m pytest $(TOGETHER:%=--ignore=%)
 	fi
 	exec $(VENV)/bin/python -m pytest $(TESTS)
 
@@ -68,7 +68,8 @@ test-hardware: $(VENV)/installed-test
 	exec $(VENV)/bin/python -m pytest -rs tests/runtime/guardian tests/runtime/rig $(TESTS)
 
 soak: $(VENV)/installed-test
-	exec $(VENV)/bin/python -m pytest -m soak $(TESTS)
+	$(VENV)/bin/python -m pytest -m soak $(TESTS)
+	EXAMPLES=soak exec $(VENV)/bin/python -m pytest tests/blocks
 
 build: $(VENV)/built
 

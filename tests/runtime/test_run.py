@@ -91,13 +91,6 @@ def test_what_was_heard_is_logged_too(walked):
     assert sorted(heard) == sorted(sent)
 
 
-def test_the_rate_is_held(walked):
-    """200 Hz on this machine, whatever else it does: a lost grid point in ten would be a broken clock, not a busy machine."""
-    sidecar = walked[1].sidecar
-    assert sidecar["missed"] <= 40
-    assert sidecar["statistics"]["lateness"]["p50"] < 0.0025
-
-
 def test_a_pipe_gets_plain_lines(walked):
     process = walked[0]
     assert process.stderr == ""

@@ -138,7 +138,7 @@ def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(c
 
 
 def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, command_line, tmp_path):
-    file = recorded(law(tmp_path, "return time.sleep(0.02 * (tick == 20)) or 1.0"), "--overrun", "fault:2", "--duration", "2", code=FAULT)
+    file = recorded(law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"), "--overrun", "fault:50", "--duration", "2", code=FAULT)
     assert Trial(file).end["end"]["status"] == "overrun"
     code, out, _ = command_line("replay", file)
     assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
