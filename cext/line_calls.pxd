@@ -17,7 +17,7 @@ cdef extern from *:
     #include <sys/socket.h>
     #include <unistd.h>
     /* Open a line that is back, ours alone; -1 where it is not to be had. */
-    static int tw_open_line(const char *path, int mine) {
+    static inline int tw_open_line(const char *path, int mine) {
         int fd = open(path, O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
         if (fd >= 0 && mine && flock(fd, LOCK_EX | LOCK_NB) != 0) {
             close(fd);
@@ -27,16 +27,16 @@ cdef extern from *:
     }
     /* What a line of <linux/gpio.h> asks and is told: GPIO_V2_LINE_GET_VALUES_IOCTL and GPIO_V2_LINE_SET_VALUES_IOCTL, of line 0 of a request. */
     struct tw_line_values { uint64_t bits, mask; };
-    static int tw_gpio_level(int fd) {
+    static inline int tw_gpio_level(int fd) {
         struct tw_line_values values = {0, 1};
         return ioctl(fd, _IOWR(0xB4, 0x0E, struct tw_line_values), &values) == 0 ? (int)(values.bits & 1) : -1;
     }
-    static int tw_set_gpio(int fd, int value) {
+    static inline int tw_set_gpio(int fd, int value) {
         struct tw_line_values values = {value != 0, 1};
         return ioctl(fd, _IOWR(0xB4, 0x0F, struct tw_line_values), &values);
     }
     /* Whether a line has gone without a word: of a GPIO chip that is unplugged Linux before 6.6 wakes nobody. No chip is asked. */
-    static int tw_hung_up(int fd) {
+    static inline int tw_hung_up(int fd) {
         struct pollfd file = {fd, 0, 0};
         return poll(&file, 1, 0) > 0 && (file.revents & (POLLHUP | POLLERR | POLLNVAL)) != 0;
     }
@@ -49,7 +49,7 @@ cdef extern from *:
         setsockopt(fd, IPPROTO_TCP, TCP_KEEPINTVL, &one, sizeof one);
         setsockopt(fd, IPPROTO_TCP, TCP_KEEPCNT, &probes, sizeof probes);
     }
-    static int tw_begin_connection(const void *peer, unsigned length) {
+    static inline int tw_begin_connection(const void *peer, unsigned length) {
         int fd = socket(((const struct sockaddr *)peer)->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
         if (fd < 0)
             return -1;
@@ -61,7 +61,7 @@ cdef extern from *:
         return fd;
     }
     /* Whether a connection that was begun is there, and not with itself, as one to a free port of this computer may be. */
-    static int tw_is_connected(int fd) {
+    static inline int tw_is_connected(int fd) {
         struct sockaddr_storage here, there;
         socklen_t size = sizeof here, other = sizeof there, of_error = sizeof(int);
         int error = 0;
@@ -71,14 +71,14 @@ cdef extern from *:
             && getsockname(fd, (struct sockaddr *)&here, &size) == 0 && getpeername(fd, (struct sockaddr *)&there, &other) == 0
             && (size != other || memcmp(&here, &there, size) != 0);
     }
-    static int tw_peer_of(int fd, void *peer) {                  /* into a sockaddr_storage */
+    static inline int tw_peer_of(int fd, void *peer) {                  /* into a sockaddr_storage */
         socklen_t size = sizeof(struct sockaddr_storage);
         return getpeername(fd, peer, &size) == 0 ? (int)size : -1;
     }
     void *memmem(const void *, size_t, const void *, size_t);
     int dup3(int, int, int);
-    static int tw_holds(const void *data, size_t length, const void *part, size_t of_part) { return memmem(data, length, part, of_part) != NULL; }
-    static int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
+    static inline int tw_holds(const void *data, size_t length, const void *part, size_t of_part) { return memmem(data, length, part, of_part) != NULL; }
+    static inline int tw_dup3(int from, int to) { return dup3(from, to, O_CLOEXEC); }
     """
     int gpio_level "tw_gpio_level"(int fd) noexcept nogil
     int set_gpio "tw_set_gpio"(int fd, int value) noexcept nogil

@@ -1,82 +1,14 @@
-from libc.stdint cimport int32_t, int64_t, uint8_t, uint64_t
+from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport FRAME_BYTES
-from cext.buses cimport BusEnd
-from cext.newest_ring cimport NewestRing
 from cext.posix cimport pthread_t
+from cext.reopening cimport Reopening
+from cext.stream cimport Source
 
-cdef extern from "<termios.h>" nogil:
-    cdef struct termios:
-        unsigned char c_cc[19]
-    int tcgetattr(int fd, termios *settings)
-    int tcsetattr(int fd, int when, const termios *settings)
-    int tcflush(int fd, int queue)
-    const int TCSANOW, TCIFLUSH, VMIN, VTIME
-
-cdef extern from "<sys/socket.h>" nogil:
-    cdef struct sockaddr_storage:
-        pass
-
-cdef enum: # id of a frame
-    BYTES = 0                       # its data
-    LOST = 1                        # the line is gone: unplugged, hung up
-    BACK = 2                        # and there again
-    LEVEL = 3                       # of an input of the computer as a run begins: 1 or 0
-
-cdef enum:
-    LONGEST_PATH = 512
-    SETUP_BYTES = 2048
-    SETUP_MESSAGES = 64
-    LONGEST_PROOF = 256             # bytes of a question who is there, and of the answer
-
-cdef struct Source:
-    int fd                          # keeps its number: what is opened anew is put in its place
-    int record                      # bytes that belong together: no frame ends within
-    bint is_tty
-    bint datagrams                  # one of which may be empty
-    bint is_gpio                    # it gives Linux's gpio_v2_line_event, and its level when it is asked
-    bint asks                       # for that, at the next receive
-    char path[LONGEST_PATH]         # "": what is gone stays away, unless it is a connection that is made anew
-    sockaddr_storage peer           # of that
-    int peer_length                 # 0 for none
-    int attempt                     # descriptor of a connection that is being made, or of a line that has not shown yet what it is; 0 for none
-    uint8_t question[LONGEST_PROOF] # what a line that is back is asked
-    int question_length             # 0: it is taken for what it was
-    uint8_t proof[LONGEST_PROOF]    # bytes that are then somewhere in what it says
-    int proof_length
-    uint8_t seen[LONGEST_PROOF]     # the end of what it has said
-    int seen_length
-    bint spoken                     # whether it has said anything
-    uint64_t strangers              # times that something else answered in its place
-    int64_t wait                    # ns to the next attempt
-    termios settings                # of a tty
-    uint8_t setup[SETUP_BYTES]      # what is written to a line that is back, message by message
-    int ends[SETUP_MESSAGES]        # where each ends
-    int messages
-    int64_t pause                   # ns in front of each
-    int said                        # of them so far
-    int64_t due                     # ns, CLOCK_MONOTONIC: when the next of them, the next attempt to open it, or the next look is due
-    int32_t gone
-    uint64_t bytes                  # that were read
-    uint64_t losses                 # times that it was gone
-    uint64_t returns
-    int error                       # errno that it went with
-    NewestRing ring
-    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times; the reader's
-    uint64_t refused                # messages of the tick that it did not take
-
-cdef class Stream:
-    cdef Source *source
-    cdef int own
-    cdef readonly str name
-    cdef readonly BusEnd end
-
-cdef class Streams:
+cdef class Streams(Reopening):
     cdef list streams
     cdef Source **sources
     cdef int count
-    cdef int epoll, bell, nothing
-    cdef uint8_t *buffer
+    cdef int bell
     cdef pthread_t thread
     cdef bint running
     cdef int32_t leave
@@ -84,10 +16,3 @@ cdef class Streams:
     cdef void serve(self) noexcept nogil
     cdef int look_after(self, int64_t now) noexcept nogil
     cdef bint take(self, Source *source) noexcept nogil
-    cdef void lose(self, Source *source, int error, int64_t now) noexcept nogil
-    cdef void try_again(self, Source *source, int index, int64_t now) noexcept nogil
-    cdef void ask_who(self, Source *source, int found, int index, int64_t now) noexcept nogil
-    cdef bint is_the_one(self, Source *source) noexcept nogil
-    cdef void settle(self, Source *source, int index, int64_t now) noexcept nogil
-    cdef void give_up(self, Source *source, int64_t now) noexcept nogil
-    cdef bint resume(self, Source *source, int found, int index, int64_t now) noexcept nogil

@@ -9,7 +9,7 @@ from libc.stdint cimport int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport FOREIGN, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUTPUTS, PARAMETERS, TAKEN, Frame, export_decode, export_encode
-from cext.streams cimport BACK, BYTES, LOST
+from cext.stream_frames cimport BACK, BYTES, LOST
 
 cdef enum: # outputs behind those of axes and buttons
     AGE, CONNECTED, MISSED, OTHERS

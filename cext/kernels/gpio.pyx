@@ -10,7 +10,7 @@ from libc.string cimport memcpy, memset
 from cext.abi cimport (
     ESTOP, FOREIGN, MALFORMED, NOTED, PRESSED as STOP_WANTED, TAKEN, TIME, Frame, export_decode, export_encode,
 )
-from cext.streams cimport BYTES, LEVEL, LOST
+from cext.stream_frames cimport BYTES, LEVEL, LOST
 
 cdef enum:
     EVENT = 48

@@ -20,7 +20,7 @@ from cext.kernels.clock_map cimport DeviceClock, sampled
 from cext.kernels.cobs cimport checksum
 from cext.kernels.luck cimport lucky
 from cext.newest_ring cimport GAP, START
-from cext.streams cimport BYTES
+from cext.stream_frames cimport BYTES
 
 cdef enum: # of Insole, in the order of its declaration
     FORCE, CENTRE, REGIONS, AGE, RECEIVED, LOST, CORRUPT, DEAD, SAMPLE_TIME, CLOCK_DRIFT

@@ -22,7 +22,7 @@ from cext.kernels.cobs cimport checksum, stuff, unstuff
 from cext.kernels.fields_of_bytes cimport number, put_number, size_of
 from cext.kernels.luck cimport lucky
 from cext.newest_ring cimport GAP
-from cext.streams cimport BYTES
+from cext.stream_frames cimport BYTES
 
 cdef extern from *:
     """

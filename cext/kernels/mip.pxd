@@ -11,7 +11,7 @@ from libc.string cimport memchr, memcpy, memmove
 
 from cext.abi cimport Frame
 from cext.newest_ring cimport GAP
-from cext.streams cimport BYTES
+from cext.stream_frames cimport BYTES
 
 cdef enum:
     SYNC_1 = 0x75

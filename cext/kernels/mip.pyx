@@ -11,7 +11,7 @@ from libc.string cimport memset
 
 from cext.abi cimport INPUTS, MALFORMED, NOTED, OK, OUTPUTS, PARAMETERS, TAKEN, export, export_decode, export_encode
 from cext.kernels.clock_map cimport ClockMap, mapped
-from cext.streams cimport BACK, LOST
+from cext.stream_frames cimport BACK, LOST
 
 cdef enum: # items, in the order of blocks.imus.microstrain.block.MicroStrain
     TARE

@@ -15,7 +15,7 @@ from cext.kernels.mip cimport (
     HEAD, READ, SYNC_1, SYNC_2, WRITE, Pending, finish, float_32, next_packet, put_16, put_64, put_double, put_float,
 )
 from cext.newest_ring cimport START
-from cext.streams cimport BACK, BYTES, LOST
+from cext.stream_frames cimport BACK, BYTES, LOST
 
 cdef enum: # items, in the order of blocks.imus.microstrain.emulator.EmulatedMicroStrain
     ACCEL, GYRO, MAG, QUATERNION, TEMPERATURE, SILENT, GARBAGE, DROPPED, FLIPPED, SKIPPED, NOT_A_NUMBER, UNINITIALISED, DISCONNECTED

@@ -20,7 +20,7 @@ from libc.string cimport memcmp, memcpy, memset
 from cext.abi cimport FOREIGN, FRAME_BYTES, FRAMES_PER_DEVICE, MALFORMED, PRESSED, TAKEN, TIME, Frame, decode_t, encode_t, kernel_t
 from cext.handover import address
 from cext.newest_ring cimport GAP, START
-from cext.streams cimport BACK, BYTES, LOST
+from cext.stream_frames cimport BACK, BYTES, LOST
 from tests.fuzzing.oracles cimport COBS, DATAGRAMS, INSOLE, MIP, Found, Protocol, ccitt, find, nothing_found
 
 cdef extern from "<sanitizer/asan_interface.h>" nogil:

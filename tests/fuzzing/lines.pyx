@@ -16,7 +16,9 @@ from posix.unistd cimport write
 from cext.abi cimport ERROR_FRAME, FRAME_BYTES, Frame
 from cext.newest_ring cimport GAP, NEWEST, START
 from cext.socketcan cimport SocketCan
-from cext.streams cimport BYTES, Stream, Streams
+from cext.stream cimport Stream
+from cext.stream_frames cimport BYTES
+from cext.streams cimport Streams
 
 cdef extern from *:
     """
