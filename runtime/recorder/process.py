@@ -152,6 +152,7 @@ def drain(page, control, recording, status, panel, heir, idle):
             continue
         if over or control.abandoned:
             return heir
+        recording.backlog.look()
         control.look(idle)
 
 

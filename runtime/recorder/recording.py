@@ -21,6 +21,7 @@ from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
+from runtime.recorder.mcap_mending import Backlog
 from runtime.recorder.service import find
 from runtime.telling import preflight_text
 from runtime.telling.lines import Paper
@@ -62,6 +63,8 @@ class Recording:
         self.sinks, self.problems = {}, []
         self.say = lambda line: None
         self.paper, self.asks = Paper(), False
+        self.before = {}                        # {path: remark} of the files of the parts before
+        self.backlog = Backlog([])              # their flight logs, which are not finished
 
     def open(self):
         """Make the folder and every file. RecordingFailed, with nothing left behind."""
@@ -178,7 +181,7 @@ class Recording:
 
     def sizes(self):
         """{path: bytes} of every file that this process writes, as it is on the disk."""
-        others = {self.sidecar, *(path for _, service in self.services if service.elsewhere for path in service.files)}
+        others = {self.sidecar, *self.before, *(path for _, service in self.services if service.elsewhere for path in service.files)}
         return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] not in others}
 
     def next_part(self, will):
@@ -186,10 +189,14 @@ class Recording:
         for path, size in will["sizes"].items():
             with suppress(OSError):
                 os.truncate(path, size)
+        backlog = [*self.backlog.paths]
+        if self.flight_log is not None:
+            self.flight_log.file.let_go()
+            backlog.append(self.flight_log.file.path)
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
         heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks}, self.page)
-        heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
+        heir.say, heir.stem, heir.problems, heir.backlog = self.say, self.stem, [*self.problems], Backlog(backlog)
         heir.paper, heir.asks = self.paper, self.asks
         try:
             heir.open()
@@ -200,7 +207,7 @@ class Recording:
         problem = f"the recorder process died; another goes on with {files}; " + (f"{lost} records were lost" if lost else "nothing was lost")
         heir.problems.append(problem)
         heir.events.append({"event": "recorder", "part": heir.part, "dropped": lost})
-        heir.files = {**{path: note or f"part {self.part}" for path, note in self.known().items()}, **heir.files}
+        heir.before = {path: note or f"part {self.part}" for path, note in self.known().items()}
         self.say(f"tickwork recorder: {problem}")
         if self.sidecar is not None:
             with suppress(OSError, ValueError):
@@ -247,6 +254,7 @@ class Recording:
                 if result.get("problem"):
                     self.problems.append(result["problem"])
                 self.files.update(service.files)
+        self.problems += self.backlog.finish()
         report = {"strides": []}
         for kind in dict.fromkeys(type(service) for _, service in self.services):
             together = [service for _, service in self.services if type(service) is kind]
@@ -289,7 +297,7 @@ class Recording:
 
     def known(self):
         """{path: remark} of every file; the sidecar comes last."""
-        known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
+        known = {**self.before, **self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
         if self.sidecar is not None:
             known[self.sidecar] = known.pop(self.sidecar)
         return known

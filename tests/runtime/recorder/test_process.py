@@ -1,5 +1,6 @@
 """The life of the recorder process: real processes, real signals, real files."""
 
+import io
 import json
 import math
 import os
@@ -13,6 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from blocks.recorders import CsvRecorder
 from cext.page import Page
@@ -242,6 +244,7 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
     assert [(log.about["part"], log.complete, log.tick.tolist()) for log in logs[1:]] == [
         (2, True, ticks_of(*parts[1:])), (3, True, ticks_of(parts[2]))]
     assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
+    assert [len(list(finished(part.with_suffix(".mcap")).iter_messages("/tickwork/tick"))) for part in parts] == [len(ticks_of(part)) for part in parts]
     told = [f"the recorder process died; another goes on with {part}.csv, {part}.mcap, {part}.json; nothing was lost" for part in (
         tmp_path / "killing_part2", tmp_path / "killing_part3")]
     assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
@@ -271,6 +274,13 @@ def test_the_run_goes_on_without_any_recorder_and_their_death_is_reported(tmp_pa
     ticks = ticks_of(tmp_path / "killing.csv")                      # whole rows only
     assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one
     assert "the recorder was killed" in json.loads((tmp_path / "killing.json").read_text())["ended"]
+
+
+def finished(path):
+    """The mcap package's own reader of a file with an index of its chunks."""
+    reader = make_reader(io.BytesIO(path.read_bytes()), validate_crcs=True)
+    assert reader.get_summary().chunk_indexes
+    return reader
 
 
 def refused(folder, *sinks, match):
