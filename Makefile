@@ -46,9 +46,9 @@ run: $(VENV)/installed
 
 # What only computes goes side by side; what keeps time has the machine for itself.
 COMPUTING := tests/blocks tests/graph tests/diagrams tests/runtime/doctor tests/runtime/rate tests/runtime/rerun \
-	$(addprefix tests/runtime/recordings/test_,convert.py plot.py trial.py) \
+	$(addprefix tests/runtime/recordings/test_,convert.py finishing.py plot.py trial.py) \
 	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
-	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py plotjuggler.py strides.py) \
+	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py mcap_mending.py plotjuggler.py strides.py) \
 	$(addprefix tests/runtime/tools/test_,configure.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
 	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
 	$(addprefix tests/cext/test_,bits.py buses.py damping.py life_cycle.py live.py timed_bus.py) \

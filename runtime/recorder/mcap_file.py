@@ -68,6 +68,7 @@ class McapFile:
         """The number of a new channel of Protobuf messages. descriptor : a serialised FileDescriptorSet; name : of the message in it"""
         from mcap.records import Channel, Schema
 
+        self.end_piece()
         number = len(self.channels) + 1
         self.schemas.append(Schema(id=number, name=name, encoding="protobuf", data=descriptor))
         self.channels.append(Channel(id=number, topic=topic, message_encoding="protobuf", schema_id=number, metadata={}))

@@ -139,6 +139,21 @@ class Mending:
         self.file.close()
 
 
+def finish(path, progress=lambda share: None):
+    """Finish a file in place, whatever has become of its recorder; a finished one stays as it is. MendingFailed, OSError
+
+    progress : called with the share that is done
+    """
+    mending = Mending(path)
+    try:
+        while mending.look():
+            progress(mending.at / mending.size)
+    except BaseException:
+        mending.close()
+        raise
+    mending.finish()
+
+
 class Backlog:
     """Files that recorders which have died could not finish: looked through while there is time, finished at the end.
 

@@ -52,13 +52,14 @@ class Reader:
 
     about, end, diagram : the attachments of these names; None where the file has not got one
     messages : {topic: [bytes]}
+    seams : where other parts go on, as runtime.recordings.parts has joined them
     began : ns of the wall clock; in virtual time the file's times begin at 0
     finished, trouble : whether its recorder has written its end; if not, what is the matter, in a line
     """
 
     def __init__(self, path, progress):
         self.about = self.end = self.diagram = None
-        self.events, self.frames = [], []
+        self.events, self.frames, self.seams = [], [], []
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""

@@ -33,6 +33,7 @@ class Trial:
     about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
     complete, trouble : whether the recording was finished; if not, what is the matter with the file, in a line
     parts : [Path] it was read from: several where the recorder was killed and another went on
+    seams : of each but the first of them, how it goes on (runtime.recordings.parts.Seam)
 
     BadInput if the file is no recording, or one of a newer Tickwork.
     """
@@ -52,7 +53,7 @@ class Trial:
             values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
             for place in subsystem.columns:
                 self.rows[:, place] = values[str(place)]
-        self.frames = reader.frames
+        self.frames, self.seams = reader.frames, reader.seams
 
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
