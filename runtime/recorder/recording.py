@@ -74,11 +74,12 @@ class Recording:
                 self.open_folder()
             for sink in self.plan["sinks"]:
                 doing = f"{sink['path']} cannot start"
-                service = find(sink["service"])(self.plan, sink)
-                service.say, service.page = self.say_later, self.page
-                self.services.append((sink["path"], service))
-                service.open()
-                self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+                try:
+                    self.open_sink(sink)
+                except Exception as error:
+                    if self.part == 1:
+                        raise
+                    self.leave_out(sink["path"], error)
             if self.plan["folder"] is not None:
                 self.flight_log = FlightLog(self.plan, self.page)
                 self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if any(on_can(self.plan)) else [])]
@@ -89,6 +90,21 @@ class Recording:
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
+
+    def open_sink(self, sink):
+        service = find(sink["service"])(self.plan, sink)
+        service.say, service.page = self.say_later, self.page
+        self.services.append((sink["path"], service))
+        service.open()
+        self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+
+    def leave_out(self, path, error):
+        """One that cannot go on where another recorder has died, such as for a viewer that was closed: the run goes on, and so does its recording."""
+        for entry in [entry for entry in self.services if entry[0] == path]:
+            self.services.remove(entry)
+            self.files.update({file: "incomplete" for file in entry[1].files})
+        self.problems.append(f"{path} does not go on: {reason(error)}")
+        self.sinks[path] = {"failed": self.problems[-1]}
 
     def say_later(self, line):
         """`say`, which is there once the files are open."""
@@ -195,7 +211,7 @@ class Recording:
             backlog.append(self.flight_log.file.path)
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
-        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks}, self.page)
+        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks, "logs": backlog}, self.page)
         heir.say, heir.stem, heir.problems, heir.backlog = self.say, self.stem, [*self.problems], Backlog(backlog)
         heir.paper, heir.asks = self.paper, self.asks
         try:

@@ -20,7 +20,6 @@ from runtime.recordings.reader import Reader
 
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
-TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
 
 
 class Trial:
@@ -46,7 +45,7 @@ class Trial:
         self.events, self.complete, self.trouble = reader.events, reader.finished, reader.trouble
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
         self.places = {path: place for place, path in enumerate(self.signals)}
-        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=TICK)
+        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=messages.TICK_ROW)
         self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
