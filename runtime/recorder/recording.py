@@ -5,6 +5,7 @@ A service that fails is stopped and told about; the rest goes on.
 
 import json
 import os
+import pickle
 from contextlib import suppress
 from datetime import datetime, timezone
 from operator import itemgetter
@@ -200,6 +201,11 @@ class Recording:
         others = {self.sidecar, *self.before, *(path for _, service in self.services if service.elsewhere for path in service.files)}
         return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] not in others}
 
+    def states(self):
+        """Of the services, as `next_part` wants them: bytes."""
+        states = {path: state for path, service in list(self.services) if (state := self.attempt(path, service, service.state)) is not None}
+        return pickle.dumps(states) if states else b""
+
     def next_part(self, will):
         """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""
         for path, size in will["sizes"].items():
@@ -209,6 +215,9 @@ class Recording:
         if self.flight_log is not None:
             self.flight_log.file.let_go()
             backlog.append(self.flight_log.file.path)
+        states = pickle.loads(will["states"]) if will["states"] else {}
+        for path, service in self.services:
+            service.left = states.get(path)
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
         heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks, "logs": backlog}, self.page)

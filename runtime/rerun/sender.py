@@ -80,7 +80,9 @@ class RerunSender(Service):
             path, descriptor = create(target.place.removesuffix(".rrd"), ".rrd")
             os.close(descriptor)
             self.files[path] = ""
-        self.batch, self.rows, self.lost = array("d"), 0, 0
+        legacy = self.sink.get("legacy") or {"rows": 0, "lost": 0, "answers": None}
+        before, self.rows, self.lost = legacy["answers"], legacy["rows"], legacy["lost"]
+        self.batch = array("d")
         self.sent = time.monotonic()
         self.waiting, self.held, self.patience = deque(), 0, END
         self.socket, theirs = socket.socketpair()
@@ -90,7 +92,6 @@ class RerunSender(Service):
         self.poll.register(self.socket, select.POLLOUT)
         self.child = None
         with theirs:
-            before = self.sink.get("legacy")
             self.child = Feeder(theirs.fileno(), before)
         if before is not None:
             os.close(before)
@@ -184,10 +185,13 @@ class RerunSender(Service):
             self.files[path] = f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else "incomplete"
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 
+    def state(self):
+        return {"rows": self.rows, "lost": self.lost}
+
     def legacy(self):
-        """Where the process that Rerun is fed by says how far it has come: it shows what it has got when the recorder dies."""
+        """And where the process that Rerun is fed by says how far it has come: it shows what it has got when the recorder dies."""
         self.socket.close()
-        return self.child.last_words()
+        return {**(self.left or self.state()), "answers": self.child.last_words()}
 
     def end(self):
         self.socket.close()
