@@ -6,6 +6,7 @@ from runtime.commands.parsing import Parser, number
 from runtime.commands.reading import read
 from runtime.conversion import FORMATS, OPENSIM, convert
 from runtime.errors import OK, BadInput
+from runtime.recorder.mcap_mending import MendingFailed, finish
 from runtime.recordings.parts import heads
 from runtime.telling.progress import Progress
 from runtime.telling.terminal import tell
@@ -14,18 +15,24 @@ READING = 0.5                   # share of the time that goes into reading, abou
 
 
 def main(arguments):
-    parser = Parser("convert", "Write recordings in other formats: every sample of every signal, in order.")
+    parser = Parser("convert", "Write recordings in other formats: every sample of every signal, in order. "
+                    "To mcap: what a recorder that was killed has left, as one file that every viewer opens.")
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING", help="the .mcap file of a recording")
     parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
     parser.add_argument("--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles")
     parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="at this rate, between samples as each kind of signal goes on")
+    parser.add_argument("--in-place", action="store_true", help="with --to mcap: finish the files themselves, where a second copy would not fit")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)")
     options = parser.parse_args(arguments)
     kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
     if not kinds:
         raise BadInput(f"to which format? --to {'|'.join(FORMATS)}, or --opensim")
+    if "mcap" in kinds and options.rate is not None:
+        raise BadInput("--to mcap keeps every sample as it was recorded: --rate is for the other formats")
+    if options.in_place and (kinds != ["mcap"] or options.output is not None):
+        raise BadInput("--in-place goes with --to mcap alone")
     for recording in heads(options.recordings):
-        for path in converted(recording, dict.fromkeys(kinds), options.rate, options.output):
+        for path in finished(recording) if options.in_place else converted(recording, dict.fromkeys(kinds), options.rate, options.output):
             tell([path])
     return OK
 
@@ -56,5 +63,19 @@ def converted(recording, kinds, rate, folder):
                 path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
             except OSError as error:
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
+            progress.terminal.erase()
+            yield path
+
+
+def finished(recording):
+    """Paths of the files of one recording, as they are finished."""
+    with Progress(f"finishing {recording.name}") as progress:
+        for path in read(recording, progress, 0.0, READING).parts:
+            try:
+                finish(path, progress.part(READING, 1.0))
+            except MendingFailed as error:
+                raise BadInput(str(error)) from None
+            except OSError as error:
+                raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None
             progress.terminal.erase()
             yield path

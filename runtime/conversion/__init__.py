@@ -1,5 +1,6 @@
 """Recordings in other formats: every sample of every signal, in order, to the bit where the format has doubles.
 
+    mcap        finished, with an index, and in one file, whatever became of its recorder
     csv         as the recorder writes it
     parquet     a column a number, in its own type, units as metadata
     mat         MATLAB: a nested struct with units and time
@@ -13,6 +14,7 @@ from importlib import import_module
 from runtime.recorder.files import create
 
 FORMATS = {
+    "mcap": "runtime.conversion.mcap",
     "csv": "runtime.conversion.csv", "parquet": "runtime.conversion.parquet", "mat": "runtime.conversion.matlab",
     "rrd": "runtime.rerun.conversion", "sto": "runtime.conversion.opensim", "mot": "runtime.conversion.opensim"}
 OPENSIM = ("sto", "mot")

@@ -19,6 +19,7 @@ The plan is a dict that JSON can carry:
     sinks           of each: service ("module:class"), path, parameters, columns (index, path, dtype, unit)
     status_line     whether the terminal may be used; keys : whether it is asked for keys, too (by default it is)
     limits          {path: (lowest, highest)} of what is recorded, where that is known
+    logs            paths of the flight logs of the parts before, where recorders have died
     metadata        what else the sidecar file shall carry
 
 Page(fd) -> rows, frames and events -> runtime.recorder.recording -> services (runtime.recorder.service) and files.

@@ -1,5 +1,6 @@
 """Files of a recording: never overwritten, always ending in a whole piece."""
 
+import fcntl
 import os
 from itertools import accumulate, count
 
@@ -47,6 +48,17 @@ def reserve(folder, stem):
             pass
 
 
+def claim(descriptor):
+    """Write a file alone, as long as it is open here or in a process that was forked meanwhile. False: another does."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:                         # a file system without locks
+        pass
+    return True
+
+
 class WholeFile:
     """A file that is written in whole pieces: lines, or records. What is written waits in memory until `flush`.
 
@@ -83,6 +95,12 @@ class WholeFile:
             os.ftruncate(self.descriptor, self.size)        # a full disk cuts in the middle of a piece
             raise
         self.size += written
+
+    def let_go(self):
+        """Close it as it is: another process has written it."""
+        if self.descriptor is not None:
+            os.close(self.descriptor)
+            self.descriptor = None
 
     def close(self):
         """Flush, wait for the disk, close. Again: nothing."""

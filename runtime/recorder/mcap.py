@@ -16,7 +16,8 @@ import os
 from struct import Struct
 
 from runtime.recordings import messages
-from runtime.recorder.files import WholeFile, create
+from runtime.recordings.reader import LIBRARY
+from runtime.recorder.files import WholeFile, claim, create
 from runtime.recorder.mcap_file import McapFile
 from runtime.recorder.service import Service
 
@@ -35,6 +36,7 @@ class FlightLog(Service):
 
     def open(self):
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
+        claim(self.file.descriptor)
         self.files[self.file.path] = ""
         self.rows = self.frames = 0
         self.drain = self.drained = 0       # how often the buses had been drained, and when last
@@ -44,7 +46,8 @@ class FlightLog(Service):
 
     def begin(self, about):
         """Import the writer, which takes a while, and write what is known before the first tick. about : dict"""
-        self.writer = McapFile(self.file, "tickwork")
+        self.writer = McapFile(self.file)
+        self.writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
             self.attach("diagram.json", self.plan["diagram_json"].encode())
         self.attach("about.json", json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode())

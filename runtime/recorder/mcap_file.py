@@ -23,15 +23,11 @@ MESSAGE_REST = MESSAGE.size - HEAD.size
 
 
 class McapFile:
-    """
-    file : runtime.recorder.files.WholeFile
-    library : what has written it
-    """
+    """file : runtime.recorder.files.WholeFile"""
 
-    def __init__(self, file, library):
+    def __init__(self, file):
         from mcap.data_stream import RecordBuilder
         from mcap.opcode import Opcode
-        from mcap.records import Header
         from mcap.writer import MCAP0_MAGIC
 
         self.file, self.builder, self.opcode, self.magic = file, RecordBuilder, Opcode, MCAP0_MAGIC
@@ -40,7 +36,12 @@ class McapFile:
         self.counts = {}                        # messages of each channel
         self.first = self.last = None           # log time of all messages, ns
         self.begun = None                       # where the room of the piece that is being written stands
-        file.write(self.magic)
+
+    def begin(self, library):
+        """library : what writes it"""
+        from mcap.records import Header
+
+        self.file.write(self.magic)
         self.record(Header(profile="", library=library))
 
     def record(self, record):
@@ -49,18 +50,25 @@ class McapFile:
         return self.file.write(builder.end())
 
     def attach(self, name, media_type, data):
-        from mcap.records import Attachment, AttachmentIndex
+        from mcap.records import Attachment
 
         self.end_piece()
-        offset = self.file.tell()
-        length = self.record(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
+        attachment = Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data)
+        self.attached(attachment, self.file.tell(), self.record(attachment))
+
+    def attached(self, attachment, offset, length):
+        """Where an attachment stands in the file."""
+        from mcap.records import AttachmentIndex
+
         self.attachments.append(AttachmentIndex(
-            offset=offset, length=length, create_time=0, log_time=0, data_size=len(data), name=name, media_type=media_type))
+            offset=offset, length=length, create_time=attachment.create_time, log_time=attachment.log_time, data_size=len(attachment.data),
+            name=attachment.name, media_type=attachment.media_type))
 
     def channel(self, topic, descriptor, name):
         """The number of a new channel of Protobuf messages. descriptor : a serialised FileDescriptorSet; name : of the message in it"""
         from mcap.records import Channel, Schema
 
+        self.end_piece()
         number = len(self.channels) + 1
         self.schemas.append(Schema(id=number, name=name, encoding="protobuf", data=descriptor))
         self.channels.append(Channel(id=number, topic=topic, message_encoding="protobuf", schema_id=number, metadata={}))
@@ -72,36 +80,54 @@ class McapFile:
     def message(self, channel, log_time, data, publish_time, sequence=0):
         """log_time, publish_time : ns"""
         if self.begun is None:
-            self.begin_piece()
+            self.begin_piece(self.file.tell())
+            self.file.write(HEAD.pack(PRIVATE, CHUNK_HEAD.size - HEAD.size) + bytes(CHUNK_HEAD.size - HEAD.size))
+        piece = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
+        self.file.write(piece)
+        self.count(channel, log_time, piece)
+        if self.size >= CHUNK:
+            self.end_piece()
+
+    def begin_piece(self, at):
+        """at : of its room"""
+        self.begun = at
+        self.places, self.size, self.checksum = {}, 0, 0
+
+    def count(self, channel, log_time, piece):
+        """A message of the piece. piece : the record"""
         places = self.places.get(channel)
         if places is None:
             places = self.places[channel] = array("Q")
         places.append(log_time)
         places.append(self.size)
-        piece = MESSAGE.pack(self.kind, MESSAGE_REST + len(data), channel, sequence, log_time, publish_time) + data
-        self.size += self.file.write(piece)
+        self.size += len(piece)
         self.checksum = zlib.crc32(piece, self.checksum)
         self.counts[channel] += 1
-        if self.size >= CHUNK:
-            self.end_piece()
-
-    def begin_piece(self):
-        self.begun = self.file.tell()
-        self.places, self.size, self.checksum = {}, 0, 0
-        self.file.write(HEAD.pack(PRIVATE, CHUNK_HEAD.size - HEAD.size) + bytes(CHUNK_HEAD.size - HEAD.size))
 
     def end_piece(self):
-        """Index the messages of a piece, and keep what its chunk will be."""
+        """Index the messages of a piece."""
         if self.begun is None:
             return
+        at = self.file.tell()
+        for index in self.indices():
+            self.file.write(index)
+        self.indexed(at)
+
+    def indices(self):
+        """Of the messages of the piece: a record a channel."""
+        for channel, places in self.places.items():
+            data = places.tobytes()
+            yield INDEX.pack(self.opcode.MESSAGE_INDEX, INDEX.size - HEAD.size + len(data), channel, len(data)) + data
+
+    def indexed(self, at):
+        """The piece is over: keep what its chunk will be. at : where its indices begin"""
         from mcap.records import ChunkIndex
 
         begins, ends = min(min(places[::2]) for places in self.places.values()), max(max(places[::2]) for places in self.places.values())
         offsets, length = {}, 0
-        for channel, places in self.places.items():
-            data = places.tobytes()
-            offsets[channel] = self.file.tell()
-            length += self.file.write(INDEX.pack(self.opcode.MESSAGE_INDEX, INDEX.size - HEAD.size + len(data), channel, len(data)) + data)
+        for channel, index in zip(self.places, self.indices()):
+            offsets[channel] = at + length
+            length += len(index)
         self.chunks.append((self.checksum, ChunkIndex(
             chunk_start_offset=self.begun, chunk_length=CHUNK_HEAD.size + self.size, message_start_time=begins, message_end_time=ends,
             message_index_offsets=offsets, message_index_length=length, compression="", compressed_size=self.size, uncompressed_size=self.size)))

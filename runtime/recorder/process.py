@@ -101,7 +101,7 @@ def main(answers, control, page, keys):
 def record(page, answers, control, keys, recording, terminal, ready):
     """Ring to recording, until the run is over; then the end of the recording, and the report. Raises Inherited in an heir that is needed."""
     plan = recording.plan
-    heir = Heir(page, recording.sizes())
+    heir = Heir(page, recording.sizes(), recording.states())
     call_oneself("tickwork-record")
     if ready is not None:
         answer(answers, ready)
@@ -137,9 +137,9 @@ def drain(page, control, recording, status, panel, heir, idle):
         now = time.monotonic()
         if now >= flush_at or page.held > HELD:
             recording.flush()
-            if not heir.release(recording.sizes()):
+            if not heir.release(recording.sizes(), recording.states()):
                 heir.bury()
-                heir = Heir(page, recording.sizes())
+                heir = Heir(page, recording.sizes(), recording.states())
             flush_at = now + FLUSH
         if panel is not None and not over:
             if now >= follow_at:
@@ -152,6 +152,7 @@ def drain(page, control, recording, status, panel, heir, idle):
             continue
         if over or control.abandoned:
             return heir
+        recording.backlog.look()
         control.look(idle)
 
 

@@ -5,6 +5,7 @@ A service that fails is stopped and told about; the rest goes on.
 
 import json
 import os
+import pickle
 from contextlib import suppress
 from datetime import datetime, timezone
 from operator import itemgetter
@@ -21,6 +22,7 @@ from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
+from runtime.recorder.mcap_mending import Backlog
 from runtime.recorder.service import find
 from runtime.telling import preflight_text
 from runtime.telling.lines import Paper
@@ -62,6 +64,8 @@ class Recording:
         self.sinks, self.problems = {}, []
         self.say = lambda line: None
         self.paper, self.asks = Paper(), False
+        self.before = {}                        # {path: remark} of the files of the parts before
+        self.backlog = Backlog([])              # their flight logs, which are not finished
 
     def open(self):
         """Make the folder and every file. RecordingFailed, with nothing left behind."""
@@ -71,11 +75,12 @@ class Recording:
                 self.open_folder()
             for sink in self.plan["sinks"]:
                 doing = f"{sink['path']} cannot start"
-                service = find(sink["service"])(self.plan, sink)
-                service.say, service.page = self.say_later, self.page
-                self.services.append((sink["path"], service))
-                service.open()
-                self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+                try:
+                    self.open_sink(sink)
+                except Exception as error:
+                    if self.part == 1:
+                        raise
+                    self.leave_out(sink["path"], error)
             if self.plan["folder"] is not None:
                 self.flight_log = FlightLog(self.plan, self.page)
                 self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if any(on_can(self.plan)) else [])]
@@ -86,6 +91,21 @@ class Recording:
         except Exception as error:              # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
+
+    def open_sink(self, sink):
+        service = find(sink["service"])(self.plan, sink)
+        service.say, service.page = self.say_later, self.page
+        self.services.append((sink["path"], service))
+        service.open()
+        self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+
+    def leave_out(self, path, error):
+        """One that cannot go on where another recorder has died, such as for a viewer that was closed: the run goes on, and so does its recording."""
+        for entry in [entry for entry in self.services if entry[0] == path]:
+            self.services.remove(entry)
+            self.files.update({file: "incomplete" for file in entry[1].files})
+        self.problems.append(f"{path} does not go on: {reason(error)}")
+        self.sinks[path] = {"failed": self.problems[-1]}
 
     def say_later(self, line):
         """`say`, which is there once the files are open."""
@@ -178,18 +198,30 @@ class Recording:
 
     def sizes(self):
         """{path: bytes} of every file that this process writes, as it is on the disk."""
-        others = {self.sidecar, *(path for _, service in self.services if service.elsewhere for path in service.files)}
+        others = {self.sidecar, *self.before, *(path for _, service in self.services if service.elsewhere for path in service.files)}
         return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] not in others}
+
+    def states(self):
+        """Of the services, as `next_part` wants them: bytes."""
+        states = {path: state for path, service in list(self.services) if (state := self.attempt(path, service, service.state)) is not None}
+        return pickle.dumps(states) if states else b""
 
     def next_part(self, will):
         """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""
         for path, size in will["sizes"].items():
             with suppress(OSError):
                 os.truncate(path, size)
+        backlog = [*self.backlog.paths]
+        if self.flight_log is not None:
+            self.flight_log.file.let_go()
+            backlog.append(self.flight_log.file.path)
+        states = pickle.loads(will["states"]) if will["states"] else {}
+        for path, service in self.services:
+            service.left = states.get(path)
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
-        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks}, self.page)
-        heir.say, heir.stem, heir.problems = self.say, self.stem, [*self.problems]
+        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks, "logs": backlog}, self.page)
+        heir.say, heir.stem, heir.problems, heir.backlog = self.say, self.stem, [*self.problems], Backlog(backlog)
         heir.paper, heir.asks = self.paper, self.asks
         try:
             heir.open()
@@ -200,7 +232,7 @@ class Recording:
         problem = f"the recorder process died; another goes on with {files}; " + (f"{lost} records were lost" if lost else "nothing was lost")
         heir.problems.append(problem)
         heir.events.append({"event": "recorder", "part": heir.part, "dropped": lost})
-        heir.files = {**{path: note or f"part {self.part}" for path, note in self.known().items()}, **heir.files}
+        heir.before = {path: note or f"part {self.part}" for path, note in self.known().items()}
         self.say(f"tickwork recorder: {problem}")
         if self.sidecar is not None:
             with suppress(OSError, ValueError):
@@ -247,6 +279,7 @@ class Recording:
                 if result.get("problem"):
                     self.problems.append(result["problem"])
                 self.files.update(service.files)
+        self.problems += self.backlog.finish()
         report = {"strides": []}
         for kind in dict.fromkeys(type(service) for _, service in self.services):
             together = [service for _, service in self.services if type(service) is kind]
@@ -289,7 +322,7 @@ class Recording:
 
     def known(self):
         """{path: remark} of every file; the sidecar comes last."""
-        known = {**self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
+        known = {**self.before, **self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
         if self.sidecar is not None:
             known[self.sidecar] = known.pop(self.sidecar)
         return known

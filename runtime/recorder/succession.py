@@ -1,7 +1,7 @@
 """A second process that stands by, and takes the first one's place when that dies.
 
 The recorder forks it once its files are open. Before each release of the ring the recorder sends it a will: how far the ring will be released,
-and how long every file is then. The ring gives nothing back before, so that with the last will that came true its heir knows to the byte what is
+how long every file is then, and what the services know by then. The ring gives nothing back before, so that with the last will that came true its heir knows to the byte what is
 in the files: it cuts off what is beyond, and records from there on into files of its own, the next part. Nothing is lost and nothing comes twice,
 unless the ring was full meanwhile. An heir that dies is replaced.
 """
@@ -20,24 +20,43 @@ class Heir:
 
     page : Page
     sizes : of every file, {path: bytes}, as flushed when it is made
+    states : of the services, bytes
     """
 
-    def __init__(self, page, sizes):
+    def __init__(self, page, sizes, states):
         self.page = page
+        self.drawers = [os.memfd_create("tickwork-states") for _ in range(2)]      # for the newest will and for the one before
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET | socket.SOCK_NONBLOCK)
-        first = will(page.cursor, sizes, page)
+        first = self.will(sizes, states)
         self.pid = os.fork()
         if self.pid == 0:
             self.socket.close()
             call_oneself("tickwork-heir")
-            raise Inherited(wait(theirs, first, page))
+            raise Inherited(self.opened(wait(theirs, first, page)))
         theirs.close()
         page.release()
 
-    def release(self, sizes):
+    def will(self, sizes, states):
+        drawer = self.drawers.pop(0)
+        self.drawers.append(drawer)
+        os.pwrite(drawer, states, 0)
+        return json.dumps({
+            "tail": self.page.cursor, "sizes": sizes, "dropped": self.page.statistics()["dropped"], "drawer": drawer, "bytes": len(states)}).encode()
+
+    def opened(self, will):
+        """In the heir: a will with the states that belong to it."""
+        states = os.pread(will["drawer"], will["bytes"], 0) if will["drawer"] is not None else b""
+        self.close_drawers()
+        return {**will, "states": states}
+
+    def close_drawers(self):
+        for drawer in self.drawers:
+            os.close(drawer)
+
+    def release(self, sizes, states):
         """Give the drained part of the ring back, once the heir has the will. False: it has died."""
         try:
-            self.socket.send(will(self.page.cursor, sizes, self.page))
+            self.socket.send(self.will(sizes, states))
         except BlockingIOError:             # it was stopped by somebody: it will find one part longer than it should be, and leave it
             pass
         except OSError:
@@ -55,6 +74,7 @@ class Heir:
 
     def bury(self):
         self.socket.close()
+        self.close_drawers()
         try:
             os.waitpid(self.pid, 0)
         except ChildProcessError:
@@ -67,10 +87,6 @@ class Inherited(Exception):
     def __init__(self, will):
         super().__init__(will)
         self.will = will
-
-
-def will(tail, sizes, page):
-    return json.dumps({"tail": tail, "sizes": sizes, "dropped": page.statistics()["dropped"]}).encode()
 
 
 def wait(end, first, page):
@@ -91,7 +107,7 @@ def wait(end, first, page):
         if not word:
             end.close()
             tail = page.tail
-            return next((one for one in reversed(known) if one["tail"] == tail), {**known[-1], "sizes": {}})
+            return next((one for one in reversed(known) if one["tail"] == tail), {**known[-1], "sizes": {}, "drawer": None})
         known = [known[-1], json.loads(word)]
 
 

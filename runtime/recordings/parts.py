@@ -4,13 +4,28 @@ Part 2 of `trial.mcap` is `trial_part2.mcap` beside it, and so on: together they
 """
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from runtime.errors import BadInput
 from runtime.recordings import messages
 
 PART = re.compile(r"(.+)_part(\d+)")
+
+
+@dataclass(frozen=True)
+class Seam:
+    """Where the next part goes on.
+
+    rows : how many are complete before it; what there is more in the parts before does not count
+    since : ns of the files, frames of the parts before do not count from then on; None where all do
+    drains, drained : of the buses before it, and ns of the files when the last was
+    """
+
+    rows: int
+    since: int | None
+    drains: int
+    drained: int
 
 
 def heads(paths):
@@ -58,9 +73,10 @@ def run_of(reader):
 
 def join(first, second):
     """Lengthen what was read of a part by the next one."""
-    rows = keep(first, second)
+    rows, since = keep(first, second)
     offset = drains_before(first.frames, second.frames, rows)
     drained = first.frames[-1].drained if first.frames else 0
+    first.seams.append(Seam(rows, since, offset, first.began + drained))
     for frame in second.frames:
         first.frames.append(replace(frame, drain=frame.drain + offset, row=frame.row + rows, drained=frame.drained if frame.drain else drained))
     for topic in {**first.messages, **second.messages}:
@@ -70,7 +86,10 @@ def join(first, second):
 
 
 def keep(first, second):
-    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was killed leaves more."""
+    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was killed leaves more.
+
+    Returns (rows, as Seam has `since`).
+    """
     kept = first.messages[messages.ROW_END]
     if second.messages[messages.ROW_END]:
         begins = number_of(second.messages[messages.ROW_END][0])
@@ -78,8 +97,8 @@ def keep(first, second):
         if beyond < len(kept):
             since = second.frames[0].time if second.frames else None
             first.frames = [frame for frame in first.frames if frame.row <= beyond and (since is None or frame.time < since)]
-        return beyond
-    return len(kept)
+            return beyond, None if since is None else second.began + since
+    return len(kept), None
 
 
 def number_of(row):

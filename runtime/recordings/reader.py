@@ -23,6 +23,7 @@ LOOK = 4096                     # records between two looks at how far the readi
 CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk without compression: its kind, the bytes in front of its messages
 RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
 KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
+MENDED = "was cut off, and what there is of it was completed later"
 DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError)       # what garbage makes of a reader
 
 
@@ -51,13 +52,14 @@ class Reader:
 
     about, end, diagram : the attachments of these names; None where the file has not got one
     messages : {topic: [bytes]}
+    seams : where other parts go on, as runtime.recordings.parts has joined them
     began : ns of the wall clock; in virtual time the file's times begin at 0
-    finished, trouble : whether its end was written; if not, what is the matter, in a line
+    finished, trouble : whether its recorder has written its end; if not, what is the matter, in a line
     """
 
     def __init__(self, path, progress):
         self.about = self.end = self.diagram = None
-        self.events, self.frames = [], []
+        self.events, self.frames, self.seams = [], [], []
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""
@@ -71,6 +73,8 @@ class Reader:
                     self.trouble = f"{path} {matter(stream, good, size)}"
                 elif self.spoilt is not None:
                     self.finished, self.trouble = False, f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"
+                elif self.end is None:
+                    self.finished, self.trouble = False, f"{path} {MENDED}"
         except FileNotFoundError:
             raise BadInput(f"{path}: No such file or directory{nearby(path)}") from None
         except IsADirectoryError:

@@ -20,7 +20,6 @@ from runtime.recordings.reader import Reader
 
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
-TICK = np.dtype([("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")])
 
 
 class Trial:
@@ -33,6 +32,7 @@ class Trial:
     about, end, diagram : what the recording says of itself; `end` and `diagram` are None where it does not
     complete, trouble : whether the recording was finished; if not, what is the matter with the file, in a line
     parts : [Path] it was read from: several where the recorder was killed and another went on
+    seams : of each but the first of them, how it goes on (runtime.recordings.parts.Seam)
 
     BadInput if the file is no recording, or one of a newer Tickwork.
     """
@@ -45,14 +45,14 @@ class Trial:
         self.events, self.complete, self.trouble = reader.events, reader.finished, reader.trouble
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
         self.places = {path: place for place, path in enumerate(self.signals)}
-        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=TICK)
+        ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=messages.TICK_ROW)
         self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
             values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
             for place in subsystem.columns:
                 self.rows[:, place] = values[str(place)]
-        self.frames = reader.frames
+        self.frames, self.seams = reader.frames, reader.seams
 
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())

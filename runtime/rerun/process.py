@@ -1,9 +1,11 @@
 """The process that feeds Rerun: rows and events come over a socket, and go into Rerun's own queues, which may block it as they like.
 
     order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time, values); E, an event as JSON; Q, all is told
-    answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, {"done": {"rows", "last" tick}} at the end
+    answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, or at the end
+                {"done": {"rows", "last": tick, "events": how many of the run's, "problem": what is missing, or null}}
 
-It ends when all is told, when the recorder has died, or when its viewer has gone.
+It ends when all is told, when the recorder has died, or when its viewer has gone. That of the recorder which goes on waits for the word of the
+one before, then takes from the flight logs what that had not come to, and goes on with what comes over its own socket.
 """
 
 import json
@@ -17,6 +19,7 @@ from struct import Struct
 HEAD = Struct("<IB")
 LOOK = 1.0                      # s between looks at the viewer
 FLUSH = 0.2                     # s between flushes
+LAST_WORD = 60.0                # s for the process of a recorder that has died to show what it has heard
 PATIENCE = 5.0                  # s for a flush, before the viewer or the disk counts as gone
 RECEIVE = 1 << 20               # bytes at once
 PLAN, ROWS, EVENT, QUIT = b"PREQ"
@@ -26,8 +29,8 @@ class Gone(Exception):
     """Nobody takes what is told any more. The text says who, in one line."""
 
 
-def main(answers, control, descriptor):
-    """File descriptors of the pipe for answers, a pidfd of the recorder, and the socket."""
+def main(answers, control, descriptor, before):
+    """File descriptors of the pipe for answers, a pidfd of the recorder, the socket, and the pipe for answers of the one before, or -1."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(5)
@@ -38,8 +41,10 @@ def main(answers, control, descriptor):
         kind, content = orders.next(None)
         feed = Feed(json.loads(content))
         say(answers, {"ready": feed.told})
+        if before >= 0:
+            feed.go_on(last_word(before))
         follow(orders, feed)
-        say(answers, {"done": {"rows": feed.count, "last": feed.last}})
+        say(answers, {"done": {"rows": feed.count, "last": feed.last, "events": max(feed.events, feed.shown), "problem": feed.problem}})
     except Gone as error:
         say(answers, {"gone": str(error)})
     except Exception as error:                          # Rerun's, the disk's, the network's: told, as nobody sees this process
@@ -69,6 +74,20 @@ def follow(orders, feed):
         elif kind == QUIT:
             break
     feed.finish()
+
+
+def last_word(before):
+    """How far the process of the recorder that has died has come: what it says in the end; {} where it has died, too."""
+    heard, deadline = b"", time.monotonic() + LAST_WORD
+    poll = select.poll()
+    poll.register(before, select.POLLIN)
+    while poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
+        data = os.read(before, 1 << 16)
+        if not data:
+            break
+        heard += data
+    words = [json.loads(line) for line in heard.split(b"\n") if line]
+    return next((word["done"] for word in words if "done" in word), {})
 
 
 class Orders:
@@ -115,7 +134,9 @@ class Feed:
     """What is told, in Rerun. plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
 
     told : what the person at the terminal shall know
-    count, last : rows, and the tick of the newest; None before the first
+    count, last : rows, and the tick of the newest of the run, None before the first
+    events : how many of the run were told, here or by the one before
+    problem : what is missing, in a line
     """
 
     def __init__(self, plan):
@@ -129,6 +150,9 @@ class Feed:
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
         self.path, self.count, self.last, self.told = plan["path"], 0, None, ""
+        self.plan, self.problem = plan, None
+        self.events, self.shown = 0, 0          # of the run, and of these by the one before
+        self.going_on = False                   # whether the next row is the first behind those of another recorder
         self.process, self.watched = None, None
         self.width = 2 + len(plan["signals"])
         scene = Scene(plan["name"], plan["signals"], plan["limits"])
@@ -154,16 +178,44 @@ class Feed:
         self.answers = viewer.answers
         self.flush()
 
+    def go_on(self, before):
+        """Where another has come to, with what that should have been told. before : its last word"""
+        from runtime.rerun.catching_up import orders
+
+        self.last, self.shown, self.going_on = before.get("last"), before.get("events", 0), True
+        for order in orders(self.plan["logs"], [signal["index"] for signal in self.plan["signals"]], self.last):
+            if isinstance(order, dict):
+                self.event(order)
+            else:
+                self.show(order)
+            self.flush()
+
     def rows(self, content):
         import numpy as np
 
         rows = np.frombuffer(content).reshape(-1, self.width)
-        self.stream.rows(rows[:, 0].astype(np.int64), rows[:, 1].copy(), rows[:, 2:])
+        if self.going_on and len(rows):
+            self.going_on = False
+            self.tell_gap(int(rows[0, 0]))
+        self.show(rows if self.last is None else rows[rows[:, 0] > self.last])
+
+    def show(self, rows):
+        """rows : array of tick, time and values"""
         if len(rows):
+            self.stream.rows(rows[:, 0].astype("i8"), rows[:, 1].copy(), rows[:, 2:])
             self.count, self.last = self.count + len(rows), int(rows[-1, 0])
 
+    def tell_gap(self, first):
+        """first : tick of the first row that the recorder itself has handed over"""
+        begin = 0 if self.last is None else self.last + 1
+        if first > begin:
+            self.problem = f"ticks {begin} to {first - 1} are missing: a recorder died before Rerun had taken them"
+            self.stream.text(first, first / self.plan["rate"], self.problem, "WARN")
+
     def event(self, event):
-        self.stream.event(event)
+        self.events += 1
+        if self.events > self.shown:
+            self.stream.event(event)
 
     def look(self):
         """Gone, where the viewer is."""

@@ -1,5 +1,6 @@
 """The life of the recorder process: real processes, real signals, real files."""
 
+import io
 import json
 import math
 import os
@@ -13,13 +14,15 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from blocks.recorders import CsvRecorder
-from cext.page import Page
+from cext.page import RECORD_EVENT, Page
 from graph import Block, Diagram, Output
 from runtime.recorder import RecorderError, RecorderProcess
 from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
+from tests.runtime.terminals import patient
 
 ROOT = Path(__file__).parents[3]
 SIGNALS = columns("a.x m")
@@ -81,7 +84,7 @@ def test_the_report_tells_in_words_how_the_run_ended(tmp_path):
 
 CONTROL = """
 import os, sys
-from cext.page import Page
+from cext.page import RECORD_EVENT, Page
 from tests.runtime.recorder.running import counting, run
 page = Page(fd=int(sys.argv[1]))
 run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=lambda recorder: print(recorder.pid, flush=True))
@@ -242,12 +245,39 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
     assert [(log.about["part"], log.complete, log.tick.tolist()) for log in logs[1:]] == [
         (2, True, ticks_of(*parts[1:])), (3, True, ticks_of(parts[2]))]
     assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
+    assert [len(list(messages(part.with_suffix(".mcap")).iter_messages("/tickwork/tick"))) for part in parts] == [len(ticks_of(part)) for part in parts]
     told = [f"the recorder process died; another goes on with {part}.csv, {part}.mcap, {part}.json; nothing was lost" for part in (
         tmp_path / "killing_part2", tmp_path / "killing_part3")]
     assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
     assert "part 2 goes on" in json.loads((tmp_path / "killing.json").read_text())["ended"]
     assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
     assert nobody_is_left(session)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("attempt", range(12))
+def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too(tmp_path, attempt):
+    page = Page(1 << 20)
+    recorder = RecorderProcess(page)
+    recorder.configure(plan(tmp_path, sink(CSV, "csv", SIGNALS)))
+    session = os.getsid(recorder.pid)
+    for tick in range(9000):
+        while not page.push(*row(tick, float(tick))):
+            time.sleep(0.001)
+        if tick == 8000:
+            [victim] = patient(lambda: recorders(session))
+            os.kill(victim, signal.SIGKILL)
+    [victim] = patient(lambda: set(recorders(session)) - {victim})
+    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 8999}).encode())
+    patient(lambda: page.empty)
+    page.close()
+    time.sleep(0.005 * attempt)
+    os.kill(victim, signal.SIGKILL)
+    recorder.finish()
+    parts = sorted(tmp_path.glob("*.mcap"))
+    assert len(parts) in (2, 3) and nobody_is_left(session)
+    assert sum(len(list(messages(part).iter_messages("/tickwork/tick"))) for part in parts if part.stat().st_size) == 9000
+    assert Trial(tmp_path / "bench_1.mcap").tick.tolist() == list(range(9000))
 
 
 def test_one_that_stands_by_and_is_killed_is_replaced(tmp_path):
@@ -271,6 +301,13 @@ def test_the_run_goes_on_without_any_recorder_and_their_death_is_reported(tmp_pa
     ticks = ticks_of(tmp_path / "killing.csv")                      # whole rows only
     assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one
     assert "the recorder was killed" in json.loads((tmp_path / "killing.json").read_text())["ended"]
+
+
+def messages(path):
+    """The mcap package's own reader of a file with an index of its chunks."""
+    reader = make_reader(io.BytesIO(path.read_bytes()), validate_crcs=True)
+    assert reader.get_summary().statistics.message_count == 0 or reader.get_summary().chunk_indexes
+    return reader
 
 
 def refused(folder, *sinks, match):

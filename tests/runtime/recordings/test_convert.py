@@ -135,7 +135,7 @@ def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command
 
 
 def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
-    assert command_line.refused("convert", recording) == "to which format? --to csv|parquet|mat|rrd|sto|mot, or --opensim"
+    assert command_line.refused("convert", recording) == "to which format? --to mcap|csv|parquet|mat|rrd|sto|mot, or --opensim"
     assert command_line.refused("convert", recording, "--to", "cvs") == "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
     assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
     (tmp_path / "file").write_text("")

@@ -237,6 +237,10 @@ def test_a_run_whose_recorder_was_killed_is_replayed_from_all_its_parts(command_
     assert run.returncode == OK and first.with_stem(f"{first.stem}_part2").exists()
     code, out, err = command_line("replay", first)
     assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
+    code, out, err = command_line("convert", first, "--to", "mcap", "-o", tmp_path / "whole")
+    assert (code, err) == (OK, "") and len(Trial(out.strip()).parts) == 1
+    code, out, err = command_line("replay", out.strip())
+    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
 
 
 def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):

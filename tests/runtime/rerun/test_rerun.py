@@ -1,6 +1,7 @@
 """Rerun: what a viewer finds in its file, and that neither a viewer nor a disk that has gone stops a run."""
 
 import importlib.util
+import json
 import math
 import os
 import re
@@ -9,14 +10,16 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
 
 import runtime
+from cext.page import RECORD_EVENT, Page
 from runtime.errors import BadInput, OK
 from runtime.live.runs import page_of
-from runtime.recorder import RecorderError
+from runtime.recorder import RecorderError, RecorderProcess
 from runtime.rerun import viewer
 from runtime.rerun.scene import Scene
 from runtime.rerun.target import Target, parse
@@ -232,6 +235,7 @@ def test_when_its_process_is_killed_that_is_told_and_the_run_goes_on(tmp_path):
 
 
 @needs_rerun
+@pytest.mark.soak
 def test_when_the_recorder_is_killed_both_files_are_whole_and_hold_every_tick_once_between_them(tmp_path):
     run = started(KNEE_EXO, "--duration", "60", "--record", "out", "--rerun", "a.rrd", cwd=tmp_path)
     recorder = patient(lambda: descendant(run.pid, "runtime.recorder.process"))
@@ -247,6 +251,103 @@ def test_when_the_recorder_is_killed_both_files_are_whole_and_hold_every_tick_on
         ticks += vectors(tmp_path / name)["/left"][0]
     [trial] = runtime.load(tmp_path / "out" / "*.mcap")
     assert trial.tick.tolist() == ticks                     # in order, none twice
+
+
+WIDE = [f"left/a.x{index} m" for index in range(100)]
+
+
+def behind(folder, end, tmp_path):
+    """A recorder dies while Rerun takes nothing, and is told 12,000 rows of 100 signals before and 500 behind it. end : of the process that feeds Rerun
+
+    Returns the report.
+    """
+    page = Page(1 << 20)
+    recorder = RecorderProcess(page)
+    target = sink(RERUN, "rerun", columns(*WIDE), target=str(tmp_path / "a.rrd"), port=9876, web_port=9090)
+    recorder.configure(plan(folder, target, virtual=False))
+    feeder = descendant(recorder.pid, "runtime.rerun.process")
+    os.kill(feeder, signal.SIGSTOP)
+    page.push(RECORD_EVENT, json.dumps({"event": "mark", "number": 1, "tick": 7}).encode())
+    for tick in range(12_500):
+        kind, payload = row(tick, *[tick + 0.5] * len(WIDE))
+        while not page.push(kind, payload):
+            time.sleep(0.001)
+        if tick == 11_999:
+            page.push(RECORD_EVENT, json.dumps({"event": "mark", "number": 2, "tick": tick}).encode())
+            patient(lambda: page.empty)                         # all is drained, and flushed
+            os.kill(recorder.pid, signal.SIGKILL)
+            os.kill(feeder, end)
+    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 12_499}).encode())
+    page.close()
+    return recorder.finish()
+
+
+def texts(path):
+    from rerun.chunk import RrdReader
+
+    found = []
+    for chunk in RrdReader(str(path)).stream():
+        batch = chunk.to_record_batch()
+        found += [text for name in batch.schema.names if name.endswith("TextLog:text") for [text] in batch[name].to_pylist()]
+    return found
+
+
+@needs_rerun
+def test_what_rerun_had_not_taken_when_the_recorder_was_killed_comes_from_the_flight_log(tmp_path):
+    report = behind(tmp_path / "out", signal.SIGCONT, tmp_path)
+    assert report["problems"] == [problem for problem in report["problems"] if "nothing was lost" in problem] and len(report["problems"]) == 1
+    ticks, values, told = [], [], []
+    for name in ("a.rrd", "a-2.rrd"):
+        verify(tmp_path / name)
+        found = vectors(tmp_path / name)["/left"]
+        ticks, values, told = ticks + found[0], values + found[1], told + texts(tmp_path / name)
+    assert ticks == list(range(12_500)) and 0 < len(vectors(tmp_path / "a.rrd")["/left"][0]) < 11_000
+    assert np.array_equal(np.array(values), np.repeat(np.arange(12_500) + 0.5, 100).reshape(-1, 100))
+    assert told == ["mark 1", "mark 2", "end: ok, tick 12499"]
+
+
+@needs_rerun
+@pytest.mark.soak
+def test_if_its_process_was_killed_too_the_second_file_has_all(tmp_path):
+    report = behind(tmp_path / "out", signal.SIGKILL, tmp_path)
+    assert len(report["problems"]) == 1
+    verify(tmp_path / "a-2.rrd")
+    assert vectors(tmp_path / "a-2.rrd")["/left"][0] == list(range(12_500)) and texts(tmp_path / "a-2.rrd") == ["mark 1", "mark 2", "end: ok, tick 12499"]
+
+
+@needs_rerun
+@pytest.mark.soak
+def test_without_a_recording_it_is_told_which_ticks_are_missing(tmp_path):
+    report = behind(None, signal.SIGCONT, tmp_path)
+    first = vectors(tmp_path / "a.rrd")["/left"][0]
+    second = vectors(tmp_path / "a-2.rrd")["/left"][0]
+    told = f"ticks {first[-1] + 1} to {second[0] - 1} are missing: a recorder died before Rerun had taken them"
+    assert f"rerun: {told}" in report["problems"] and told in texts(tmp_path / "a-2.rrd") and second[-1] == 12_499
+
+
+@needs_rerun
+def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes_on(tmp_path):
+    port = free_port()
+    watching = subprocess.Popen(
+        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    page = Page(1 << 20)
+    recorder = RecorderProcess(page)
+    try:
+        patient(lambda: listening(port))
+        recorder.configure(plan(tmp_path, sink(RERUN, "rerun", columns("a.x m"), target=f"127.0.0.1:{port}", port=port, web_port=9090), virtual=False))
+    finally:
+        watching.kill()
+        watching.wait()
+    for tick in range(100):
+        page.push(*row(tick, float(tick)))
+        if tick == 50:
+            patient(lambda: page.empty)
+            os.kill(recorder.pid, signal.SIGKILL)
+    patient(lambda: (tmp_path / "bench_1_part2.mcap").exists())
+    page.close()
+    report = recorder.finish()
+    assert any("rerun does not go on: no viewer of Rerun answers on 127.0.0.1" in problem for problem in report["problems"])
+    assert runtime.load(tmp_path / "bench_1.mcap").tick.tolist() == list(range(100))
 
 
 @needs_rerun
