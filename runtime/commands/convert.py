@@ -31,7 +31,7 @@ def main(arguments):
 
 
 def formats(text):
-    kinds = [word.strip().lstrip(".") for word in text.split(",")]
+    kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     for kind in kinds:
         if kind not in FORMATS:
             from graph.block import suggestion
@@ -52,9 +52,16 @@ def converted(recording, kinds, rate, folder):
             step = (1.0 - READING) / len(kinds)
             try:
                 if folder is not None:
-                    folder.mkdir(parents=True, exist_ok=True)
+                    make(folder)
                 path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
             except OSError as error:
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
             progress.terminal.erase()
             yield path
+
+
+def make(folder):
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise BadInput(f"-o {folder}: a file stands there; name a folder") from None

@@ -39,6 +39,8 @@ class Parser(argparse.ArgumentParser):
     def error(self, message):
         if message.endswith("required: FILE"):
             message = "which file? name a diagram file, such as diagrams/knee_exo.py"
+        elif "required: RECORDING" in message:
+            message = "which recording? name the .mcap file of a run, as in recordings/knee_exo_2026-11-21_10-00-00.mcap"
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 

@@ -45,9 +45,11 @@ def bounds(trial, path, events=None):
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal. BadInput where that is not one."""
-    folder = path.rpartition("/")[0]
-    found = [name for name in trial.names if name.endswith(".phase") and name.rpartition("/")[0] == folder]
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or in the next around it that has any. BadInput where that is not one."""
+    folder = around = path.rpartition("/")[0]
+    phases = [name for name in trial.names if name.endswith(".phase")]
+    while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
+        around = around.rpartition("/")[0]
     gaits = [name for name in found if f"{name.removesuffix('phase')}walking" in trial.signals] or found
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"

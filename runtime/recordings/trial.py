@@ -123,7 +123,7 @@ class Trial:
         """A signal over the gait cycle: (strides, points), and the elements of the signal behind.
 
         events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or of a gait phase, which
-            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, while its `walking` is true.
+            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, or the next around it, while its `walking` is true.
 
         Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError, BadInput
         """
