@@ -64,4 +64,4 @@ def make(folder):
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (FileExistsError, NotADirectoryError):
-        raise BadInput(f"-o {folder}: a file stands there; name a folder") from None
+        raise BadInput(f"cannot write into {folder}: that is a file, and no folder") from None

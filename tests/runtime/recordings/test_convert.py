@@ -136,11 +136,14 @@ def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command
 
 def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == "to which format? --to csv|parquet|mat|rrd|sto|mot, or --opensim"
+    assert command_line.refused("convert").startswith("which recording? name the .mcap file of a run")
+    assert command_line.refused("convert", recording, "--to", " , ").startswith("to which format?")
+    assert command_line("convert", recording, "--to", ".CSV,", "-o", tmp_path)[0] == OK and (tmp_path / "odd.csv").exists()
     assert command_line.refused("convert", recording, "--to", "cvs") == "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
     assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
     (tmp_path / "file").write_text("")
     code, out, err = command_line("convert", recording, "--to", "csv", "-o", tmp_path / "file")
-    assert code == BAD_INPUT and "cannot write" in err and len(err.splitlines()) == 1
+    assert code == BAD_INPUT and "cannot write into file: that is a file" in err and len(err.splitlines()) == 1
 
 
 def test_a_disk_that_is_full_leaves_nothing_behind(recording, tmp_path):
