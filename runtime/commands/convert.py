@@ -1,5 +1,6 @@
 """`convert RECORDING...`: recordings in other formats."""
 
+import difflib
 from pathlib import Path
 
 from runtime.commands.parsing import Parser, number
@@ -34,9 +35,8 @@ def formats(text):
     kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     for kind in kinds:
         if kind not in FORMATS:
-            from graph.block import suggestion
-
-            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
+            near = difflib.get_close_matches(kind, FORMATS, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the formats are {', '.join(FORMATS)}"
             raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
     return kinds
 

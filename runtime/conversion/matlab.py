@@ -5,9 +5,9 @@ Names that MATLAB would not take are made legal, and kept apart; `trial.paths` h
 
 import re
 
-from graph.units import ascii_name
 from runtime.errors import BadInput
 from runtime.extras import need
+from runtime.recorder.ascii_units import ascii_name
 
 VARIABLE = "trial"
 OWN = ("time", "tick", "units", "paths", "fields", "rate")

@@ -12,6 +12,7 @@ import pytest
 
 import runtime
 from runtime.errors import BAD_INPUT, OK
+from tests.house import assert_one_line, copy_rooms, python
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, environment
 
@@ -119,6 +120,18 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
 def test_nothing_is_overwritten(command_line, recording):
     first, second = (converted(command_line, recording, "csv") for _ in range(2))
     assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
+
+
+def test_converting_drawing_and_comparing_need_nothing_that_was_compiled(tmp_path, recording):
+    pytest.importorskip("scipy")
+    rooms = copy_rooms(tmp_path / "clone", built=False)
+    for words in (("convert", recording, "--to", "csv,sto,mat", "-o", tmp_path), ("plot", recording, "on.y", "-o", tmp_path / "on.svg"),
+                  ("diff", recording, recording)):
+        process = python("-m", "runtime", *words, cwd=rooms)
+        assert (process.returncode, process.stderr) == (OK, ""), words
+    assert (tmp_path / "odd.csv").read_bytes() == recording.with_suffix(".csv").read_bytes()
+    assert_one_line(python("-m", "runtime", "convert", recording, "--to", "cvs", cwd=rooms), "did you mean 'csv'?")
+    assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
 
 def test_at_another_rate(command_line, recording):
