@@ -80,7 +80,8 @@ def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
     io = pytest.importorskip("scipy.io")
     long = "x" * 70
     signals = ("öl/for.1 m", "äl/for.1 m", "time.y m", f"{long}1.y m", f"{long}2.y m", "a.b m", "a m", "a.b.c m")
-    record(plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names"), [row(0, *range(8)), row(1, *range(8))])
+    said = {"trial": {"größe": "1.8", "grüße": "viele"}}
+    record(plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names", metadata=said), [row(0, *range(8)), row(1, *range(8))])
     trial = io.loadmat(converted(command_line, tmp_path / "names.mcap", "mat"), simplify_cells=True)["trial"]
     found = {}
 
@@ -95,6 +96,7 @@ def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
     own = ("time", "tick", "units", "paths", "fields", "rate")
     walk({name: value for name, value in trial.items() if name not in own}, trial["paths"])
     assert found == dict(zip((text.split()[0] for text in signals), range(8)))
+    assert trial["fields"] == {"gr__e": "1.8", "gr__e_2": "viele"}
 
 
 def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
@@ -110,6 +112,17 @@ def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
         for column, name in enumerate(names, 1):
             assert bits(float(line[column]) for line in lines[1:]) == bits(trial[name])
     assert sto.endswith(".sto") and mot.endswith(".mot") and "units=s\trad\trad/s" in open(sto, encoding="utf-8").read()
+
+
+def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_path):
+    """It parts the line of names at spaces as well as tabs, and reads settings from every line of the header with = in it."""
+    signals = [{**column, "path": path} for column, path in zip(columns(*["a.x m"] * 4), ("leg/a b.x", "leg/a_b.x", "leg/a\u2003b.x", "c.x"))]
+    record(plan(tmp_path, sink(CSV, "csv", signals), stem="names", name="a=b"), [row(0, *range(4))])
+    lines = open(converted(command_line, tmp_path / "names.mcap", "sto"), encoding="utf-8").read().splitlines()
+    head = dict(line.split("=") for line in lines[1:lines.index("endheader")])
+    names, values = (line.split() for line in lines[lines.index("endheader") + 1:])
+    assert lines[0] == "a_b" and head["nColumns"] == "5" and head["DataType"] == "double"
+    assert names == ["time", "leg/a_b.x", "leg/a_b.x_2", "leg/a_b.x_3", "c.x"] and values == ["0.0", "0.0", "1.0", "2.0", "3.0"]
 
 
 def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
