@@ -112,12 +112,6 @@ def canonical(unit):
     return ANY if unit == ANY else _write(parse(unit))
 
 
-def ascii_name(unit):
-    """The unit in ASCII, for file headers: 'N·m' gives 'N*m', 'm/s²' gives 'm/s^2', '°C' gives 'degC'."""
-    text = "*".join(unit.split("·")).replace("°C", "degC").replace("µ", "u").replace("Ω", "ohm")
-    return re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda power: "^" + power[0].translate(_SUPERSCRIPTS), text)
-
-
 def multiply(a, b):
     """Unit of a product. 'any' with anything is 'any'."""
     return _combine(a, b, 1)

@@ -21,7 +21,7 @@ def main():
 
 
 def start():
-    trouble = house.trouble()
+    trouble = house.trouble(*sys.argv[1:2])
     if trouble is None:
         try:
             from runtime.cli import main as command_line

@@ -4,6 +4,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+from runtime import house
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.telling.terminal import complain, program, tell
 
@@ -38,8 +39,7 @@ INTERRUPTED = 130
 def main(arguments=None):
     """Run a command line. Returns the exit code."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    from graph import DiagramError
-
+    DiagramError = refusal(arguments)
     try:
         code = command(arguments)
     except BadInput as error:
@@ -54,6 +54,15 @@ def main(arguments=None):
         code = INTERRUPTED
     tell([])                                    # what the user's own code has printed
     return code
+
+
+def refusal(arguments):
+    """The exception of a diagram that is refused; nothing that could be raised where recordings are read: the language needs what was compiled."""
+    if arguments and arguments[0] in house.READING:
+        return ()
+    from graph import DiagramError
+
+    return DiagramError
 
 
 def command(arguments):

@@ -19,9 +19,14 @@ NEEDS = {
 if sys.version_info < (3, 11):                  # later ones read TOML themselves
     NEEDS["tomli"] = "tomli"
 
+READING = ("convert", "diff", "plot")           # commands that need nothing that was compiled
+TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy")}
 
-def trouble():
-    """One line on what keeps Tickwork from starting here, and its cure; None when nothing does."""
+
+def trouble(command=""):
+    """One line on what keeps a command of Tickwork from starting here, and its cure; None when nothing does."""
+    if command in READING:
+        return old_python() or missing(TO_READ)
     return old_python() or stranger() or unbuilt() or missing()
 
 
@@ -70,8 +75,8 @@ def there(module):
         return False
 
 
-def missing():
-    absent = [distribution for module, distribution in NEEDS.items() if not there(module)]
+def missing(needs=NEEDS):
+    absent = [distribution for module, distribution in needs.items() if not there(module)]
     if not absent:
         return None
     return "%s %s missing in %s: %s" % (", ".join(absent), "is" if len(absent) == 1 else "are", sys.executable, cure())

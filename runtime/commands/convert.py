@@ -1,5 +1,6 @@
 """`convert RECORDING...`: recordings in other formats."""
 
+import difflib
 from pathlib import Path
 
 from runtime.commands.parsing import Parser, number
@@ -38,12 +39,11 @@ def main(arguments):
 
 
 def formats(text):
-    kinds = [word.strip().lstrip(".") for word in text.split(",")]
+    kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     for kind in kinds:
         if kind not in FORMATS:
-            from graph.block import suggestion
-
-            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
+            near = difflib.get_close_matches(kind, FORMATS, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the formats are {', '.join(FORMATS)}"
             raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
     return kinds
 
@@ -59,7 +59,7 @@ def converted(recording, kinds, rate, folder):
             step = (1.0 - READING) / len(kinds)
             try:
                 if folder is not None:
-                    folder.mkdir(parents=True, exist_ok=True)
+                    make(folder)
                 path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
             except OSError as error:
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
@@ -79,3 +79,10 @@ def finished(recording):
                 raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None
             progress.terminal.erase()
             yield path
+
+
+def make(folder):
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError):
+        raise BadInput(f"cannot write into {folder}: that is a file, and no folder") from None

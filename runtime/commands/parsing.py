@@ -1,6 +1,7 @@
 """Words of the command line: options that several commands have, and what their texts become. BadInput says in one line what is wrong."""
 
 import argparse
+import difflib
 import math
 import os
 import re
@@ -29,16 +30,16 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def explain(self, word):
-        from graph.block import suggestion
-
         if not word.startswith("-"):
             return f"{word!r} is one word too many"
-        hint = suggestion(word.partition("=")[0], self._option_string_actions)
-        return f"there is no option {word}" + (f"; {hint}" if hint else "")
+        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
+        return f"there is no option {word}" + (f"; did you mean {near[0]!r}?" if near else "")
 
     def error(self, message):
         if message.endswith("required: FILE"):
             message = "which file? name a diagram file, such as diagrams/knee_exo.py"
+        elif "required: RECORDING" in message:
+            message = "which recording? name the .mcap file of a run, as in recordings/knee_exo_2026-11-21_10-00-00.mcap"
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 

@@ -15,6 +15,7 @@ KINDS = (".png", ".svg")
 EPILOG = """\
   plot trial.mcap                                       a picture a subsystem, a plot a unit
   plot trial.mcap left/knee.position left/knee.torque
+  plot trial.mcap left/knee                             all of a block, or of a subsystem
   plot trial.mcap --strides                             angle, assistance and power over the gait cycle, a column a leg
   plot trial.mcap --strides left/knee.torque -o torque.svg
 """
@@ -23,7 +24,7 @@ EPILOG = """\
 def main(arguments):
     parser = Parser("plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG)
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
-    parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="as in left/knee.position (default: one picture of each subsystem)")
+    parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)")
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
     parser.add_argument("--events", metavar="SIGNAL", help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)")
     parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")
@@ -62,8 +63,9 @@ def pictures(trial, options):
         rows = pictures.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
-        (title, lambda file, kind, rows=rows, title=title: pictures.over_time(trial, rows, f"{trial.path.stem}: {title}", file, kind, title))
-        for title, rows in pictures.overview(trial).items()]
+        (title, lambda file, kind, rows=rows, title=title, told=f", {share}" * bool(share): pictures.over_time(
+            trial, rows, f"{trial.path.stem}: {title}{told}", file, kind, title))
+        for title, (rows, share) in pictures.overview(trial).items()]
 
 
 def write(options, name, draw):

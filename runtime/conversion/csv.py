@@ -1,6 +1,6 @@
 """CSV, byte for byte as the recorder writes it."""
 
-from graph.units import ascii_name
+from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.csv import Lines, header
 
 CHUNK = 1000                    # rows

@@ -5,9 +5,9 @@ Names that MATLAB would not take are made legal, and kept apart; `trial.paths` h
 
 import re
 
-from graph.units import ascii_name
 from runtime.errors import BadInput
 from runtime.extras import need
+from runtime.recorder.ascii_units import ascii_name
 
 VARIABLE = "trial"
 OWN = ("time", "tick", "units", "paths", "fields", "rate")
@@ -24,13 +24,15 @@ def check(trial, kind):
 
 
 def write(trial, path, progress):
-    values, units, paths = Struct(OWN), Struct(OWN), Struct(OWN)
+    values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
+    for name, value in trial.fields.items():
+        fields.put([name], value)
     for name in trial.names:
         for tree, leaf in ((values, trial[name]), (units, ascii_name(trial.unit(name))), (paths, name)):
             tree.put(re.split(r"[/.]", name), leaf)
     made = {
         **values.content, "time": trial.time, "tick": trial.tick, "rate": trial.about["rate"], "units": units.content, "paths": paths.content,
-        "fields": {legal(name, ()): value for name, value in trial.fields.items()}}
+        "fields": fields.content}
     need("scipy.io", "a MATLAB file").savemat(path, {VARIABLE: filled(made)}, long_field_names=True, oned_as="column")
 
 

@@ -33,6 +33,7 @@ import subprocess
 import termios
 
 from runtime.child import ChildProcess
+from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.keyboard import own_terminal, put_back
 from runtime.recorder.terminal import Terminal
 
@@ -71,10 +72,6 @@ class RecorderProcess(ChildProcess):
 
     def configure(self, plan):
         """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left behind."""
-        from graph.units import (
-            ascii_name,  # the child shall not import the language for this
-        )
-
         sinks = [
             {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
             for sink in plan["sinks"]

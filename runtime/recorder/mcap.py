@@ -54,9 +54,10 @@ class FlightLog(Service):
         self.subsystems = [
             (subsystem, self.writer.channel(subsystem.topic, *subsystem.descriptor()))
             for subsystem in messages.subsystems(self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])])]
-        self.tick = self.writer.channel(messages.ROW_END, *messages.simple("Tick", messages.TICK))
-        self.buses = [self.writer.channel(messages.BUS + bus, *messages.simple("CanFrame", messages.FRAME)) for bus in self.plan["buses"]]
-        self.events = self.writer.channel(messages.EVENTS, *messages.simple("Event", messages.EVENT))
+        own_tick, own_frame, own_event = messages.OWN
+        self.tick = self.writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
+        self.buses = [self.writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME)) for bus in self.plan["buses"]]
+        self.events = self.writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
 
     def attach(self, name, data):
         self.writer.attach(name, JSON, data)

@@ -14,6 +14,7 @@ DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11
 OPTIONAL, REPEATED = 1, 3                                                               # FieldDescriptorProto.Label
 WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32, WIRE_VARINT = 1, 2, 5, 0
 
+OWN = ("Tick", "CanFrame", "Event")                                                     # messages besides those of subsystems
 TICK = (("tick", SFIXED64), ("time", DOUBLE), ("lateness", DOUBLE))
 FRAME = (("id", FIXED32), *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")), ("data", BYTES))
 EVENT = (("event", STRING), ("tick", SFIXED64), ("json", STRING))
@@ -80,18 +81,19 @@ class Subsystem:
 
     topic : "/left", or "/" and the diagram's name for blocks in none
     columns : places of its values among those of a row
+    messages : Names that other messages have: viewers know a message by its name
     """
 
-    def __init__(self, topic, columns):
+    def __init__(self, topic, columns, messages):
         self.topic = topic
-        self.name = identifier(topic.strip("/").replace("/", "_"))
+        self.name = messages.free(topic.strip("/").replace("/", "_"))
         self.columns = [index for index, _ in columns]
         self.blocks = []                            # (message name, [(field name, elements)])
         names = Names()
         for block, own in groupby(columns, key=lambda column: split(column[1])[1]):
             fields = Names()
             signals = [(fields.free(signal), len(list(run))) for signal, run in groupby(own, key=lambda column: split(column[1])[2])]
-            self.blocks.append((names.free(block or "signals"), signals))
+            self.blocks.append((names.free(block or "signals", message), signals))
         pieces = []                                 # the bytes in front of every value
         for number, (_, signals) in enumerate(self.blocks, 1):
             inside = [(tag(place, WIRE_FIXED64), 1) if size == 1 else (tag(place, WIRE_LENGTH) + varint(8 * size), size)
@@ -132,11 +134,12 @@ def subsystems(name, columns):
     grouped = {}
     for index, path in columns:
         grouped.setdefault(split(path)[0] or name, []).append((index, path))
-    return [Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1])) for folder, own in grouped.items()]
+    taken = Names(OWN)
+    return [Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1]), taken) for folder, own in grouped.items()]
 
 
 def topic_of(folder):
-    return f"/{folder}_" if folder.split("/")[0] == PACKAGE else f"/{folder}"       # /tickwork/... are our own
+    return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"       # /tickwork/... are our own
 
 
 def split(path):
@@ -149,13 +152,16 @@ def split(path):
 class Names:
     """Names that protobuf takes, each once."""
 
-    def __init__(self):
-        self.taken = set()
+    def __init__(self, taken=()):
+        self.taken = set(taken)
 
-    def free(self, text):
+    def free(self, text, beside=lambda name: name):
+        """beside : a function of the name, whose result is taken with it: names of fields and of the messages in them have one room"""
         name = identifier(text)
-        chosen = next(candidate for number in count(1) if (candidate := name if number == 1 else f"{name}_{number}") not in self.taken)
-        self.taken.add(chosen)
+        chosen = next(
+            candidate for number in count(1)
+            if not {candidate := name if number == 1 else f"{name}_{number}", beside(candidate)} & self.taken)
+        self.taken |= {chosen, beside(chosen)}
         return chosen
 
 

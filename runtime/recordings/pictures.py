@@ -6,6 +6,7 @@ Faults stand as red lines over all plots, and red where a device reports a fault
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from runtime.errors import BadInput
 from runtime.recorder import picture
@@ -14,6 +15,11 @@ from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
 from runtime.recordings.strides import bounds, over
 
+MOST = 100                      # plots of a picture
+LEVELS, CHARACTER = 3, 0.0085   # of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
+WIDEST = 44                     # characters of a name beside a plot
+ROOMY = 9                       # names beside a plot, in letters of their full size
+VAST = 1e150                    # what is larger has no place on an axis
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")      # (Okabe and Ito 2008)
 FAULT, MARK = "#C1121F", "#0072B2"
 ROW, WIDTH = 1.9, 10.0          # inches
@@ -21,39 +27,68 @@ JOINT = ("position", "velocity", "torque")
 
 
 def overview(trial):
-    """{subsystem: [[path], ...]}: a picture each, a plot a unit."""
-    signals = [trial.row_of(name) | {"path": name} for name in trial.names]
-    return {title: [paths for _, paths in plots] for title, plots in by_unit(trial.about["name"], signals).items()}
+    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, an element of a signal by itself."""
+    name = trial.about["name"]
+    signals = [trial.row_of(path) | {"path": path} for path in trial.names]
+    found = {}
+    for title, plots in by_unit(name, signals).items():
+        rows = [[element for path in paths for element in elements(trial, path)][:CURVES] for _, paths in plots]
+        drawn, known = sum(map(len, rows)), sum((split(path)[0] or name) == title for path in trial.signals)
+        found[title] = rows, f"{drawn} of {known} signals" if drawn < known else ""
+    return found
 
 
 def rows_of(trial, paths):
-    """[[path], ...]: signals that a person has named, a plot a unit, in their order. KeyError"""
-    units = {}
+    """[[path], ...]: what a person has named, all of it, in their order: a plot a unit, or several where it would be too full. KeyError, BadInput
+
+    paths : of signals, of blocks or of subsystems
+    """
+    kinds = {}
     for path in paths:
-        units.setdefault(trial.unit(path), []).append(path)
-    return list(units.values())
+        for signal in named(trial, path):
+            kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(dict.fromkeys(elements(trial, signal)))
+    rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
+    if len(rows) > MOST:
+        raise BadInput(f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {MOST}: name fewer")
+    return rows
+
+
+def named(trial, path):
+    """Signals that a path means: one, or all of a block or a subsystem. KeyError"""
+    within = [name for name in trial.names if path and name.startswith((f"{path}.", f"{path}/"))]
+    if not within:
+        trial.find(path)                        # or says what it may have meant
+    return within or [path]
 
 
 def over_time(trial, rows, title, file, kind, told=""):
     """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"; told : the subsystem that the title has named already"""
     figure, axes = sheet(len(rows), title)
     for axis, paths in zip(axes, rows):
-        curves = [(label, values) for path in paths for label, values in elements(trial, path)][:CURVES]
-        for number, (label, values) in enumerate(curves):
+        for number, path in enumerate(paths):
+            values = trial[path]
             steps = values.dtype != float
-            axis.plot(trial.time, values, color=COLOURS[number % len(COLOURS)], linewidth=1.2, drawstyle="steps-post" if steps else "default",
-                      linestyle="-" if number < len(COLOURS) else "--", label=label.removeprefix(f"{told}/"))
+            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, drawstyle="steps-post" if steps else "default",
+                      marker="" if len(trial) > 1 else "o", linestyle="-" if number < len(COLOURS) else "--", label=short(path.removeprefix(f"{told}/")))
+        whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
         if len(limits) == 1:                    # several would need a legend of their own
             for place, end in enumerate(*limits):
                 axis.axhline(end, color=GREY, linewidth=0.9, linestyle=(0, (6, 4)), zorder=1, label="limit" if place == 0 else None)
         axis.set_ylabel(unit_label(trial.unit(paths[0])), color=INK)
         dress(axis)
-        axis.legend(fontsize=7.5, frameon=False, labelcolor=INK, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        full = len(paths) > ROOMY
+        axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
+                    bbox_to_anchor=(1.0, 0.5))
+        if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
+            axis.set_yticks(())
+            axis.annotate("no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9)
         troubles(axis, trial)
     axes[-1].set_xlabel("time [s]", color=INK)
     if len(trial):
-        first, last = trial.time[0], max(trial.time[-1], trial.time[0] + 1e-3, *(time for time, _, _ in moments(trial)))
+        first, last = trial.time[0], max([trial.time[-1], *(time for time, _, _ in moments(trial))])
+        if first == last:                       # one tick, in the middle
+            first, last = first - 0.5 / trial.about["rate"], last + 0.5 / trial.about["rate"]
         axes[-1].set_xlim(first, last + 0.005 * (last - first))         # a fault stands behind the last tick
     name_troubles(axes[0], trial)
     figure.align_ylabels(axes)
@@ -64,17 +99,35 @@ def troubles(axis, trial):
     """Faults, marks, and fault codes of devices."""
     for time, _, colour in moments(trial):
         axis.axvline(time, color=colour, linewidth=1.3 if colour == FAULT else 0.9, linestyle="-" if colour == FAULT else ":", zorder=5)
-    for path in trial.names:
-        if split(path)[2] == "fault" and trial.find(path)[1] == ():
-            for first, last in spells(trial[path] != 0):
-                axis.axvspan(trial.time[first], trial.time[last], color=FAULT, alpha=0.12, linewidth=0)
+    for _, first, last in faulty(trial):
+        axis.axvspan(trial.time[first], trial.time[last], color=FAULT, alpha=0.12, linewidth=0)
+
+
+def faulty(trial):
+    """[(path, first, last row)] of each spell in which a device reports a fault code."""
+    paths = [path for path in trial.names if split(path)[2] == "fault" and trial.find(path)[1] == ()]
+    return [(path, *ends) for path in paths for ends in spells(trial[path] != 0)]
+
+
+def codes(trial):
+    """[(s, words, colour)] of the fault codes, where each begins."""
+    return [(trial.time[first], f"{path}: {trial[path][first]:g}", FAULT) for path, first, _ in faulty(trial)]
 
 
 def name_troubles(axis, trial):
-    for time, text, colour in moments(trial):
-        late = len(trial) and time > 0.5 * (trial.time[0] + trial.time[-1])
-        axis.annotate(text, (time, 1.0), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 3), textcoords="offset points", fontsize=7.5,
-                      color=colour, ha="right" if late else "left", va="bottom")
+    """Words above the first plot, higher where they would stand on one another. Faults come first; of marks there are as many as have room."""
+    first, last = axis.get_xlim()
+    taken = [[] for _ in range(LEVELS)]
+    for time, text, colour in sorted([*moments(trial), *codes(trial)], key=lambda moment: (moment[2] != FAULT, moment[0])):
+        place, width = (time - first) / (last - first), len(text) * CHARACTER
+        late = place > 0.5
+        ends = (place - width, place) if late else (place, place + width)
+        level = next((level for level, others in enumerate(taken) if all(ends[1] <= other[0] or other[1] <= ends[0] for other in others)), None)
+        if level is None:
+            continue
+        taken[level].append(ends)
+        axis.annotate(text, (time, 1.0), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 3 + 9.5 * level), textcoords="offset points",
+                      fontsize=7.5, color=colour, ha="right" if late else "left", va="bottom")
 
 
 def moments(trial):
@@ -98,23 +151,31 @@ def spells(truths):
 
 def legs(trial, events=None):
     """What runtime.recorder.picture draws of each joint that walks: its mean stride, from the recorded rows. BadInput where none does."""
-    found = []
+    found, refused = [], None
     for path in trial.names:
         folder, block, port = split(path)
         stem = f"{folder}/{block}".lstrip("/")
         if port != "position" or not all(f"{stem}.{other}" in trial.signals for other in JOINT):
             continue
-        spans = bounds(trial, path, events)
-        if len(spans):
-            found.append(leg(trial, folder, stem, spans))
+        try:
+            one = leg(trial, folder, stem, bounds(trial, path, events))
+        except BadInput as error:               # this joint has no gait phase: another may have
+            refused = error
+            continue
+        found += [one] if one else []
     if not found:
-        raise BadInput(f"{trial.path} holds no whole stride of a joint with position, velocity and torque")
+        raise refused or BadInput(f"{trial.path} holds no whole stride of a joint with position, velocity and torque")
     several = len({one["title"] for one in found}) < len(found)
     return [{**one, "title": one["path"] if several else one["title"]} for one in found]
 
 
 def leg(trial, folder, stem, spans):
-    angle, velocity, torque = (over(trial, f"{stem}.{port}", spans)[:, :, 0] for port in JOINT)
+    """The mean stride of a joint, None where there is none: a stride in which a sample is not finite is left out."""
+    values = np.array([over(trial, f"{stem}.{port}", spans)[:, :, 0] for port in JOINT])
+    good = np.isfinite(values).all(axis=(0, 2))
+    if not good.any():
+        return None
+    (angle, velocity, torque), spans = values[:, good], spans[good]
     power = velocity * torque
     lasting = spans[:, 1] - spans[:, 0]
     steps = lasting / (power.shape[1] - 1)
@@ -139,16 +200,17 @@ def over_the_stride(trial, paths, events, file, kind):
     """Mean and standard deviation of signals that a person has named, a plot each."""
     figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride")
     for number, (axis, path) in enumerate(zip(axes, paths)):
-        spans = bounds(trial, path, events)
-        if not len(spans):
-            raise BadInput(f"{trial.path} holds no whole stride for {path}")
-        values = over(trial, path, spans)
+        values = over(trial, path, bounds(trial, path, events))
         if values.shape[2] != 1:
-            raise BadInput(f"{path} has {values.shape[2]} elements: name one, as in {path}[0]")
+            raise BadInput(f"{path} has {values.shape[2]} elements: name one, as in {elements(trial, path)[0]}")
+        values = values[np.isfinite(values).all(axis=(1, 2))]
+        if not len(values):
+            raise BadInput(f"{trial.path} holds no whole stride for {path}")
         mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
         cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
         axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-        axis.plot(cycle, mean, color=colour, linewidth=2.0, label=f"{path}, {len(spans)} strides")
+        axis.plot(cycle, mean, color=colour, linewidth=2.0, label=f"{path}, {len(values)} stride{'s' * (len(values) > 1)}")
+        whole(axis, {trial.dtype(path)} & {"bool"})         # a mean of whole numbers is none
         axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
         axis.set_xlim(0, 100)
         dress(axis)
@@ -158,13 +220,31 @@ def over_the_stride(trial, paths, events, file, kind):
 
 
 def elements(trial, path):
-    """[(label, values)] of a signal: one for each of its elements."""
-    values = trial[path]
-    if values.ndim == 1:
-        return [(path, values)]
-    places, _ = trial.find(path)
+    """Paths of a signal's elements, [path] of one that has none."""
+    if path in trial.signals:
+        return [path]
     names = list(trial.signals)
-    return [(names[place], trial[names[place]]) for place in places]
+    return [names[place] for place in trial.find(path)[0]]
+
+
+def drawable(values):
+    """As floats, without what no axis has a place for."""
+    values = values.astype(float)
+    return np.where(np.abs(values) < VAST, values, np.nan)
+
+
+def short(name):
+    """A name that leaves room for the plot: the end tells more than the beginning."""
+    return name if len(name) <= WIDEST else f"{name[:WIDEST // 3]}…{name[1 + WIDEST // 3 - WIDEST:]}"
+
+
+def whole(axis, dtypes):
+    """Ticks of an axis of whole numbers, or of truths."""
+    if dtypes == {"bool"}:
+        axis.set_yticks((0, 1), ("false", "true"))
+        axis.set_ylim(-0.1, 1.1)
+    elif dtypes and "float" not in dtypes:
+        axis.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
 
 
 def unit_label(unit):

@@ -7,6 +7,7 @@ import numpy as np
 from runtime.errors import BadInput
 
 QUATERNION = "quaternion"       # what a port is called whose four elements are one
+UNIT = 1e-3                     # by how much the square of what is one may be off 1: sensors send rounded ones
 
 
 def resampled(trial, rate):
@@ -28,7 +29,17 @@ def resampled(trial, rate):
         places, shape = trial.find(path)
         made.rows[:, places] = interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at)
     made.frames = []
+    made.events = [at_rate(event, trial.about["rate"], rate) for event in trial.events]
     return made
+
+
+def at_rate(event, old, new):
+    """An event of a recording at another rate, so that it stays when it was: its tick is no whole number where none of the new ones was then."""
+    tick = event.get("tick")
+    if tick is None or tick <= 0:               # -1: before the first
+        return event
+    at = tick * new / old
+    return {**event, "tick": int(at) if at.is_integer() else at}
 
 
 def kind_of(trial, path):
@@ -37,7 +48,16 @@ def kind_of(trial, path):
         return "held"
     if circle := trial.row_of(path).get("circle"):
         return tuple(circle)
-    return "turning" if trial.find(path)[1] == (4,) and path.rpartition(".")[2] == QUATERNION else "straight"
+    places, shape = trial.find(path)
+    if shape == (4,) and (path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.rows[:, places])):
+        return "turning"
+    return "straight"
+
+
+def turns(values):
+    """Whether four plain numbers are a unit quaternion in every sample that is finite: no choice of one in four, which is whole numbers, too."""
+    known = values[np.isfinite(values).all(axis=1)]
+    return len(known) > 0 and bool(np.all(np.abs(np.sum(known * known, axis=1) - 1.0) < UNIT)) and not np.all(known == np.round(known))
 
 
 def interpolate(kind, time, values, at):
@@ -54,10 +74,15 @@ def interpolate(kind, time, values, at):
         if kind == "turning":
             between = turned(before, after, share)
         elif kind == "straight":
-            between = before + share * (after - before)
+            between = straight(before, after, share)
         else:
             between = gone_round(before, after, share, *kind)
     return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+
+
+def straight(before, after, share):
+    """Between two numbers. What stays is the same to the bit, -0.0 and infinities too, and nothing overflows on the way."""
+    return np.where(before == after, np.where(share < 0.5, before, after), (1.0 - share) * before + share * after)
 
 
 def gone_round(before, after, share, low, high):

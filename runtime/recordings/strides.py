@@ -18,6 +18,8 @@ def strides(trial, path, events=None, points=101):
 def over(trial, path, spans, points=101):
     """A signal over spans of time: (spans, points, elements). spans : (n, 2) array, s"""
     places, _ = trial.find(path)
+    if not len(spans):
+        return np.empty((0, points, len(places)))
     at = spans[:, :1] + np.linspace(0.0, 1.0, points) * (spans[:, 1:] - spans[:, :1])
     return interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at.ravel()).reshape(len(spans), points, len(places))
 
@@ -31,19 +33,23 @@ def bounds(trial, path, events=None):
     spans = np.column_stack((times[:-1], times[1:]))
     lasting = spans[:, 1] - spans[:, 0]
     good = (lasting >= SHORTEST) & (lasting <= LONGEST)
-    if len(trial):
-        good &= (spans[:, 0] >= trial.time[0]) & (spans[:, 1] <= trial.time[-1])
+    if not len(trial):
+        return spans[:0]
+    good &= (spans[:, 0] >= trial.time[0]) & (spans[:, 1] <= trial.time[-1])
     near = 0.5 / trial.about["rate"]
+    walks = None if walking is None else trial[walking] == 1
     for index in np.flatnonzero(good):
         first, last = np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near))
-        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (walking is None or bool(np.all(trial[walking][first:last])))
+        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (walks is None or bool(np.all(walks[first:last])))
     return spans[good]
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal. BadInput where that is not one."""
-    folder = path.rpartition("/")[0]
-    found = [name for name in trial.names if name.endswith(".phase") and name.rpartition("/")[0] == folder]
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or in the next around it that has any. BadInput where that is not one."""
+    folder = around = path.rpartition("/")[0]
+    phases = [name for name in trial.names if name.endswith(".phase")]
+    while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
+        around = around.rpartition("/")[0]
     gaits = [name for name in found if f"{name.removesuffix('phase')}walking" in trial.signals] or found
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"

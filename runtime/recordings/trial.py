@@ -61,12 +61,13 @@ class Trial:
     def __getitem__(self, path):
         """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that is what it is.
 
+        An int or bool of which a tick holds what its type has not got (NaN, an infinity, a number from 2⁶³ on) is float64, as it was recorded.
         KeyError, with a suggestion, where there is none of that name.
         """
         places, shape = self.find(path)
         values = self.rows[:, places[0]] if shape == () else self.rows[:, places].reshape(len(self), *shape)
         kind = DTYPES.get(self.dtype(path), np.float64)
-        return values if kind is np.float64 or not np.isfinite(values).all() else values.astype(kind)
+        return values if kind is np.float64 or not holds(kind, values) else values.astype(kind)
 
     def __len__(self):
         return len(self.tick)
@@ -122,7 +123,7 @@ class Trial:
         """A signal over the gait cycle: (strides, points), and the elements of the signal behind.
 
         events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or of a gait phase, which
-            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, while its `walking` is true.
+            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, or the next around it, while its `walking` is true.
 
         Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError, BadInput
         """
@@ -130,8 +131,23 @@ class Trial:
 
         return strides(self, path, events, points)
 
+    def stride_times(self, path, events=None):
+        """When each of those strides begins and ends: (strides, 2), s. One that lasts twice as long as its neighbours is two, between which an
+        event was missed.
+        """
+        from runtime.recordings.strides import bounds
+
+        self.find(path)
+        return bounds(self, path, events)
+
     def table(self):
         """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields of the trial. MissingExtra"""
         from runtime.recordings.trials import table
 
         return table(self)
+
+
+def holds(kind, values):
+    """Whether a type has every one of these doubles."""
+    low, high = (0.0, 1.0) if kind is np.bool_ else (-2.0**63, np.nextafter(2.0**63, 0.0))
+    return bool(np.all((values >= low) & (values <= high)))         # NaN fails every comparison

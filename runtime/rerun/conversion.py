@@ -1,5 +1,7 @@
 """A recording as a file of Rerun, with the layout in it."""
 
+import os
+
 from runtime.errors import BadInput
 from runtime.extras import need
 from runtime.rerun.scene import Scene
@@ -9,6 +11,7 @@ FLUSHED = 60.0                  # s, for a slow disk
 
 
 def check(trial, kind):
+    os.environ.setdefault("RUST_LOG", "off")        # or it says on standard error, in lines of its own, what is told here in one
     need("rerun", "a file of Rerun")
 
 

@@ -84,8 +84,8 @@ class Scene:
         plots = {}
         for path, place in self.places.items():
             folder, block, port = split(path)
-            entity = tuple(folder.split("/")) if folder else (self.name,)
-            plot = plots.setdefault(folder, Plot(folder or self.name, entity))
+            title = folder or self.name                     # where a subsystem is called as the diagram, both are in one
+            plot = plots.setdefault(title, Plot(title, tuple(folder.split("/")) if folder else (self.name,)))
             unit = self.signals[place]["unit"]
             plot.columns.append(place)
             plot.labels.append(path.removeprefix(f"{folder}/") + (f" [{unit}]" if unit not in ("1", "any") else ""))

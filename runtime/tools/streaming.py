@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking as private
-from graph.units import ascii_name
 from runtime.errors import BadInput
+from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.telling.terminal import tell

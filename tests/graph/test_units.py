@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from graph import Input, deg
-from graph.units import ascii_name, canonical, convert, divide, multiply, parse, parse_quantity
+from graph.units import canonical, convert, divide, multiply, parse, parse_quantity
 
 
 @pytest.mark.parametrize("spelling, unit", [
@@ -33,13 +33,6 @@ def test_a_misspelt_unit_is_suggested():
         canonical("radd/s")
 
 
-@pytest.mark.parametrize("unit, name", [
-    ("N·m", "N*m"), ("m/s²", "m/s^2"), ("°C", "degC"), ("µT", "uT"), ("N·m·s/rad", "N*m*s/rad"), ("Ω", "ohm"), ("1", "1"), ("rad", "rad"),
-])
-def test_file_headers_carry_units_in_ascii_that_read_back(unit, name):
-    assert ascii_name(unit) == name and name.isascii() and canonical(name) == unit
-
-
 symbols = st.sampled_from(["N", "m", "s", "rad", "A", "kg", "K", "V", "µT", "Ω"])
 products = st.dictionaries(symbols, st.integers(-3, 3).filter(bool), min_size=1, max_size=4).map(
     lambda exponents: "·".join(f"{symbol}^{exponent}" for symbol, exponent in exponents.items()))
@@ -48,7 +41,6 @@ products = st.dictionaries(symbols, st.integers(-3, 3).filter(bool), min_size=1,
 @given(products, products)
 def test_a_quotient_undoes_a_product(a, b):
     assert divide(multiply(a, b), b) == canonical(a)
-    assert canonical(ascii_name(canonical(a))) == canonical(a)
     assert parse(canonical(a)) == parse(a)
 
 

@@ -12,8 +12,8 @@ from blocks.actuators import CubeMars
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from graph import Block, Diagram, Output, compile, subsystem
-from graph.units import ascii_name
 from runtime.recorder import RecorderProcess
+from runtime.recorder.ascii_units import ascii_name
 
 FRAME = Struct("=qIBBBB64s")            # cext/abi.pxd
 CSV = "runtime.recorder.csv:CsvWriter"

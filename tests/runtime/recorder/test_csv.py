@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from blocks.recorders import CsvRecorder
 from cext.page import Page
 from graph import Diagram
+from graph.units import canonical
+from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.files import WholeFile, create
 from tests.runtime.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink
@@ -31,6 +33,23 @@ def test_the_header_names_time_tick_and_every_signal_with_its_unit_in_ascii(tmp_
     assert header == [
         "time [s]", "tick", "left/knee.position [rad]", "left/knee.torque [N*m]", "imu.accel[2] [m/s^2]", "left/knee.temperature [degC]",
         "gait.phase", "sum.y"]
+
+
+@pytest.mark.parametrize("unit, name", [
+    ("N·m", "N*m"), ("m/s²", "m/s^2"), ("°C", "degC"), ("µT", "uT"), ("N·m·s/rad", "N*m*s/rad"), ("Ω", "ohm"), ("1", "1"), ("rad", "rad"),
+])
+def test_file_headers_carry_units_in_ascii_that_read_back(unit, name):
+    assert ascii_name(unit) == name and name.isascii() and canonical(name) == unit
+
+
+symbols = st.sampled_from(["N", "m", "s", "rad", "A", "kg", "K", "V", "µT", "Ω"])
+products = st.dictionaries(symbols, st.integers(-3, 3).filter(bool), min_size=1, max_size=4).map(
+    lambda exponents: "·".join(f"{symbol}^{exponent}" for symbol, exponent in exponents.items()))
+
+
+@given(products)
+def test_so_does_every_product_of_units(product):
+    assert canonical(ascii_name(canonical(product))) == canonical(product)
 
 
 def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_path):

@@ -110,6 +110,23 @@ def test_names_that_become_the_same_are_kept_apart(tmp_path):
     assert {message.x_.x, message.x__2.x} == {1.0, 2.0} and message.a_b.x == 3.0 and message.signals.plain == 4.0
 
 
+def test_each_message_has_a_name_of_its_own_and_so_has_all_that_stands_in_one(tmp_path):
+    """Viewers know a message by its name; and the strict readers among them take no field that is called as a message beside it."""
+    paths = ("a/b/c.x", "a_b/c.x", "Tick/c.x", "Event/c.x", "leg/u.x", "leg/u_t.x", "leg/u_t_t.x", "tickwork/c.x", "tickwork_/c.x")
+    record(plan(tmp_path, sink(CSV, "a", columns(*(f"{path} m" for path in paths))), buses=["bus"]), [row(0, *range(len(paths)))])
+    data = (tmp_path / "bench_1.mcap").read_bytes()
+    schemas = [item for item in StreamReader(io.BytesIO(data), record_size_limit=None).records if isinstance(item, Schema)]
+    names = {schema.id: schema.name for schema in schemas}
+    assert len(set(names.values())) == len(names) == 10 and "tickwork.Tick" in names.values()
+    for schema in schemas:
+        [file] = descriptor_pb2.FileDescriptorSet.FromString(schema.data).file
+        [message] = file.message_type
+        inside = [field.name for field in message.field] + [nested.name for nested in message.nested_type]
+        assert len(set(inside)) == len(inside), schema.name
+    trial = runtime.load(tmp_path / "bench_1.mcap")
+    assert [trial[path].tolist() for path in paths] == [[float(number)] for number in range(len(paths))]
+
+
 @settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values=st.lists(st.floats(), min_size=1, max_size=40))
 def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):

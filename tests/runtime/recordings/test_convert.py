@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import resource
 import struct
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 import runtime
 from runtime.errors import BAD_INPUT, OK
+from tests.house import assert_one_line, copy_rooms, python
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.runs import KNEE_EXO, environment
 
@@ -79,7 +81,8 @@ def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
     io = pytest.importorskip("scipy.io")
     long = "x" * 70
     signals = ("öl/for.1 m", "äl/for.1 m", "time.y m", f"{long}1.y m", f"{long}2.y m", "a.b m", "a m", "a.b.c m")
-    record(plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names"), [row(0, *range(8)), row(1, *range(8))])
+    said = {"trial": {"größe": "1.8", "grüße": "viele"}}
+    record(plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names", metadata=said), [row(0, *range(8)), row(1, *range(8))])
     trial = io.loadmat(converted(command_line, tmp_path / "names.mcap", "mat"), simplify_cells=True)["trial"]
     found = {}
 
@@ -94,6 +97,7 @@ def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
     own = ("time", "tick", "units", "paths", "fields", "rate")
     walk({name: value for name, value in trial.items() if name not in own}, trial["paths"])
     assert found == dict(zip((text.split()[0] for text in signals), range(8)))
+    assert trial["fields"] == {"gr__e": "1.8", "gr__e_2": "viele"}
 
 
 def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
@@ -111,6 +115,17 @@ def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
     assert sto.endswith(".sto") and mot.endswith(".mot") and "units=s\trad\trad/s" in open(sto, encoding="utf-8").read()
 
 
+def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_path):
+    """It parts the line of names at spaces as well as tabs, and reads settings from every line of the header with = in it."""
+    signals = [{**column, "path": path} for column, path in zip(columns(*["a.x m"] * 4), ("leg/a b.x", "leg/a_b.x", "leg/a\u2003b.x", "c.x"))]
+    record(plan(tmp_path, sink(CSV, "csv", signals), stem="names", name="a=b"), [row(0, *range(4))])
+    lines = open(converted(command_line, tmp_path / "names.mcap", "sto"), encoding="utf-8").read().splitlines()
+    head = dict(line.split("=") for line in lines[1:lines.index("endheader")])
+    names, values = (line.split() for line in lines[lines.index("endheader") + 1:])
+    assert lines[0] == "a_b" and head["nColumns"] == "5" and head["DataType"] == "double"
+    assert names == ["time", "leg/a_b.x", "leg/a_b.x_2", "leg/a_b.x_3", "c.x"] and values == ["0.0", "0.0", "1.0", "2.0", "3.0"]
+
+
 def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
     record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="other"), [row(0, 1.0)])
     assert "has no joint angle" in command_line.refused("convert", tmp_path / "other.mcap", "--to", "mot")
@@ -119,6 +134,15 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
 def test_nothing_is_overwritten(command_line, recording):
     first, second = (converted(command_line, recording, "csv") for _ in range(2))
     assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
+
+
+def test_converting_and_drawing_need_nothing_that_was_compiled(tmp_path, recording):
+    rooms = copy_rooms(tmp_path / "clone", built=False)
+    for words in (("convert", recording, "--to", "csv,sto", "-o", tmp_path), ("plot", recording, "on.y", "-o", tmp_path / "on.svg")):
+        process = python("-m", "runtime", *words, cwd=rooms)
+        assert (process.returncode, process.stderr) == (OK, ""), words
+    assert (tmp_path / "odd.csv").read_bytes() == recording.with_suffix(".csv").read_bytes()
+    assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
 
 def test_at_another_rate(command_line, recording):
@@ -136,21 +160,27 @@ def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(command
 
 def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
     assert command_line.refused("convert", recording) == "to which format? --to mcap|csv|parquet|mat|rrd|sto|mot, or --opensim"
+    assert command_line.refused("convert").startswith("which recording? name the .mcap file of a run")
+    assert command_line.refused("convert", recording, "--to", " , ").startswith("to which format?")
+    assert command_line("convert", recording, "--to", ".CSV,", "-o", tmp_path)[0] == OK and (tmp_path / "odd.csv").exists()
     assert command_line.refused("convert", recording, "--to", "cvs") == "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
     assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
     (tmp_path / "file").write_text("")
     code, out, err = command_line("convert", recording, "--to", "csv", "-o", tmp_path / "file")
-    assert code == BAD_INPUT and "cannot write" in err and len(err.splitlines()) == 1
+    assert code == BAD_INPUT and "cannot write into file: that is a file" in err and len(err.splitlines()) == 1
 
 
-def test_a_disk_that_is_full_leaves_nothing_behind(recording, tmp_path):
+@pytest.mark.parametrize("kind, told", [("csv", "File too large"), pytest.param("rrd", ".*is the disk full\\?", marks=pytest.mark.soak)])
+def test_a_disk_that_is_full_leaves_nothing_behind_and_is_told_in_one_line(recording, tmp_path, kind, told):
     """A file may not grow beyond 2000 bytes."""
+    if kind == "rrd":
+        pytest.importorskip("rerun")
     process = subprocess.run(
-        [sys.executable, "-m", "runtime", "convert", recording, "--to", "csv", "-o", "out"], cwd=tmp_path, text=True,
+        [sys.executable, "-m", "runtime", "convert", recording, "--to", kind, "-o", "out"], cwd=tmp_path, text=True,
         env=environment(PYTHONDONTWRITEBYTECODE="1"),
         capture_output=True, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)))
     assert (process.returncode, process.stdout) == (BAD_INPUT, "") and list((tmp_path / "out").iterdir()) == []
-    assert process.stderr == "tickwork: cannot write out/odd.csv: File too large\n"
+    assert re.fullmatch(f"tickwork: cannot write out/odd.{kind}: {told}\n", process.stderr)
 
 
 def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):

@@ -1,13 +1,16 @@
 """Pictures of recordings: what stands in them, read from their SVG, and where they go."""
 
 import json
+import math
 import re
 import sys
+import warnings
 
 import numpy as np
 import pytest
 
 import runtime
+from cext.page import RECORD_EVENT
 from runtime.errors import FAULT, OK
 from runtime.recordings import pictures
 from runtime.recordings.strides import bounds
@@ -112,3 +115,76 @@ def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_p
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
     assert "No such file" in command_line.refused("plot", recording, "-o", tmp_path / "nowhere" / "a.png")
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")
+
+
+JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int", "gait.phase 1", "gait.walking 1 bool")
+CROWD = tuple(f"crowd.x{number} A" for number in range(14))
+ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m", "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
+
+
+@pytest.fixture(scope="module")
+def crowded(tmp_path_factory):
+    """Strides of 1 s, of which one holds what is no number; a joint outside the gait; 14 signals of a unit; faults and marks."""
+    folder = tmp_path_factory.mktemp("crowd")
+
+    def values(tick):
+        phase = tick % 200 / 200
+        torque = math.nan if tick == 500 else math.sin(2.0 * math.pi * phase)
+        joint = (phase * (1.0 - phase), 1.0 - 2.0 * phase, torque, 3 if 300 <= tick < 320 else 0, phase, True)
+        return (*joint, *range(14), 0.0, 0.0, 0.0, 1.7e308 * (-1) ** tick, math.nan, tick % 2)
+
+    def event(kind, tick, **words):
+        return RECORD_EVENT, json.dumps({"event": kind, "tick": tick, **words}).encode()
+
+    marks = [event("mark", 45 * number, number=number) for number in range(1, 22)]
+    faults = [event("fault", 700, status="a silent device", culprit="knee/motor"), event("fault", 705, status="another", culprit="spare/motor")]
+    signals = columns(*(f"left/{text}" for text in (*JOINTS, *CROWD)), *ALONE)
+    record(plan(folder, sink(CSV, "csv", signals), stem="crowd"), [*(row(tick, *values(tick)) for tick in range(1000)), *marks, *faults])
+    return folder / "crowd.mcap"
+
+
+def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line, crowded):
+    command_line("plot", crowded, "left/crowd", "left/knee", "-o", "all.svg")
+    assert {text.split()[0] for text in (*CROWD, *JOINTS[:4])} == {
+        text.removeprefix("left/") for text in drawn("all.svg") if text.startswith("left/") and ": " not in text}
+    told = command_line.refused("plot", crowded, "left/crow")
+    assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")
+
+
+def test_a_picture_that_has_no_room_for_all_says_so_and_what_cannot_be_drawn_spoils_nothing(command_line, crowded):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pictures_of = pictures.overview(runtime.load(crowded))
+        code, out, err = command_line("plot", crowded, "left/odd", "-o", "odd.svg")
+    assert (code, out, err) == (OK, "odd.svg\n", "")
+    rows, share = pictures_of["left"]
+    assert share == "17 of 19 signals" and sorted(map(len, rows)) == [1, 1, 1, 2, 12] and pictures_of["left/knee"][1] == ""
+    assert {"no number", "true", "false"} <= drawn("odd.svg")
+
+
+def test_words_of_faults_and_marks_do_not_stand_on_one_another(crowded):
+    trial = runtime.load(crowded)
+    figure, axes = pictures.sheet(1, "words")
+    axes[0].set_xlim(trial.time[0], trial.time[-1])
+    pictures.name_troubles(axes[0], trial)
+    figure.canvas.draw()
+    said = [text.get_text() for text in axes[0].texts]
+    assert {"left/knee/motor.fault: 3", "fault: a silent device at knee/motor", "fault: another at spare/motor"} <= set(said) and len(said) > 15
+    boxes = [text.get_window_extent() for text in axes[0].texts]
+    assert not [said[i] for i, one in enumerate(boxes) for other in boxes[:i] if one.overlaps(other)]
+
+
+def test_a_stride_that_is_not_all_numbers_is_left_out_and_so_is_a_joint_without_a_gait(command_line, crowded):
+    trial = runtime.load(crowded)
+    [leg] = pictures.legs(trial)
+    assert (leg["path"], leg["strides"]) == ("left/knee/motor", 2)          # of four that begin and end in it, less the torn one and the last
+    assert np.allclose(leg["curves"]["torque"]["mean"], np.sin(2.0 * np.pi * np.linspace(0.0, 1.0, 101)), atol=0.05)
+    assert np.isnan(trial.strides("left/knee/motor.torque")).any(axis=1).tolist() == [False, True, False]
+    command_line("plot", crowded, "--strides", "left/knee/motor.torque", "-o", "two.svg")
+    assert "left/knee/motor.torque, 2 strides" in drawn("two.svg")
+
+
+def test_one_tick_is_a_dot_in_the_middle(command_line, tmp_path):
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="one"), [row(7, 1.5)])
+    code, out, err = command_line("plot", tmp_path / "one.mcap", "-o", "one.svg")
+    assert (code, out, err) == (OK, "one.svg\n", "") and "a.x" in drawn("one.svg")

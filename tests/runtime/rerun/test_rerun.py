@@ -151,6 +151,28 @@ def test_a_recording_becomes_a_file_with_every_sample(command_line, tmp_path):
 
 
 @needs_rerun
+def test_times_are_those_of_the_ticks_to_the_nanosecond_and_events_stay_when_they_were_at_another_rate(command_line, tmp_path):
+    from rerun.chunk import RrdReader
+
+    mark = RECORD_EVENT, json.dumps({"event": "mark", "number": 1, "tick": 201, "by": "keys"}).encode()
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="trial"), [*(row(tick, 0.1 * tick) for tick in range(400)), mark])
+    for rate, words in ((200, ()), (50, ("--rate", "50"))):
+        code, out, err = command_line("convert", tmp_path / "trial.mcap", "--to", "rrd", "-o", tmp_path / str(rate), *words)
+        assert (code, err) == (OK, "")
+        times, marks = [], []
+        for chunk in RrdReader(out.strip()).stream():
+            batch = chunk.to_record_batch()
+            if "time" in batch.schema.names:
+                (marks if chunk.entity_path == "/events" else times).extend(batch["time"].cast("int64").to_pylist())
+        assert times == [round(tick * 1e9 / rate) for tick in range(2 * rate)] and marks[0] == 1_005_000_000
+
+
+def test_a_subsystem_that_is_called_as_the_diagram_has_one_plot_with_what_is_in_none():
+    [plot] = Scene("robot", signals("a.x m", "robot/b.y m"), {}).plots
+    assert (plot.title, plot.entity, plot.labels, plot.columns) == ("robot", ("robot",), ["a.x [m]", "b.y [m]"], [0, 1])
+
+
+@needs_rerun
 def test_it_opens_the_mcap_of_a_recording_as_it_is(tmp_path):
     """Which it reads by the index of chunks alone."""
     from rerun.chunk import RrdReader
