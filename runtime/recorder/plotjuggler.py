@@ -1,6 +1,6 @@
 """PlotJuggler over UDP: a datagram a tick, JSON nested by block path.
 
-    {"timestamp": 12.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
+    {"timestamp": 1767262212.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
 
 With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take. Whatever is not
 finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one datagram goes as several, a
@@ -39,6 +39,7 @@ class PlotJugglerSender(Service):
         with suppress(OSError):                 # a network that is not there yet
             self.socket.connect(self.address)   # so that we hear when nobody listens
         self.messages = [Message(self.sink["columns"])]
+        self.began = 0.0 if parameters.get("time") == "relative" else None         # of the timestamps: s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
         self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come
         self.sent = self.lost = 0
@@ -50,6 +51,9 @@ class PlotJugglerSender(Service):
             if tick // self.decimation == self.last:
                 return
             self.last = tick // self.decimation
+        if self.began is None:
+            self.began = self.epoch()
+        time += self.began
         index = 0
         while index < len(self.messages):
             datagram = self.messages[index].encode(time, values)

@@ -3,9 +3,11 @@
 import re
 from xml.etree import ElementTree
 
+import pytest
+
 from runtime.errors import OK
 from runtime.recordings.grouping import by_unit
-from tests.runtime.runs import KNEE_EXO, Listener, knee
+from tests.runtime.runs import KNEE_EXO, Listener, knee, stamps
 
 
 def names(message, path=""):
@@ -63,7 +65,7 @@ def test_a_stream_to_try_the_set_up_with(command_line):
         code, out, err = command_line("plotjuggler", "--dummy", listener.address, "--duration", "0.2")
         messages = listener.rest()
     assert (code, err) == (OK, "") and re.search(r"40 datagrams sent, 0 not taken", out)
-    assert [message["timestamp"] for message in messages] == [tick / 200 for tick in range(40)]
+    assert stamps(messages) == pytest.approx([tick / 200 for tick in range(40)], abs=1e-6)
     assert names(messages[0])[1:] == ["/left/knee/position", "/left/knee/torque", "/right/knee/position", "/right/knee/torque"]
     with Listener() as listener:
         command_line("plotjuggler", KNEE_EXO, "--dummy", listener.address, "--duration", "0.05")
