@@ -3,6 +3,8 @@
 import json
 import math
 import socket
+import subprocess
+import sys
 import time
 
 import pytest
@@ -162,6 +164,44 @@ def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothi
     assert report["ticks"] == 10 and report["problems"] == []
     assert capfd.readouterr().err == (
         "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); the run goes on\n")
+
+
+ROAMING = """
+import subprocess
+from runtime.recorder import plotjuggler
+
+def ip(*words):
+    subprocess.run(["ip", *words], check=True)
+
+ip("link", "add", "wlan", "type", "veth", "peer", "name", "lan")
+ip("link", "set", "lan", "up")
+ip("link", "set", "wlan", "up")
+plotjuggler.RETRY = 0.0
+sender = plotjuggler.PlotJugglerSender({}, {
+    "path": "juggler", "parameters": {"host": "10.9.0.7", "port": 9870}, "columns": [{"path": "a.x", "dtype": "float"}]})
+sender.say = print
+sender.open()                                   # before there is a network
+for tick in range(40):
+    if tick in (10, 30):
+        ip("addr", "add", f"10.9.0.{tick}/24", "dev", "wlan")
+    if tick == 20:
+        ip("addr", "del", "10.9.0.10/24", "dev", "wlan")
+    sender.row(tick, 0.005 * tick, (1.0,))
+    if tick in (15, 35):
+        print(sender.socket.getsockname()[0])
+print(sender.close())
+"""
+
+
+def test_a_network_that_comes_back_with_another_address_is_used_again():
+    """As a robot's does that walks from one wireless network into the next: in a network of its own."""
+    if subprocess.run(["unshare", "-rn", "ip", "link", "add", "wlan", "type", "veth", "peer", "name", "lan"], capture_output=True).returncode:
+        pytest.skip("no network of its own can be had here")
+    done = subprocess.run(["unshare", "-rn", sys.executable, "-c", ROAMING], capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines() == [
+        "tickwork: juggler: the network does not take what is sent to 10.9.0.7 port 9870 (Network is unreachable); the run goes on",
+        "tickwork: juggler: the network takes it again; 10 datagrams were lost", "10.9.0.10", "10.9.0.30",
+        "{'datagrams': 20, 'lost': 20, 'trouble': 'Network is unreachable', 'to': '10.9.0.7 port 9870'}"], done.stderr
 
 
 def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest():
