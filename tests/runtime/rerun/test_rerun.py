@@ -88,7 +88,34 @@ def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
     left, own = scene.plots
     assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
     assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [True, True] + 5 * [False]
-    assert left.limits == [("highest of knee.torque", 18.0), ("lowest of knee.torque", -18.0)] and own.shown == [True]
+    assert left.limits == [("knee.torque ≤ 18 N·m", 18.0), ("knee.torque ≥ -18 N·m", -18.0)] and own.shown == [True]
+
+
+def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position():
+    names = ("hip", "knee", "ankle")
+    robot = signals("clock.t s", "left/imu.temperature °C", *(f"left/{name}.{port}" for name in names for port in ("position rad", "torque N·m")))
+    left, own = Scene("robot", robot, {f"left/{name}.torque": (-limit, limit) for name, limit in zip(names, (18.0, 18.0, 9.0))}).plots
+    assert left.limits == [("hip, knee.torque ≤ 18 N·m", 18.0), ("hip, knee.torque ≥ -18 N·m", -18.0),
+                           ("ankle.torque ≤ 9 N·m", 9.0), ("ankle.torque ≥ -9 N·m", -9.0)]
+    assert own.title == "robot", "what has actuators comes first"
+    assert left.labels[:2] == ["hip.position [rad]", "hip.torque [N·m]"] and left.colours[:2] == [(115, 177, 213), (0, 114, 178)]
+    assert len(set(left.colours[:6])) == 6
+
+
+@needs_rerun
+def test_a_sensor_moves_with_the_segment_that_it_sits_on():
+    """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot level."""
+    from runtime.rerun.stream import APART, HIP_HEIGHT, LENGTHS, OUT, place_of
+
+    parts = [f"left/{name}_imu.quaternion[{number}] 1" for name in ("thigh", "shank", "foot") for number in range(4)]
+    scene = Scene("robot", signals("left/hip.position rad", "left/knee.position rad", *parts, *(f"trunk/imu.quaternion[{n}] 1" for n in range(4))), {})
+    values = np.array([[math.pi / 2, math.pi / 2, *([0.0] * 16)], [0.0] * 18])
+    thigh, shank, foot, trunk = (place_of(sensor, scene, values) for sensor in scene.sensors)
+    y, knee = APART / 2 + OUT, LENGTHS["thigh"]
+    assert thigh == pytest.approx(np.array([[knee / 2, y, HIP_HEIGHT], [0.0, y, HIP_HEIGHT - knee / 2]]), abs=1e-12)
+    assert shank == pytest.approx(np.array([[knee, y, HIP_HEIGHT - LENGTHS["shank"] / 2], [0.0, y, HIP_HEIGHT - knee - LENGTHS["shank"] / 2]]), abs=1e-12)
+    assert foot[0] == pytest.approx([knee + LENGTHS["foot"] / 2, y, HIP_HEIGHT - LENGTHS["shank"]], abs=1e-12)
+    assert trunk[0] == pytest.approx(trunk[1]) and trunk[0][0] < 0.0
 
 
 def test_what_is_shown_stands_first_in_the_legend():
