@@ -4,6 +4,7 @@ PlotJuggler asks whether to start the stream when the layout is opened, and show
 the file for who opens it: a comment says what to enter, once. (plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
 """
 
+from ipaddress import ip_address
 from xml.etree import ElementTree as tree
 
 from blocks.sinks import PlotJuggler
@@ -28,12 +29,20 @@ def columns(path, settings=(), rate=None):
     return schedule.name, schedule.rate, [vars(column) for column in found.columns], found.block
 
 
+def address(host):
+    """What PlotJuggler has to listen on so that it hears what is sent to a host: it takes numbers alone."""
+    try:
+        return str(ip_address(host))
+    except ValueError:
+        return "127.0.0.1" if host == "localhost" else "0.0.0.0"
+
+
 def layout(name, signals, host, port):
-    """The file's text. signals : columns; host, port : that PlotJuggler listens on"""
-    root = tree.Element("root")
-    root.append(tree.Comment(
-        f" Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
-        f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that. "))
+    """The file's text. signals : columns; host, port : that is sent to"""
+    root, host = tree.Element("root"), address(host)
+    words = (f"Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
+             f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that.")
+    root.append(tree.Comment(f" {words.replace('-', '‐')} "))          # two hyphens would end a comment
     tabs = tree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
     for title, plots in by_unit(name, signals).items():
         tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")

@@ -45,7 +45,7 @@ def main(arguments):
 
 
 def write(name, signals, parameters, output):
-    from runtime.layout import layout
+    from runtime.layout import address, layout
 
     text = layout(name, signals, parameters["host"], parameters["port"])
     try:
@@ -57,7 +57,7 @@ def write(name, signals, parameters, output):
             output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot write {output or name + '.xml'}: {error.strerror}") from None
-    tell([f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address {parameters['host']}, port {parameters['port']}, "
+    tell([f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address {address(parameters['host'])}, port {parameters['port']}, "
           "protocol json, 'use field as timestamp': timestamp"])
     return OK
 
@@ -66,7 +66,8 @@ def stream(name, rate, signals, parameters, duration):
     """Waves: each signal its own frequency, so that one can tell them apart."""
     from runtime.recorder.plotjuggler import PlotJugglerSender
 
-    sender = PlotJugglerSender({"name": name, "rate": rate}, {"path": "dummy", "parameters": parameters, "columns": signals})
+    sender = PlotJugglerSender({"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals})
+    sender.say = lambda line: tell([line])
     try:
         sender.open()
     except OSError as error:

@@ -45,7 +45,7 @@ class CsvWriter(Service):
             return
         if self.device_time:
             if self.began is None:
-                self.began = (self.page.wall + self.page.first_tick) * 1e-9
+                self.began = self.epoch()
             time += self.began
         self.file.write(self.lines.line(time, tick, values))
         self.rows += 1

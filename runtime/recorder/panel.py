@@ -18,6 +18,7 @@ from cext.mailbox_writer import Writer
 
 from runtime.live import table
 from runtime.recorder.files import create
+from runtime.recorder.line import part
 
 ENDING = ".set"
 NOTE = 4.0                      # s that a note stands in the status line
@@ -137,17 +138,17 @@ class Panel:
         self.note, self.note_until = note, now + NOTE
 
     def parts(self, now):
-        """What the status line shows: (importance, text, colour)."""
-        parts = [(8.8, ASKS[self.page.state], "bold")] if self.page.state in ASKS else []
+        """What the status line shows."""
+        parts = [part(8.8, ASKS[self.page.state], colour="bold")] if self.page.state in ASKS else []
         if self.chosen is not None:
             parameter = self.table.parameters[self.chosen]
             value, target = self.values()[self.chosen]
             text = f"{parameter.path} {parameter.shown(value)}" + (f" > {parameter.shown(target)}" if value != target else "")
-            parts += [(8.5, text, "bold"), (4.5, f"({parameter.bounds})", None)]
+            parts += [part(8.5, text, colour="bold"), part(4.5, f"({parameter.bounds})", joined=True)]
         if now < self.note_until:
-            parts.append((8.2, self.note, "yellow"))
+            parts.append(part(8.2, self.note, colour="yellow"))
         elif self.chosen is None and self.keyboard.taken:
-            parts.append((1, "? tells the keys", None))
+            parts.append(part(1, "? tells the keys", "? keys"))
         return parts
 
     def close(self):

@@ -1,6 +1,6 @@
 """PlotJuggler over UDP: a datagram a tick, JSON nested by block path.
 
-    {"timestamp": 12.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
+    {"timestamp": 1767262212.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
 
 With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take. Whatever is not
 finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one datagram goes as several, a
@@ -11,6 +11,7 @@ counted and forgotten.
 import re
 import socket
 from contextlib import suppress
+from time import monotonic
 
 import msgspec.json
 
@@ -18,6 +19,7 @@ from runtime.recorder.service import Service
 
 DATAGRAM = 65507                # bytes, the most that UDP over IPv4 carries
 STAMP = "timestamp"
+RETRY = 1.0                     # s between sockets, while the network takes nothing
 WATCHED = 50                    # datagrams that were taken: somebody was there
 _ELEMENT = re.compile(r"^(.*?)((?:\[\d+\])+)$")
 
@@ -33,16 +35,15 @@ class PlotJugglerSender(Service):
         except socket.gaierror as error:
             raise OSError(error.errno, f"there is no host {host!r} ({error.strerror})") from None
         found.sort(key=lambda entry: entry[0] != socket.AF_INET)        # "localhost" is both, and PlotJuggler listens on IPv4
-        family, kind, protocol, _, self.address = found[0]
-        self.socket = socket.socket(family, kind, protocol)
-        self.socket.setblocking(False)
-        with suppress(OSError):                 # a network that is not there yet
-            self.socket.connect(self.address)   # so that we hear when nobody listens
+        *self.kind, _, self.address = found[0]
+        self.socket, self.again, self.cut = None, 0.0, 0
+        self.reopen()
         self.messages = [Message(self.sink["columns"])]
+        self.began = 0.0 if parameters.get("time") == "relative" else None         # of the timestamps: s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
         self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come
         self.sent = self.lost = 0
-        self.trouble, self.said = None, False
+        self.trouble, self.said, self.returned = None, False, False
         self.silent = not self.sink.get("wanted", True)     # a block that the diagram has anyhow: who does not look on need not be told of it
 
     def row(self, tick, time, values):
@@ -50,6 +51,9 @@ class PlotJugglerSender(Service):
             if tick // self.decimation == self.last:
                 return
             self.last = tick // self.decimation
+        if self.began is None:
+            self.began = self.epoch()
+        time += self.began
         index = 0
         while index < len(self.messages):
             datagram = self.messages[index].encode(time, values)
@@ -61,6 +65,15 @@ class PlotJugglerSender(Service):
             else:
                 self.gather(datagram)
             index += 1
+
+    def reopen(self):
+        """A new socket, with the address that this computer has now for its own."""
+        if self.socket is not None:
+            self.socket.close()
+        self.socket = socket.socket(*self.kind)
+        self.socket.setblocking(False)
+        with suppress(OSError):                 # a network that is not there yet
+            self.socket.connect(self.address)   # so that we hear when nobody listens
 
     def gather(self, message):
         """Into the datagram to come, which goes once it is full."""
@@ -80,6 +93,9 @@ class PlotJugglerSender(Service):
             try:
                 self.socket.sendto(datagram, self.address)
                 self.sent += 1
+                if self.cut:
+                    self.reopen()                           # connected, so that we hear when nobody listens
+                    self.cut = self.tell_return()
                 return
             except ConnectionRefusedError as error:         # of the one before; this one has not gone yet
                 self.sent -= 1
@@ -89,15 +105,29 @@ class PlotJugglerSender(Service):
             except OSError as error:
                 self.silent = False
                 self.lose(f"the network does not take what is sent to {self.where} ({error.strerror})", error)
+                self.cut += 1
+                if monotonic() >= self.again:               # this computer may have come back with another address
+                    self.again = monotonic() + RETRY
+                    self.reopen()
                 return
 
     def lose(self, words, error):
         """Count a datagram. The first is told."""
         if not self.silent and not self.said:
             self.said = True
-            self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {words}; the run goes on")
+            self.tell(f"{words}; the run goes on")
         self.lost += 1
         self.trouble = error.strerror
+
+    def tell_return(self):
+        """That the network is there again: the first time, so that one which comes and goes does not fill the screen."""
+        if not self.returned:
+            self.returned = True
+            self.tell(f"the network takes it again; {self.cut} datagrams were lost")
+        return 0
+
+    def tell(self, words):
+        self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {words}")
 
     @property
     def where(self):

@@ -19,6 +19,7 @@ The recorder calls, in this order and from one thread:
 full ring drops records: a service must never block. One that raises is stopped and reported; the run and the others go on.
 """
 
+import time
 from importlib import import_module
 
 
@@ -29,6 +30,10 @@ class Service:
         self.plan, self.sink = plan, sink
         self.files = {}
         self.say, self.page, self.left = (lambda line: None), None, None
+
+    def epoch(self):
+        """s since 1970 at tick 0, by the clock of the computer, once the first row has come."""
+        return time.time() if self.page is None else (self.page.wall + self.page.first_tick) * 1e-9
 
     def open(self):
         pass

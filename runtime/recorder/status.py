@@ -1,21 +1,25 @@
 """The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
 
-    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · left/knee ━━╌╌ −4.5 N·m
+    running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · left/knee ━━╌╌  −4.5 N·m
+    running 5.3/10 s  200 Hz  late 61/240 µs  load 3 %  legs 21 %  lost 0  τ ▃▁
 
-What the keys have chosen stands behind the time. A bar is a torque's share of its limit. Lateness is the median and the 99th percentile of the run so far; rate, load and
-what is on the buses are those of the last second: of CAN the share of its bits that frames take, of others their frames.
+The second is what 80 columns have room for. What the keys have chosen stands behind the time. A bar is a torque's share of its limit. Lateness
+is the median and the 99th percentile of the run so far; rate, load and what is on the buses are those of the last second: of CAN the share of
+its bits that frames take, of others their frames.
 """
 
 from collections import deque
 
+from runtime.recorder.line import fit, part
+
 REFRESH = 0.1                   # s
 WINDOW = 10                     # refreshes over which rates are taken
+STEADY = 30                     # refreshes for which there was more room before the line takes it, so that it does not flicker
 BAR = 8                         # characters
 BAR_CHARACTERS = "━╌#."
 TORQUE_BAR = 4                  # characters
+LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"         # of a torque where there is room for one character
 HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95      # share of the time in ticks; of the limit
-COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
-RESET = "\x1b[0m"
 STATES = {"running": "green", "safe": "green", "init": "yellow", "arming": "yellow", "stopping": "yellow", "ready": "yellow", "waiting": "red"}
 
 
@@ -26,6 +30,7 @@ class StatusLine:
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history = deque(maxlen=WINDOW + 1)
+        self.narrowed, self.columns = deque(maxlen=STEADY), None        # by how many steps the newest lines were; on how many columns
 
     def update(self, now):
         """Redraw if it is time. now : s, of any steady clock"""
@@ -39,8 +44,14 @@ class StatusLine:
         parts = describe(self.plan, self.page.state, statistics, rates(self.history), self.terminal.unicode,
                          [] if self.panel is None else self.panel.parts(now))
         if self.recording is not None and self.recording.newest is not None:
-            parts += torque_parts(self.torques, self.recording.newest, self.terminal.unicode)
-        self.terminal.draw(fit(parts, self.terminal.columns - 1, self.terminal.coloured, self.terminal.unicode))
+            parts += torque_part(self.torques, self.recording.newest, self.terminal.unicode)
+        columns = self.terminal.columns
+        if columns != self.columns:
+            self.columns = columns
+            self.narrowed.clear()
+        line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
+        self.narrowed.append(fit(*line)[1])
+        self.terminal.draw(fit(*line, least=max(self.narrowed))[0])
 
     def erase(self):
         self.terminal.erase()
@@ -53,15 +64,24 @@ def torques_of(plan):
             if limits.get(signal["path"])]
 
 
-def torque_parts(torques, row, unicode):
-    """Parts of the line. row : tick, lateness, values"""
-    parts = []
-    for number, (name, place, limit) in enumerate(torques):
+def torque_part(torques, row, unicode):
+    """The part of the line about the torques, in a list; none where there are none. row : tick, lateness, values"""
+    long, middle, shares = [], [], []
+    for name, place, limit in torques:
         torque, share = row[place], abs(row[place]) / limit
-        if share == share:                      # a NaN is a fault, and told as one
-            text = f"{name} {bar(share, unicode, TORQUE_BAR)} {torque:.1f} N·m"
-            parts.append((3.5 - 0.01 * number, text.replace("-", "−") if unicode else text, "red" if share > HIGH_TORQUE else None))
-    return parts
+        colour = "red" if share > HIGH_TORQUE else None
+        if share != share:                      # a NaN is a fault, and told as one
+            shares.append(("!", "red"))
+            continue
+        text = f"{torque:{len(f'{-limit:.1f}')}.1f} N·m"
+        short = f"{name} {bar(share, unicode, TORQUE_BAR)}"
+        long += [(" · " if unicode else " | ", None), (f"{short} {text.replace('-', '−') if unicode else text}", colour)]
+        middle += [(" ", None), (short, colour)]
+        levels = LEVELS[unicode]
+        shares.append((levels[min(len(levels) - 1, int(share * len(levels)))], colour))
+    if not torques:
+        return []
+    return [part(3.5, long[1:], middle[1:], [("τ " if unicode else "tau ", None), *shares])]
 
 
 def rates(history):
@@ -71,33 +91,35 @@ def rates(history):
 
 
 def describe(plan, state, statistics, speeds, unicode, chosen=()):
-    """The parts of the line, in their order: (importance, text, colour). Where the line is narrow, the least important go first.
+    """The parts of the line, in their order.
 
     chosen : parts of the panel
     """
     seconds = (statistics["last_tick"] + 1) / plan["rate"]
     duration = plan["duration"]
-    parts = [(9, state, STATES[state])]
+    parts = [part(9, state, colour=STATES[state])]
     if duration:
-        parts.append((5, bar(seconds / duration, unicode), None))
-    parts.append((8, f"{seconds:.1f}/{duration:g} s" if duration else f"{seconds:.1f} s", None))
+        parts.append(part(3.2, bar(seconds / duration, unicode), "", joined=True))
+    parts.append(part(8, f"{seconds:.1f}/{duration:g} s" if duration else f"{seconds:.1f} s", joined=True))
     parts += chosen
     if speeds is not None:
         ticks, load, frames, *each = speeds
         if plan["virtual"]:
-            parts.append((7, f"{ticks / plan['rate']:.0f} times real time", None))
+            times = f"{ticks / plan['rate']:.0f}"
+            parts.append(part(7, f"{times} times real time", f"{times}×"))
         else:
-            parts.append((7, f"{ticks:.1f} Hz", None))
+            parts.append(part(7, f"{ticks:.1f} Hz", f"{ticks:.0f} Hz"))
             late = statistics["lateness"]
             if "p99" in late:
-                parts.append((4, f"late {both(late['p50'], late['p99'])}", None))
-            parts.append((3, f"load {100 * load:.1f} %", "red" if load > HIGH_LOAD else None))
+                parts.append(part(4, f"late {both(late['p50'], late['p99'])}", f"late {both(late['p50'], late['p99'], 1)}"))
+            high = load > HIGH_LOAD
+            parts.append(part(7.4 if high else 3, f"load {100 * load:.1f} %", f"load {100 * load:.0f} %", colour="red" if high else None))
         if plan["buses"]:
             parts += traffic(plan, ticks / plan["rate"] if plan["virtual"] else 1.0, frames, each)
-    for word in ("missed", "dropped"):
-        count = statistics[word]
-        parts.append((7.5 if count else 6, f"{word} {count}", "red" if count else None))
-    return parts
+    lost = [(word, statistics[word]) for word in ("missed", "dropped")]
+    if not any(count for _, count in lost):
+        return [*parts, part(6, "missed 0", "lost 0"), part(6, "dropped 0", "")]
+    return parts + [part(7.5, f"{word} {count}", colour="red") if count else part(6, f"{word} 0", "") for word, count in lost]
 
 
 def traffic(plan, pace, frames, each):
@@ -106,11 +128,13 @@ def traffic(plan, pace, frames, each):
     for place, (name, speed) in enumerate(zip(plan["buses"], each)):
         bitrate = plan.get("bitrates", {}).get(name)
         if bitrate is None:
-            parts.append((2 - 0.01 * place, f"{name} {speed:.0f} frames/s", None))
+            parts.append(part(2 - 0.01 * place, f"{name} {speed:.0f} frames/s", f"{name} {speed:.0f}/s"))
         elif pace > 0.0:
             share = each[len(plan["buses"]) + place] / pace / bitrate
-            parts.append((2 - 0.01 * place, f"{name} {100 * share:.0f} % full", "red" if share > HIGH_LOAD else None))
-    return parts or [(2, f"{frames:.0f} frames/s", None)]
+            high = share > HIGH_LOAD
+            parts.append(part((7.3 if high else 2) - 0.01 * place, f"{name} {100 * share:.0f} % full", f"{name} {100 * share:.0f} %",
+                              colour="red" if high else None))
+    return parts or [part(2, f"{frames:.0f} frames/s", f"{frames:.0f}/s")]
 
 
 def bar(share, unicode, width=BAR):
@@ -119,22 +143,5 @@ def bar(share, unicode, width=BAR):
     return full * done + rest * (width - done)
 
 
-def both(median, high):
-    return f"{median * 1e6:.0f}/{high * 1e6:.0f} µs" if high < 1e-3 else f"{median * 1e3:.2f}/{high * 1e3:.2f} ms"
-
-
-def fit(parts, width, coloured, unicode):
-    """One line of at most `width` characters."""
-    dot = " · " if unicode else " | "
-    parts = list(parts)
-
-    def line(paint):
-        text = ""
-        for index, (_, part, colour) in enumerate(parts):
-            beside_bar = index > 0 and {part[0], parts[index - 1][1][0]} & set(BAR_CHARACTERS)
-            text += ("" if index == 0 else " " if beside_bar else dot) + (f"{COLOURS[colour]}{part}{RESET}" if paint and colour else part)
-        return text if unicode else text.replace("µ", "u").replace("·", "*")
-
-    while len(line(False)) > width and len(parts) > 1:
-        parts.remove(min(parts, key=lambda part: part[0]))
-    return line(coloured) if len(line(False)) <= width else line(False)[:max(0, width)]
+def both(median, high, digits=2):
+    return f"{median * 1e6:.0f}/{high * 1e6:.0f} µs" if high < 1e-3 else f"{median * 1e3:.2f}/{high * 1e3:.{digits}f} ms"

@@ -16,7 +16,7 @@ def blueprint(scene):
             plot_legend=rrb.PlotLegend(visible=True))
         for plot in scene.plots]
     beside = [rrb.Spatial3DView(origin=rr.new_entity_path(list(SPACE)), name="limbs", eye_controls=rrb.EyeControls3D(
-        position=(1.2, -1.35, 0.8), look_target=(0.0, 0.0, 0.55)))] if scene.limbs or scene.sensors else []
+        position=(1.05, -1.2, 0.75), look_target=(0.0, 0.0, 0.52)))] if scene.limbs or scene.sensors else []
     log = rrb.TextLogView(origin=rr.new_entity_path(list(EVENTS)), name="faults and events")
     shown = rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2)
     if beside:

@@ -146,14 +146,14 @@ class Feed:
         from runtime.rerun.blueprint import blueprint
         from runtime.rerun.scene import Scene
         from runtime.rerun.stream import Stream
-        from runtime.rerun.target import url
+        from runtime.rerun.target import bracketed, url
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
         self.path, self.count, self.last, self.told = plan["path"], 0, None, ""
         self.plan, self.problem = plan, None
         self.events, self.shown = 0, 0          # of the run, and of these by the one before
         self.going_on = False                   # whether the next row is the first behind those of another recorder
-        self.process, self.watched = None, None
+        self.process, self.watched, self.mortal = None, None, kind == "serve"
         self.width = 2 + len(plan["signals"])
         scene = Scene(plan["name"], plan["signals"], plan["limits"])
         recording = rr.RecordingStream(f"tickwork {plan['name']}", recording_id=plan["stem"])
@@ -165,11 +165,11 @@ class Feed:
                 self.process, host = viewer.viewer(port)
             elif kind == "serve":
                 self.process, host = viewer.serve(place, port, plan["web_port"])
-                self.told = f"Rerun in a browser: http://{host}:{plan['web_port']}/?url={url(host, port).replace('+', '%2B')}"
+                there = viewer.reached_at(place)
+                self.told = f"Rerun in a browser: http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
             else:
                 host = place
-                if not viewer.answers(host, port, PATIENCE):
-                    raise Gone(f"no viewer of Rerun answers on {host} port {port}")
+                viewer.meet(host, port)
             self.watched = host, port
             self.where = f"the viewer on {host} port {port}"
             recording.connect_grpc(url(host, port), default_blueprint=layout)
@@ -220,7 +220,7 @@ class Feed:
     def look(self):
         """Gone, where the viewer is."""
         if self.process is not None and self.process.poll() is not None:
-            raise Gone("the viewer was closed")
+            raise Gone("the server has ended" if self.mortal else "the viewer was closed")
         if self.watched is not None and not self.answers(*self.watched):
             raise Gone(f"{self.where} no longer answers")
 
@@ -228,6 +228,7 @@ class Feed:
         try:
             self.recording.flush(timeout_sec=PATIENCE)
         except RuntimeError:
+            self.look()                                 # which may tell it better
             raise Gone(f"cannot write {self.path}: is the disk full?" if self.path else f"{self.where} takes nothing any more") from None
 
     def finish(self):

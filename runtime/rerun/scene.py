@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from runtime.recordings.messages import split
 
 JOINTS, SEGMENTS = ("hip", "knee", "ankle"), ("thigh", "shank", "foot")
+COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (240, 228, 66))       # (Okabe and Ito 2008)
+PALE = 0.45                                 # of white, in the colour of a position beside its torque
 SHOWN = ("position", "torque")              # ports of an actuator that a person wants to see together
 MOST = 8                                    # lines that are shown where there is no actuator
 
@@ -18,7 +20,7 @@ class Plot:
     """
     title : of the subsystem
     entity : names from the outermost
-    columns : places in the row; labels, shown : of each
+    columns : places in the row; labels, shown, colours : of each
     limits : [(label, value)]
     """
 
@@ -27,12 +29,25 @@ class Plot:
     columns: list = field(default_factory=list)
     labels: list = field(default_factory=list)
     shown: list = field(default_factory=list)
+    colours: list = field(default_factory=list)
     limits: list = field(default_factory=list)
 
     def order(self):
         """What is shown comes first: a legend is as long as it finds room."""
         places = sorted(range(len(self.columns)), key=lambda place: not self.shown[place])
         self.columns, self.labels, self.shown = ([what[place] for place in places] for what in (self.columns, self.labels, self.shown))
+
+    def paint(self):
+        """An actuator's torque and position in one hue, the position paler; each other signal in one of its own."""
+        devices, self.colours = {}, []
+        for number, (label, shown) in enumerate(zip(self.labels, self.shown)):
+            block, _, port = label.partition(" [")[0].rpartition(".")
+            if shown and port in SHOWN:
+                hue = COLOURS[devices.setdefault(block, len(devices)) % len(COLOURS)]
+                pale = PALE if port == "position" else 0.0
+                self.colours.append(tuple(round(share + pale * (255 - share)) for share in hue))
+            else:
+                self.colours.append(COLOURS[number % len(COLOURS)])
 
 
 @dataclass(frozen=True)
@@ -81,7 +96,7 @@ class Scene:
         self.faults = [place for path, place in self.places.items() if split(path)[2] == "fault"]
 
     def find_plots(self):
-        plots = {}
+        plots, limits = {}, {}
         for path, place in self.places.items():
             folder, block, port = split(path)
             title = folder or self.name                     # where a subsystem is called as the diagram, both are in one
@@ -92,12 +107,20 @@ class Scene:
             plot.shown.append(port in SHOWN and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN))
             if path in self.limits and plot.shown[-1]:
                 low, high = self.limits[path]
-                plot.limits += [(f"{end} of {block}.{port}", value) for end, value in (("highest", high), ("lowest", low))]
-        for plot in plots.values():
+                for end, value in (("≤", high), ("≥", low)):
+                    limits.setdefault(folder, {}).setdefault((port, end, value, unit), []).append(block)
+        for folder, plot in plots.items():
+            plot.limits = [(f"{', '.join(blocks)}.{port} {end} {value:g} {unit}", value)
+                           for (port, end, value, unit), blocks in limits.get(folder, {}).items()]         # equal ones are one line
             if not any(plot.shown):
                 plot.shown = [number < MOST for number in range(len(plot.columns))]
             plot.order()
-        return list(plots.values())
+            plot.paint()
+        return sorted(plots.values(), key=lambda plot: not driven(plot))
+
+    def limb_of(self, sensor):
+        """The limb that a sensor sits on, None where the names do not tell."""
+        return next((limb for limb in self.limbs if limb.side == sensor.side), None) if sensor.segment else None
 
     def find_limbs(self):
         found = {}
@@ -122,3 +145,8 @@ class Scene:
                 folder, block, _ = split(path)
                 sensors.append(Sensor(path, columns, folder, next((name for name in SEGMENTS if name in block), "")))
         return sensors
+
+
+def driven(plot):
+    """Whether it shows an actuator: those plots stand first."""
+    return any(label.partition(" [")[0].endswith(".torque") for label, shown in zip(plot.labels, plot.shown) if shown)

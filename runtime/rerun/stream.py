@@ -12,6 +12,7 @@ HIP_HEIGHT, APART = 0.95, 0.25  # m
 LENGTHS = {"thigh": 0.42, "shank": 0.43, "foot": 0.18}      # m, of an average adult
 FORWARD = {"hip": -1.0, "knee": 1.0, "ankle": -1.0}         # of a flexion, about the y axis; x is forward, z up
 AXIS, HEEL = 0.15, 0.05         # m
+OUT, BEHIND = 0.12, -0.35       # m that a sensor stands beside its leg; behind both, where it has none
 GREY, LOW, HIGH = np.array([150, 150, 150]), np.array([0, 114, 178]), np.array([213, 94, 0])      # joint torque: none, least, most
 LIMIT_COLOUR = (150, 150, 150)
 LEVELS = {"fault": "ERROR", "end": "INFO", "warning": "WARN", "mark": "INFO", "set": "INFO"}
@@ -36,7 +37,7 @@ class Stream:
 
     def statics(self):
         for plot in self.scene.plots:
-            self.log(list(plot.entity), rr.SeriesLines(names=plot.labels, visible_series=plot.shown), static=True)
+            self.log(list(plot.entity), rr.SeriesLines(names=plot.labels, visible_series=plot.shown, colors=plot.colours), static=True)
             if plot.limits:
                 names = [label for label, _ in plot.limits]
                 self.log([*plot.entity, "limits"], rr.SeriesLines(names=names, colors=[LIMIT_COLOUR] * len(names), widths=[1.0] * len(names)), static=True)
@@ -93,7 +94,7 @@ class Stream:
                         positions=where, colors=colours, radii=np.full(len(values), 0.045)))
         for sensor in self.scene.sensors:
             w, x, y, z = values[:, sensor.columns].T
-            at = np.tile(place_of(sensor, self.scene), (len(values), 1))
+            at = place_of(sensor, self.scene, values)
             self.send(axes_of(sensor), index, rr.Transform3D.columns(translation=at, quaternion=np.column_stack((x, y, z, w))))
 
     def tell_faults(self, ticks, times, values):
@@ -163,11 +164,20 @@ def side(limb):
     return -APART / 2 if "right" in limb.side else APART / 2 + max(0, limb.place - 1) * APART
 
 
-def place_of(sensor, scene):
-    """m, beside the leg that it sits on, as it stands; in a row where the names do not tell."""
-    beside = next((limb for limb in scene.limbs if limb.side == sensor.side), None)
-    if beside is None or not sensor.segment:
-        return [-0.3, 0.25 * scene.sensors.index(sensor), 1.3]
-    out = np.sign(side(beside)) * 0.12
-    down = {"thigh": 0.5 * LENGTHS["thigh"], "shank": LENGTHS["thigh"] + 0.5 * LENGTHS["shank"], "foot": LENGTHS["thigh"] + LENGTHS["shank"]}
-    return [0.0, side(beside) + out, HIP_HEIGHT - down[sensor.segment]]
+def place_of(sensor, scene, values):
+    """m: beside the middle of the segment that it sits on, as the leg moves; in a row behind where the names do not tell. (n, 3)"""
+    limb = scene.limb_of(sensor)
+    if limb is None:
+        row = [other for other in scene.sensors if scene.limb_of(other) is None]
+        return np.tile([BEHIND, APART * (row.index(sensor) - 0.5 * (len(row) - 1)), HIP_HEIGHT], (len(values), 1))
+    at = np.tile([0.0, side(limb) + np.sign(side(limb)) * OUT, HIP_HEIGHT], (len(values), 1))
+    angle = np.zeros(len(values))
+    for joint, segment in zip(JOINTS, SEGMENTS):
+        if joint in limb.joints:
+            angle = angle + FORWARD[joint] * np.nan_to_num(values[:, limb.joints[joint].position])
+        down = 0.0 if segment == "foot" else -LENGTHS[segment]
+        ahead = LENGTHS[segment] if segment == "foot" else 0.0
+        bone = np.column_stack((down * np.sin(angle) + ahead * np.cos(angle), np.zeros_like(angle), down * np.cos(angle) - ahead * np.sin(angle)))
+        if segment == sensor.segment:
+            return at + 0.5 * bone
+        at = at + bone

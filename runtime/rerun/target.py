@@ -37,6 +37,11 @@ def parse(text, port=PORT):
     return Target("connect", found[1].strip("[]"), int(found[2] or port))
 
 
+def bracketed(host):
+    """As it stands in an address of the web."""
+    return f"[{host}]" if ":" in host else host
+
+
 def url(host, port):
     """As Rerun writes it."""
-    return f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+    return f"rerun+http://{bracketed(host)}:{port}/proxy"

@@ -24,6 +24,12 @@ def on_path(name, file):
     return found is not None and os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(file))
 
 
+# What stands for a character that the encoding of a terminal or file does not have.
+IN_ASCII = str.maketrans({
+    "µ": "u", "·": "*", "−": "-", "°": " deg", "²": "^2", "³": "^3", "±": "+-", "×": "x", "τ": "tau", "σ": "sigma", "Δ": "delta", "θ": "theta",
+    "ω": "omega", "…": "...", "–": "-", "→": "->", "≤": "<=", "≥": ">=", "━": "#", "╌": ".", "│": "|", "─": "-", "“": '"', "”": '"', "’": "'"})
+
+
 def tell(lines):
     """Lines for standard output."""
     write(lines, sys.stdout)
@@ -38,9 +44,8 @@ def write(lines, stream):
     if stream is None:
         return
     text = "".join(f"{line}\n" for line in lines)
-    encoding = stream.encoding or "utf-8"
     try:
-        stream.write(text.encode(encoding, "replace").decode(encoding))
+        stream.write(readable(text, stream.encoding or "utf-8"))
         stream.flush()
     except BrokenPipeError:
         silence(stream)
@@ -48,6 +53,23 @@ def write(lines, stream):
         silence(stream)
         if stream is not sys.stderr:
             complain([f"tickwork: cannot write to standard output: {error.strerror}"])
+
+
+def readable(text, encoding):
+    """A text without characters that an encoding lacks."""
+    try:
+        text.encode(encoding)
+    except UnicodeEncodeError:
+        text = text.translate({code: word for code, word in IN_ASCII.items() if not encodable(chr(code), encoding)})
+    return text.encode(encoding, "replace").decode(encoding)
+
+
+def encodable(character, encoding):
+    try:
+        character.encode(encoding)
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def silence(stream):

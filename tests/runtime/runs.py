@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,13 @@ def descendant(pid, word):
             if word.encode() in words and stat[0] != "Z":
                 return entry
     return None
+
+
+def stamps(datagrams):
+    """When each was taken: s since the first of them. Doubles of s since 1970 tell a quarter of a microsecond."""
+    times = [datagram["timestamp"] for datagram in datagrams]
+    assert times == sorted(set(times)) and abs(times[0] - time.time()) < 600.0
+    return [at - times[0] for at in times]
 
 
 class Listener:

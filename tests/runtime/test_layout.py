@@ -3,9 +3,12 @@
 import re
 from xml.etree import ElementTree
 
+import pytest
+
 from runtime.errors import OK
+from runtime.layout import layout
 from runtime.recordings.grouping import by_unit
-from tests.runtime.runs import KNEE_EXO, Listener, knee
+from tests.runtime.runs import KNEE_EXO, Listener, knee, stamps
 
 
 def names(message, path=""):
@@ -43,6 +46,15 @@ def test_a_splitter_says_how_many_plots_it_holds_and_their_shares(command_line):
         assert len(plots) == len(shares) == int(splitter.get("count")) and abs(sum(shares) - 1.0) < 1e-4
 
 
+@pytest.mark.parametrize("host, listens", [
+    ("192.168.1.7", "192.168.1.7"), ("::1", "::1"), ("localhost", "127.0.0.1"), ("laptop.local", "0.0.0.0")])
+def test_the_address_to_listen_on_is_one_that_plotjuggler_takes(host, listens):
+    """It takes no names. And whatever a diagram is called, the file is well-formed."""
+    text = layout("left--right & <both>", [], host, 9870)
+    assert f"address {listens}, port 9870" in text
+    assert ElementTree.fromstring(text).find("Plugins/plugin").get("address") == listens
+
+
 def test_positions_and_torques_come_first_and_each_unit_has_its_plot():
     signals = [{"path": path, "unit": unit, "dtype": dtype} for path, unit, dtype in (
         ("left/knee.fault", "1", "int"), ("left/knee.torque", "N·m", "float"), ("left/knee.position", "rad", "float"),
@@ -63,11 +75,18 @@ def test_a_stream_to_try_the_set_up_with(command_line):
         code, out, err = command_line("plotjuggler", "--dummy", listener.address, "--duration", "0.2")
         messages = listener.rest()
     assert (code, err) == (OK, "") and re.search(r"40 datagrams sent, 0 not taken", out)
-    assert [message["timestamp"] for message in messages] == [tick / 200 for tick in range(40)]
+    assert stamps(messages) == pytest.approx([tick / 200 for tick in range(40)], abs=1e-6)
     assert names(messages[0])[1:] == ["/left/knee/position", "/left/knee/torque", "/right/knee/position", "/right/knee/torque"]
     with Listener() as listener:
         command_line("plotjuggler", KNEE_EXO, "--dummy", listener.address, "--duration", "0.05")
         assert len(names(listener.rest()[0])) == 37
+
+
+def test_that_nobody_listens_to_it_is_told_at_once(command_line):
+    with Listener() as listener:
+        pass
+    code, out, err = command_line("plotjuggler", "--dummy", listener.address, "--duration", "0.05")
+    assert (code, err) == (OK, "") and f"--dummy: nobody listens at 127.0.0.1 port {listener.address.rpartition(':')[2]}: in PlotJuggler start" in out
 
 
 def test_nothing_named_is_asked_for(command_line):

@@ -11,7 +11,8 @@ import pytest
 from runtime.live.runs import page_of
 from runtime.live.table import Parameter, nice
 from runtime.recorder.keyboard import KEY, name
-from runtime.recorder.status import describe, fit
+from runtime.recorder.line import fit, part
+from runtime.recorder.status import describe
 from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import plan
 from tests.runtime.recorder.test_status import STATISTICS
@@ -49,13 +50,13 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     terminal.press(UP)
     terminal.wait_for("Tab chooses a parameter first")
     terminal.press(TAB)
-    terminal.wait_for(r"spring\.stiffness 30 N·m/rad · \(0 to 150 N·m/rad\)")
+    terminal.wait_for(r"spring\.stiffness 30 N·m/rad \(0 to 150 N·m/rad\)")
     terminal.press(UP + UP + RIGHT)
-    terminal.wait_for(r"spring\.stiffness 40\.5 N·m/rad ·")
+    terminal.wait_for(r"spring\.stiffness 40\.5 N·m/rad ")
     terminal.press(b"m")
     terminal.wait_for(r"mark 1 at tick \d+")
     terminal.press(SHIFT_TAB + DOWN)
-    terminal.wait_for(r"wave\.on false · \(false or true\)")
+    terminal.wait_for(r"wave\.on false \(false or true\)")
     terminal.press(SHIFT_TAB + UP + b"?")
     terminal.wait_for(r"tickwork: space stops; Tab, .*\r\n")
     terminal.press(b"s")
@@ -233,9 +234,9 @@ def test_sequences_of_bytes_are_keys_however_a_terminal_writes_them():
 
 
 def test_the_chosen_parameter_outlives_what_merely_informs():
-    chosen = [(8.5, "spring.stiffness 30 N·m/rad", None), (4.5, "(0 to 150 N·m/rad)", None)]
+    chosen = [part(8.5, "spring.stiffness 30 N·m/rad"), part(4.5, "(0 to 150 N·m/rad)", joined=True)]
     settings = plan(None, duration=10.0, virtual=False, buses=["legs"])
     parts = describe(settings, "running", STATISTICS, (200.0, 0.03, 1600.0), True, chosen)
-    wide, narrow = fit(parts, 160, False, True), fit(parts, 60, False, True)
-    assert "5.3/10 s · spring.stiffness 30 N·m/rad · (0 to 150 N·m/rad) · 200.0 Hz" in wide
-    assert narrow == "running · 5.3/10 s · spring.stiffness 30 N·m/rad · 200.0 Hz"
+    wide, narrow = fit(parts, 160, False, True)[0], fit(parts, 60, False, True)[0]
+    assert "5.3/10 s · spring.stiffness 30 N·m/rad (0 to 150 N·m/rad) · 200.0 Hz" in wide
+    assert narrow == "running 5.3/10 s  spring.stiffness 30 N·m/rad  200 Hz"

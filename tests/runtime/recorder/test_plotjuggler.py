@@ -3,6 +3,9 @@
 import json
 import math
 import socket
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -48,8 +51,13 @@ def listener():
     listener.socket.close()
 
 
+def here(signals, **parameters):
+    """The sink, with the time of the run for its stamps."""
+    return sink(JUGGLER, "juggler", signals, **{"time": "relative", **parameters})
+
+
 def send(listener, signals, records):
-    report = record(plan(None, sink(JUGGLER, "juggler", signals, host=listener.host, port=listener.port)), records)
+    report = record(plan(None, here(signals, host=listener.host, port=listener.port)), records)
     return report["sinks"]["juggler"], listener.heard()
 
 
@@ -72,12 +80,27 @@ def test_one_message_a_tick_in_order_nested_by_block_path(listener):
 def test_the_block_in_a_running_diagram_sends_every_tick_of_the_run(listener, tmp_path):
     diagram = counting()
     with diagram:
-        PlotJuggler(host=listener.host, port=listener.port)
+        PlotJuggler(host=listener.host, port=listener.port, time="relative")
     run(diagram, tmp_path, 100, virtual=False)
     messages = listener.heard()
     assert [message["timestamp"] for message in messages] == sorted(message["timestamp"] for message in messages)
     assert len(messages) >= 95                                              # a grid point may be missed on a busy machine
     assert all(message["counter"]["value"] == pytest.approx(20 * message["timestamp"]) for message in messages)
+
+
+@pytest.mark.parametrize("virtual", [True, False])
+def test_a_second_run_goes_on_in_time_where_the_first_ended(listener, virtual):
+    """PlotJuggler keeps the newest 60 s by their stamps: of a run that began at 0 again it would show nothing until it is older than the first."""
+    diagram, began, stamps = counting(), time.time(), []
+    with diagram:
+        PlotJuggler(host=listener.host, port=listener.port)
+    for _ in range(2):
+        run(diagram, None, 20, virtual=virtual)
+        stamps.append([message["timestamp"] for message in listener.heard()])
+        time.sleep(0.1 if virtual else 0.0)
+    first, second = stamps
+    assert began < first[0] and first[-1] < second[0] and second[-1] < time.time() + 1.0
+    assert [at - second[0] for at in second] == pytest.approx([tick / 200 for tick in range(20)], abs=1e-6 if virtual else 0.05)
 
 
 def test_vectors_are_arrays_and_keep_their_indices(listener):
@@ -135,7 +158,7 @@ def test_it_speaks_ipv6():
 
 def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothing(tmp_path, capfd):
     signals = columns("a.x m")
-    broadcast = sink(JUGGLER, "juggler", signals, host="255.255.255.255", port=9870)          # was not asked for: EACCES
+    broadcast = here(signals, host="255.255.255.255", port=9870)          # was not asked for: EACCES
     report = record(plan(tmp_path, broadcast), [row(tick, 1.0) for tick in range(10)])
     assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
     assert report["ticks"] == 10 and report["problems"] == []
@@ -143,11 +166,49 @@ def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothi
         "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); the run goes on\n")
 
 
+ROAMING = """
+import subprocess
+from runtime.recorder import plotjuggler
+
+def ip(*words):
+    subprocess.run(["ip", *words], check=True)
+
+ip("link", "add", "wlan", "type", "veth", "peer", "name", "lan")
+ip("link", "set", "lan", "up")
+ip("link", "set", "wlan", "up")
+plotjuggler.RETRY = 0.0
+sender = plotjuggler.PlotJugglerSender({}, {
+    "path": "juggler", "parameters": {"host": "10.9.0.7", "port": 9870}, "columns": [{"path": "a.x", "dtype": "float"}]})
+sender.say = print
+sender.open()                                   # before there is a network
+for tick in range(40):
+    if tick in (10, 30):
+        ip("addr", "add", f"10.9.0.{tick}/24", "dev", "wlan")
+    if tick == 20:
+        ip("addr", "del", "10.9.0.10/24", "dev", "wlan")
+    sender.row(tick, 0.005 * tick, (1.0,))
+    if tick in (15, 35):
+        print(sender.socket.getsockname()[0])
+print(sender.close())
+"""
+
+
+def test_a_network_that_comes_back_with_another_address_is_used_again():
+    """As a robot's does that walks from one wireless network into the next: in a network of its own."""
+    if subprocess.run(["unshare", "-rn", "ip", "link", "add", "wlan", "type", "veth", "peer", "name", "lan"], capture_output=True).returncode:
+        pytest.skip("no network of its own can be had here")
+    done = subprocess.run(["unshare", "-rn", sys.executable, "-c", ROAMING], capture_output=True, text=True, timeout=60)
+    assert done.stdout.splitlines() == [
+        "tickwork: juggler: the network does not take what is sent to 10.9.0.7 port 9870 (Network is unreachable); the run goes on",
+        "tickwork: juggler: the network takes it again; 10 datagrams were lost", "10.9.0.10", "10.9.0.30",
+        "{'datagrams': 20, 'lost': 20, 'trouble': 'Network is unreachable', 'to': '10.9.0.7 port 9870'}"], done.stderr
+
+
 def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest():
     listener = Listener()
     listener.socket.close()
     told, signals = [], columns("a.x m")
-    sender = PlotJugglerSender({}, sink(JUGGLER, "juggler", signals, host="127.0.0.1", port=listener.port))
+    sender = PlotJugglerSender({}, here(signals, host="127.0.0.1", port=listener.port))
     sender.say = told.append
     sender.open()
     for tick in range(10):
@@ -164,7 +225,7 @@ def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest()
 
 def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(listener):
     told = []
-    sender = PlotJugglerSender({}, sink(JUGGLER, "juggler", columns("a.x m"), host="127.0.0.1", port=listener.port) | {"wanted": False})
+    sender = PlotJugglerSender({}, here(columns("a.x m"), host="127.0.0.1", port=listener.port) | {"wanted": False})
     sender.say = told.append
     sender.open()
     for tick in range(200):
@@ -183,19 +244,19 @@ def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(li
 
 def test_an_unknown_host_is_told_before_the_run(tmp_path):
     with pytest.raises(RecorderError, match="juggler cannot start: there is no host 'no-such-host.invalid'"):
-        record(plan(tmp_path, sink(JUGGLER, "juggler", columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
+        record(plan(tmp_path, here(columns("a.x m"), host="no-such-host.invalid", port=9870)), [])
     assert list(tmp_path.iterdir()) == []
 
 
 def test_one_tick_of_so_many_is_sent_also_where_some_were_missed(listener):
     signals = columns("a.x m")
-    order = plan(None, sink(JUGGLER, "juggler", signals, host=listener.host, port=listener.port, decimation=10))
+    order = plan(None, here(signals, host=listener.host, port=listener.port, decimation=10))
     record(order, [row(tick, float(tick)) for tick in range(100) if tick not in (30, 31, 57)])
     assert [message["a"]["x"] for message in listener.heard()] == [0, 10, 20, 32, 40, 50, 60, 70, 80, 90]
 
 
 def test_a_batch_is_a_list_of_messages_each_with_its_timestamp(listener):
-    order = plan(None, sink(JUGGLER, "juggler", columns("a.x m"), host=listener.host, port=listener.port, batch=20))
+    order = plan(None, here(columns("a.x m"), host=listener.host, port=listener.port, batch=20))
     report = record(order, [row(tick, float(tick)) for tick in range(70)])
     datagrams = listener.heard()
     assert [message["timestamp"] for datagram in datagrams for message in datagram] == [tick / 200 for tick in range(70)]
@@ -204,7 +265,7 @@ def test_a_batch_is_a_list_of_messages_each_with_its_timestamp(listener):
 
 def test_a_batch_never_outgrows_a_datagram(listener):
     wide = columns(*(f"left/{'b' * 40}{index}.x m" for index in range(400)))
-    order = plan(None, sink(JUGGLER, "juggler", wide, host=listener.host, port=listener.port, batch=100))
+    order = plan(None, here(wide, host=listener.host, port=listener.port, batch=100))
     report = record(order, [row(tick, *range(400)) for tick in range(30)])
     datagrams = listener.heard()
     assert report["sinks"]["juggler"]["lost"] == 0 and [message["timestamp"] for datagram in datagrams for message in datagram] == [

@@ -10,7 +10,9 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
+import urllib.request
 
 import numpy as np
 import pytest
@@ -37,10 +39,14 @@ def signals(*texts):
     return [{"path": column["path"], "unit": column["unit"], "dtype": column["dtype"]} for column in columns(*texts)]
 
 
+def free_ports():
+    """Two, which are not the same."""
+    with socket.create_server(("", 0)) as first, socket.create_server(("", 0)) as second:
+        return first.getsockname()[1], second.getsockname()[1]
+
+
 def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    return free_ports()[0]
 
 
 def program():
@@ -91,7 +97,34 @@ def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
     left, own = scene.plots
     assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
     assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [True, True] + 5 * [False]
-    assert left.limits == [("highest of knee.torque", 18.0), ("lowest of knee.torque", -18.0)] and own.shown == [True]
+    assert left.limits == [("knee.torque ≤ 18 N·m", 18.0), ("knee.torque ≥ -18 N·m", -18.0)] and own.shown == [True]
+
+
+def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position():
+    names = ("hip", "knee", "ankle")
+    robot = signals("clock.t s", "left/imu.temperature °C", *(f"left/{name}.{port}" for name in names for port in ("position rad", "torque N·m")))
+    left, own = Scene("robot", robot, {f"left/{name}.torque": (-limit, limit) for name, limit in zip(names, (18.0, 18.0, 9.0))}).plots
+    assert left.limits == [("hip, knee.torque ≤ 18 N·m", 18.0), ("hip, knee.torque ≥ -18 N·m", -18.0),
+                           ("ankle.torque ≤ 9 N·m", 9.0), ("ankle.torque ≥ -9 N·m", -9.0)]
+    assert own.title == "robot", "what has actuators comes first"
+    assert left.labels[:2] == ["hip.position [rad]", "hip.torque [N·m]"] and left.colours[:2] == [(115, 177, 213), (0, 114, 178)]
+    assert len(set(left.colours[:6])) == 6
+
+
+@needs_rerun
+def test_a_sensor_moves_with_the_segment_that_it_sits_on():
+    """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot level."""
+    from runtime.rerun.stream import APART, HIP_HEIGHT, LENGTHS, OUT, place_of
+
+    parts = [f"left/{name}_imu.quaternion[{number}] 1" for name in ("thigh", "shank", "foot") for number in range(4)]
+    scene = Scene("robot", signals("left/hip.position rad", "left/knee.position rad", *parts, *(f"trunk/imu.quaternion[{n}] 1" for n in range(4))), {})
+    values = np.array([[math.pi / 2, math.pi / 2, *([0.0] * 16)], [0.0] * 18])
+    thigh, shank, foot, trunk = (place_of(sensor, scene, values) for sensor in scene.sensors)
+    y, knee = APART / 2 + OUT, LENGTHS["thigh"]
+    assert thigh == pytest.approx(np.array([[knee / 2, y, HIP_HEIGHT], [0.0, y, HIP_HEIGHT - knee / 2]]), abs=1e-12)
+    assert shank == pytest.approx(np.array([[knee, y, HIP_HEIGHT - LENGTHS["shank"] / 2], [0.0, y, HIP_HEIGHT - knee - LENGTHS["shank"] / 2]]), abs=1e-12)
+    assert foot[0] == pytest.approx([knee + LENGTHS["foot"] / 2, y, HIP_HEIGHT - LENGTHS["shank"]], abs=1e-12)
+    assert trunk[0] == pytest.approx(trunk[1]) and trunk[0][0] < 0.0
 
 
 def test_what_is_shown_stands_first_in_the_legend():
@@ -200,7 +233,7 @@ def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
 
 @needs_rerun
 def test_a_server_is_told_listens_on_loopback_alone_and_ends_with_the_run(tmp_path):
-    port, web = free_port(), free_port()
+    port, web = free_ports()
     path = knee(tmp_path)
     path.write_text(f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, web_port={web})\n")
     run = started(path, "--no-record", cwd=tmp_path)
@@ -211,6 +244,63 @@ def test_a_server_is_told_listens_on_loopback_alone_and_ends_with_the_run(tmp_pa
     run.communicate(timeout=60)
     assert run.returncode == 143
     patient(lambda: listening(port) is None and listening(web) is None)
+
+
+@needs_rerun
+def test_a_browser_on_another_machine_may_show_what_is_served_and_no_other_page_may():
+    """Which it asks the server before each connection (CORS); on any loopback address it is as elsewhere."""
+    port, web = free_ports()
+    server, _ = viewer.serve("127.0.0.2", port, web)
+    try:
+        def allowed(origin):
+            request = urllib.request.Request(
+                f"http://127.0.0.2:{port}/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages", method="OPTIONS",
+                headers={"Origin": origin, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type,x-grpc-web"})
+            return urllib.request.urlopen(request, timeout=10).headers.get("access-control-allow-origin")
+
+        for page in (f"http://127.0.0.2:{web}", f"http://{socket.gethostname()}:{web}"):
+            assert allowed(page) == page
+        assert allowed("http://elsewhere.example") is None
+    finally:
+        server.kill()
+        server.wait()
+
+
+def test_what_listens_on_every_address_is_told_by_the_one_that_others_reach():
+    assert viewer.reached_at("127.0.0.1") == "127.0.0.1" and viewer.reached_at("10.1.2.3") == "10.1.2.3"
+    assert viewer.reached_at("0.0.0.0") not in ("0.0.0.0", "127.0.0.1")
+
+
+@pytest.mark.parametrize("speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is no viewer of Rerun"), (b"", "is no viewer of Rerun")])
+def test_what_listens_but_is_no_viewer_is_told_before_the_run(speaks, words):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        def answer():
+            line, _ = server.accept()
+            with line:
+                line.sendall(speaks)
+                line.recv(100)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(viewer.ViewerFailed, match=words):
+            viewer.meet("127.0.0.1", server.getsockname()[1], 0.2)
+        thread.join()
+
+
+def test_where_a_server_cannot_listen_is_told_by_what_is_wrong():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        with pytest.raises(viewer.ViewerFailed, match="somebody listens on 127.0.0.1 port"):
+            viewer.free("127.0.0.1", server.getsockname()[1])
+    with pytest.raises(viewer.ViewerFailed, match="cannot serve on 203.0.113.9: this computer has no such address"):
+        viewer.free("203.0.113.9", free_port())
+
+
+@needs_rerun
+def test_where_there_is_no_screen_it_says_what_does_without(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(viewer.ViewerFailed, match="no screen for Rerun's viewer; --rerun serve shows the run in a browser"):
+        viewer.viewer(free_port())
 
 
 def listening(port):

@@ -1,0 +1,66 @@
+"""One line of a terminal, made of parts. Where it is narrow they are shortened, then set closer, then left out, the least important first."""
+
+from dataclasses import dataclass
+
+COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
+RESET = "\x1b[0m"
+DOTS, CLOSE = (" | ", " · "), "  "      # between parts: in ASCII, in Unicode; where there is little room
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    importance : parts with the same one are shortened and left out together
+    forms : from the longest to the shortest, each a text, or (text, colour) of each of its pieces; an empty one is not there
+    colour : of what has none of its own
+    joined : to the part before, by a space
+    """
+
+    importance: float
+    forms: tuple
+    colour: str | None = None
+    joined: bool = False
+
+    def pieces(self, form):
+        chosen = self.forms[min(form, len(self.forms) - 1)]
+        return ((chosen, self.colour),) if isinstance(chosen, str) else chosen
+
+
+def part(importance, *forms, colour=None, joined=False):
+    return Part(importance, forms, colour, joined)
+
+
+def fit(parts, width, coloured, unicode, least=0):
+    """(one line of at most `width` characters, how many steps of narrowing it took). least : steps that are taken anyhow"""
+    stages = narrowing(parts)
+    for taken in range(min(least, len(stages)), len(stages) + 1):
+        line = compose(parts, stages[:taken], unicode)
+        text = "".join(piece for piece, _ in line)
+        if len(text) <= width:
+            return ("".join(f"{COLOURS[colour]}{piece}{RESET}" if colour else piece for piece, colour in line) if coloured else text), taken
+    return text[: max(0, width)], taken
+
+
+def narrowing(parts):
+    """The steps, in their order: ("form", importance, number of the form), ("close",), ("without", importance)."""
+    levels = sorted({part.importance for part in parts})
+    longest = max((len(part.forms) for part in parts), default=1)
+    shorter = [("form", level, form) for form in range(1, longest) for level in levels
+               if any(part.importance == level and len(part.forms) > form for part in parts)]
+    return [*shorter, ("close",), *(("without", level) for level in levels[:-1])]
+
+
+def compose(parts, steps, unicode):
+    """[(text, colour)] of a line after these steps."""
+    forms = {level: form for kind, level, form in (step for step in steps if step[0] == "form")}
+    without = {step[1] for step in steps if step[0] == "without"}
+    gap = CLOSE if ("close",) in steps else DOTS[unicode]
+    line = []
+    for part in parts:
+        pieces = part.pieces(forms.get(part.importance, 0))
+        if part.importance in without or not any(text for text, _ in pieces):
+            continue
+        if line:
+            line.append((" " if part.joined else gap, None))
+        line += pieces
+    return line if unicode else [(text.replace("µ", "u").replace("·", "*").replace("×", "x"), colour) for text, colour in line]
