@@ -50,7 +50,7 @@ TOGETHER := tests/hardware tests/blocks tests/graph tests/diagrams tests/mutatio
 	$(addprefix tests/runtime/,calibration doctor live rate recordings rerun telling) \
 	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
 	$(addprefix tests/runtime/test_,processor.py profile.py run.py settings.py trial.py) \
-	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py mcap_mending.py plotjuggler.py status.py strides.py) \
+	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py mcap_mending.py plotjuggler.py strides.py) \
 	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) \
 	$(addprefix tests/runtime/tools/test_,chips.py configure.py page.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
 	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \

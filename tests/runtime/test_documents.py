@@ -99,7 +99,7 @@ def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
     assert reader.stdout.splitlines() == [
         "200 samples in rad, until 0.995 s, of {'subject': 'S03'}", "996 samples at 1000 Hz", "2 trials, 400 rows"], reader.stderr
     commands = [line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")]
-    assert len(commands) == 8
+    assert len(commands) == 9
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
     for words in commands:
         needs = {"parquet": "pyarrow", "mat": "scipy"}
