@@ -127,14 +127,14 @@ def hints(result, program):
     paths = [file["path"] for file in result.recording.get("files", [])]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
-    table = next((path for path in paths if path.endswith(".csv")), None)
+    log = next((path for path in paths if path.endswith(".mcap")), None)
     tries = []
     if strides and not any(stride["strides"] for stride in strides):
         tries.append(f"walk longer, to see whole strides: {start} --duration 20")
     if picture:
         tries.append(f"look at the average stride: {picture}")
-    elif table:
-        tries.append(f"open the recording in a spreadsheet, or in Python: pandas.read_csv({table!r})")
+    elif log:
+        tries.append(f"draw the recording: {program} plot {shlex.quote(log)}")
     change = other_value(result.diagram)
     if change:
         tries.append(f"change a parameter: {start} --duration 10 --set {change}")
