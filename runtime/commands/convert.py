@@ -22,7 +22,8 @@ def main(arguments):
     parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
     parser.add_argument("--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles")
     parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="at this rate, between samples as each kind of signal goes on")
-    parser.add_argument("--in-place", action="store_true", help="with --to mcap: finish the files themselves, where a second copy would not fit")
+    parser.add_argument("--in-place", action="store_true",
+                        help="with --to mcap: finish the files themselves, where a second copy would not fit")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)")
     options = parser.parse_args(arguments)
     kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]

@@ -1,9 +1,10 @@
 """An MCAP file that its recorder did not finish is finished in place: what stands in it tells all that the recorder knew.
 
-The file may end anywhere. Up to the last whole record it is looked through, a slice at a time; then what is torn is cut off, and the end is written as
-it would have been: the last piece's indices, the heads of chunks, the summary. Whoever is killed in between leaves a file that can be
-mended again: nothing but derived records is ever cut off or written over, a piece that has become a chunk is read as the piece it was, and what
-stands behind the end of the data does not count until all of it is there and right. What is damaged, not just torn, is left as it is.
+The file may end anywhere. Up to the last whole record it is looked through, a slice at a time; then what is torn is cut off, and
+the end is written as it would have been: the last piece's indices, the heads of chunks, the summary. Whoever is killed in between
+leaves a file that can be mended again: nothing whole is ever cut off or written over but what follows from the rest, a piece that
+has become a chunk is read as the piece it was, and what stands behind the end of the data does not count until all of it is there
+and right. What is damaged, not just torn, is left as it is.
 """
 
 import io
@@ -16,7 +17,8 @@ from runtime.recorder.files import AT_ONCE, WholeFile, claim
 from runtime.recorder.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, PRIVATE, McapFile
 from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
-HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT, DATA_END = 1, 2, 3, 4, 5, 6, 7, 8, 9, 15      # kinds of records
+HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)       # kinds of records
+DATA_END = 15
 KINDS = {*range(HEADER, DATA_END + 1), PRIVATE}
 FOOTER_REST = Struct("<QQI")    # summary and its offsets begin, checksum
 LARGEST = 64 << 20              # bytes of a record: an attachment
@@ -123,7 +125,8 @@ class Mending:
             if self.good == 0:
                 raise MendingFailed(f"{self.path} was cut off before it began, or is something else: there is nothing to finish")
             if not self.over and not torn(self.stream, self.at, self.size):
-                raise MendingFailed(f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes what stands before into a new file")
+                raise MendingFailed(
+                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes what stands before into a new file")
             if self.writer.begun is not None and not self.writer.size:
                 self.writer.begun = None
             os.ftruncate(self.file.descriptor, self.good)
@@ -196,7 +199,7 @@ class Backlog:
             yield
         except MendingFailed as error:
             self.problems[path] = str(error)
-        except Exception as error:              # the recording goes on whatever is the matter with a file of before
+        except Exception as error:              # the recording goes on, whatever is the matter with a file of before
             self.problems[path] = f"{path} was not finished: {getattr(error, 'strerror', None) or repr(error)}"
 
 
@@ -267,6 +270,6 @@ def finished(stream, size):
             stream.seek(index.chunk_start_offset)
             head = stream.read(CHUNK_HEAD.size)
             length, size = index.chunk_length - HEAD.size, index.uncompressed_size
-            if head[:1] != bytes([A_CHUNK]) or CHUNK_HEAD.unpack(head)[1::6] != (length, size):        # its last field: half a head has not got it
+            if head[:1] != bytes([A_CHUNK]) or CHUNK_HEAD.unpack(head)[1::6] != (length, size):     # half a head has not got its last field
                 return False
     return True

@@ -100,7 +100,7 @@ class Recording:
         self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
 
     def leave_out(self, path, error):
-        """One that cannot go on where another recorder has died, such as for a viewer that was closed: the run goes on, and so does its recording."""
+        """A service that cannot go on where another recorder has died, such as for a viewer that was closed: the rest is recorded."""
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
             self.files.update({file: "incomplete" for file in entry[1].files})
@@ -220,7 +220,8 @@ class Recording:
             service.left = states.get(path)
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
-        heir = Recording({**self.plan, "part": self.part + 1, "stem": f"{self.stem}_part{self.part + 1}", "sinks": sinks, "logs": backlog}, self.page)
+        part = self.part + 1
+        heir = Recording({**self.plan, "part": part, "stem": f"{self.stem}_part{part}", "sinks": sinks, "logs": backlog}, self.page)
         heir.say, heir.stem, heir.problems, heir.backlog = self.say, self.stem, [*self.problems], Backlog(backlog)
         heir.paper, heir.asks = self.paper, self.asks
         try:

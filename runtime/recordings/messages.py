@@ -19,7 +19,7 @@ TICK = (("tick", SFIXED64), ("time", DOUBLE), ("lateness", DOUBLE))
 FRAME = (("id", FIXED32), *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")), ("data", BYTES))
 EVENT = (("event", STRING), ("tick", SFIXED64), ("json", STRING))
 TICK_BYTES = Struct("<BqBdBd")
-TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")]       # the same, as NumPy's dtype has it
+TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")]       # as a NumPy dtype
 
 
 def varint(value):
