@@ -4,8 +4,9 @@
     answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, or at the end
                 {"done": {"rows", "last": tick, "events": how many of the run's, "problem": what is missing, or null}}
 
-It ends when all is told, when the recorder has died, or when its viewer has gone. That of the recorder which goes on waits for the word of the
-one before, then takes from the flight logs what that had not come to, and goes on with what comes over its own socket.
+It ends when all is told, when the recorder has died, or when its viewer has gone. That of a recorder which goes on is ready at once, as that has a
+ring to drain; it waits for the last word of the one before, then takes from the flight logs what that had not come to, or where a server has
+gone with it all, and goes on with what comes over its own socket.
 """
 
 import json
@@ -19,7 +20,8 @@ from struct import Struct
 HEAD = Struct("<IB")
 LOOK = 1.0                      # s between looks at the viewer
 FLUSH = 0.2                     # s between flushes
-LAST_WORD = 60.0                # s for the process of a recorder that has died to show what it has heard
+LAST_WORD = 30.0                # s for the process of a recorder that has died to show what it has heard
+SERVER_END = 5.0                # s for a server that ends with that process to have ended
 PATIENCE = 5.0                  # s for a flush, before the viewer or the disk counts as gone
 RECEIVE = 1 << 20               # bytes at once
 PLAN, ROWS, EVENT, QUIT = b"PREQ"
@@ -35,20 +37,24 @@ def main(answers, control, descriptor, before):
         signal.signal(number, signal.SIG_IGN)
     os.nice(5)
     quiet()
-    feed = None
+    ready = False
     try:
         orders = Orders(descriptor, control)
-        kind, content = orders.next(None)
-        feed = Feed(json.loads(content))
-        say(answers, {"ready": feed.told})
+        plan = json.loads(orders.next(None)[1])
         if before >= 0:
-            feed.go_on(last_word(before))
+            ready = say(answers, {"ready": ""})
+            word = last_word(before)
+            feed = Feed(plan, SERVER_END)
+            feed.go_on({} if feed.mortal else word)
+        else:
+            feed = Feed(plan)
+            ready = say(answers, {"ready": feed.told})
         follow(orders, feed)
         say(answers, {"done": {"rows": feed.count, "last": feed.last, "events": max(feed.events, feed.shown), "problem": feed.problem}})
     except Gone as error:
         say(answers, {"gone": str(error)})
     except Exception as error:                          # Rerun's, the disk's, the network's: told, as nobody sees this process
-        say(answers, {"error" if feed is None else "gone": getattr(error, "strerror", None) or str(error) or type(error).__name__})
+        say(answers, {"gone" if ready else "error": getattr(error, "strerror", None) or str(error) or type(error).__name__})
     os._exit(0)                                         # Rerun would wait for a viewer that has gone
 
 
@@ -131,7 +137,7 @@ class Orders:
 
 
 class Feed:
-    """What is told, in Rerun. plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
+    """What is told, in Rerun. patience : s for ports to become free; plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
 
     told : what the person at the terminal shall know
     count, last : rows, and the tick of the newest of the run, None before the first
@@ -139,7 +145,7 @@ class Feed:
     problem : what is missing, in a line
     """
 
-    def __init__(self, plan):
+    def __init__(self, plan, patience=0.0):
         import rerun as rr
 
         from runtime.rerun import viewer
@@ -164,7 +170,7 @@ class Feed:
             if kind == "viewer":
                 self.process, host = viewer.viewer(port)
             elif kind == "serve":
-                self.process, host = viewer.serve(place, port, plan["web_port"])
+                self.process, host = viewer.serve(place, port, plan["web_port"], patience)
                 there = viewer.reached_at(place)
                 self.told = f"Rerun in a browser: http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
             else:
@@ -246,7 +252,9 @@ def quiet():
 
 
 def say(descriptor, message):
+    """Returns True: it has been said, to whoever listens."""
     try:
         os.write(descriptor, json.dumps(message).encode() + b"\n")
     except OSError:                                     # nobody listens any more
         pass
+    return True

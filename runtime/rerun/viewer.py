@@ -68,6 +68,17 @@ def free(address, port):
             raise ViewerFailed(f"cannot serve on {address} port {port}: {error.strerror}") from None
 
 
+def become_free(address, port, patience):
+    deadline = time.monotonic() + patience
+    while True:
+        try:
+            return free(address, port)
+        except ViewerFailed:
+            if time.monotonic() >= deadline:
+                raise
+        time.sleep(LOOK)
+
+
 def reached_at(address):
     """How others reach what listens on an address: of every address, the one that this computer has towards the rest of the network."""
     if address not in ANYWHERE:
@@ -132,11 +143,11 @@ def origins(address, web_port):
     return [f"http://{bracketed(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))]
 
 
-def serve(address, port, web_port):
-    """(process, host): a server for browsers, on an address and two ports."""
+def serve(address, port, web_port, patience=0.0):
+    """(process, host): a server for browsers, on an address and two ports. patience : s for them to become free"""
     host = ANYWHERE.get(address, address)
     for number in (port, web_port):
-        free(address, number)
+        become_free(address, number, patience)
     process = start("--serve-web", "--bind", address, "--port", port, "--web-viewer-port", web_port,
                     *(word for origin in origins(address, web_port) for word in ("--cors-allow-origin", origin)), mortal=True)
     await_port(process, host, port)

@@ -254,6 +254,26 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
     assert nobody_is_left(session)
 
 
+def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_recorded(tmp_path, monkeypatch):
+    (tmp_path / "mine.py").write_text(
+        "from runtime.recorder.service import Service\nclass Once(Service):\n    def open(self):\n"
+        "        if self.plan.get('part', 1) > 1:\n            raise ValueError('it was there once')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    page = Page(1 << 20)
+    recorder = RecorderProcess(page)
+    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS)))
+    for tick in range(100):
+        page.push(*row(tick, float(tick)))
+        if tick == 50:
+            patient(lambda: page.empty)
+            os.kill(recorder.pid, signal.SIGKILL)
+    page.close()
+    report = recorder.finish()
+    assert report["problems"][0] == "once does not go on: ValueError: it was there once" and "nothing was lost" in report["problems"][1]
+    assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
+    assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))
+
+
 @pytest.mark.soak
 @pytest.mark.parametrize("attempt", range(12))
 def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too(tmp_path, attempt):

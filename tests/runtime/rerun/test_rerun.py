@@ -438,6 +438,26 @@ def test_without_a_recording_it_is_told_which_ticks_are_missing(tmp_path):
 
 
 @needs_rerun
+@pytest.mark.soak
+def test_a_server_is_started_again_where_the_recorder_was_killed(tmp_path):
+    port, web = free_port(), free_port()
+    path = knee(tmp_path)
+    path.write_text(f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, web_port={web})\n")
+    run = started(path, "--record", "out", cwd=tmp_path)
+    assert "Rerun in a browser" in run.stderr.readline()
+    patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 100)
+    server = descendant(run.pid, "--serve-web")
+    os.kill(descendant(run.pid, "runtime.recorder.process"), signal.SIGKILL)
+    patient(lambda: listening(port) is None)
+    patient(lambda: listening(port) == listening(web) == "0100007F")
+    patient(lambda: not os.path.exists(f"/proc/{server}"))
+    run.send_signal(signal.SIGINT)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 130 and "nothing was lost" in err and "rerun" not in err
+
+
+@needs_rerun
+@pytest.mark.soak
 def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes_on(tmp_path):
     port = free_port()
     watching = subprocess.Popen(
@@ -458,7 +478,7 @@ def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes
     patient(lambda: (tmp_path / "bench_1_part2.mcap").exists())
     page.close()
     report = recorder.finish()
-    assert any("rerun does not go on: no viewer of Rerun answers on 127.0.0.1" in problem for problem in report["problems"])
+    assert any(re.match(r"rerun( stopped at [\d.]+ s)?: no viewer of Rerun answers on 127\.0\.0\.1", problem) for problem in report["problems"])
     assert runtime.load(tmp_path / "bench_1.mcap").tick.tolist() == list(range(100))
 
 
