@@ -39,6 +39,7 @@ from runtime.recorder.terminal import Terminal
 
 READY_TIMEOUT = 30.0        # s, for a slow disk
 ABANDON_TIMEOUT = 5.0       # s
+CURE = "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"
 
 
 def can_ask():
@@ -119,7 +120,7 @@ class RecorderProcess(ChildProcess):
             return self._lost(f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself")
         how = self._end()
         if report is None:
-            return self._lost(f"the recorder process died before the end ({how}): the files stop where it did")
+            return self._lost(f"the recorder process died before the end ({how}): the files stop where it did; {CURE}")
         return report
 
     def abandon(self):

@@ -20,6 +20,7 @@ from blocks.recorders import CsvRecorder
 from cext.page import RECORD_EVENT, Page
 from graph import Block, Diagram, Output
 from runtime.recorder import RecorderError, RecorderProcess
+from runtime.recorder.mcap_mending import Mending, MendingFailed
 from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
 from tests.runtime.terminals import patient
@@ -266,6 +267,8 @@ def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_re
         page.push(*row(tick, float(tick)))
         if tick == 50:
             patient(lambda: page.empty)
+            with pytest.raises(MendingFailed, match="bench_1.mcap is still being recorded"):
+                Mending(tmp_path / "out" / "bench_1.mcap")
             os.kill(recorder.pid, signal.SIGKILL)
     page.close()
     report = recorder.finish()
@@ -316,7 +319,9 @@ def test_the_run_goes_on_without_any_recorder_and_their_death_is_reported(tmp_pa
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0
-    assert report["problems"] == ["the recorder process died before the end (SIGKILL): the files stop where it did"]
+    assert report["problems"] == [
+        "the recorder process died before the end (SIGKILL): the files stop where it did; "
+        "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"]
     assert [Path(file["path"]).name for file in report["files"]] == ["killing.csv", "killing.mcap", "killing.json"]
     ticks = ticks_of(tmp_path / "killing.csv")                      # whole rows only
     assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one

@@ -2,6 +2,10 @@
 
 import fcntl
 import io
+import os
+import signal
+import subprocess
+from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -11,6 +15,10 @@ import runtime
 from runtime.errors import OK
 from tests.runtime.recorder.running import CSV, columns, frame, leg, plan, record, row, run, sink
 from tests.runtime.recorder.test_mcap import unfinished
+from tests.runtime.recorder.test_process import recorders
+from tests.runtime.rerun.test_rerun import program
+from tests.runtime.runs import KNEE_EXO, descendant, started
+from tests.runtime.terminals import patient
 
 BUSES = ["legs", "arms"]
 
@@ -65,7 +73,29 @@ def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command
     assert again == cut and cut.read_bytes() == path.read_bytes() and "was cut off, and what there is of it was completed later" in err
 
 
-@pytest.mark.parametrize("further", [0, 10])
+@pytest.mark.soak
+def test_after_kill_9_of_everything_the_file_becomes_whole(command_line):
+    folder = command_line.folder
+    run = started(KNEE_EXO, "--duration", "60", "--record", folder, cwd=folder)
+    [path] = patient(lambda: list(folder.glob("*.mcap")))
+    patient(lambda: path.stat().st_size > 300_000)
+    recorder = descendant(run.pid, "runtime.recorder.process")
+    for pid in [*recorders(recorder, "tickwork-heir"), recorder, run.pid]:
+        os.kill(pid, signal.SIGKILL)
+    run.communicate()
+    before = runtime.load(path)
+    assert len(before) > 100 and not before.complete
+    [whole], err = converted(command_line, path, "--to", "mcap")
+    assert "is not complete: it was cut off" in err and content(runtime.load(whole)) == content(before)
+    assert [name for name, _, _ in indexed(whole)].count("/tickwork/tick") == len(before)
+    [same], err = converted(command_line, path, "--to", "mcap", "--in-place")
+    assert same.read_bytes() == whole.read_bytes()
+    if find_spec("rerun"):
+        done = subprocess.run([program(), "mcap", "check", str(same)], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0 and "/left" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("further", [pytest.param(0, marks=pytest.mark.soak), 10])
 def test_parts_become_one_recording(command_line, further):
     """further : ticks that a recorder which was stopped had written, and the next one did too."""
     folder = command_line.folder

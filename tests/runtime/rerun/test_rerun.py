@@ -369,7 +369,7 @@ WIDE = [f"left/a.x{index} m" for index in range(100)]
 
 
 def behind(folder, end, tmp_path):
-    """A recorder dies while Rerun takes nothing, and is told 12,000 rows of 100 signals before and 500 behind it. end : of the process that feeds Rerun
+    """A recorder dies while Rerun takes nothing, and is told 5000 rows of 100 signals before and 300 behind it. end : of the process that feeds Rerun
 
     Returns the report.
     """
@@ -380,16 +380,16 @@ def behind(folder, end, tmp_path):
     feeder = descendant(recorder.pid, "runtime.rerun.process")
     os.kill(feeder, signal.SIGSTOP)
     page.push(RECORD_EVENT, json.dumps({"event": "mark", "number": 1, "tick": 7}).encode())
-    for tick in range(12_500):
+    for tick in range(5_300):
         kind, payload = row(tick, *[tick + 0.5] * len(WIDE))
         while not page.push(kind, payload):
             time.sleep(0.001)
-        if tick == 11_999:
+        if tick == 4_999:
             page.push(RECORD_EVENT, json.dumps({"event": "mark", "number": 2, "tick": tick}).encode())
             patient(lambda: page.empty)                         # all is drained, and flushed
             os.kill(recorder.pid, signal.SIGKILL)
             os.kill(feeder, end)
-    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 12_499}).encode())
+    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 5_299}).encode())
     page.close()
     return recorder.finish()
 
@@ -413,9 +413,9 @@ def test_what_rerun_had_not_taken_when_the_recorder_was_killed_comes_from_the_fl
         verify(tmp_path / name)
         found = vectors(tmp_path / name)["/left"]
         ticks, values, told = ticks + found[0], values + found[1], told + texts(tmp_path / name)
-    assert ticks == list(range(12_500)) and 0 < len(vectors(tmp_path / "a.rrd")["/left"][0]) < 11_000
-    assert np.array_equal(np.array(values), np.repeat(np.arange(12_500) + 0.5, 100).reshape(-1, 100))
-    assert told == ["mark 1", "mark 2", "end: ok, tick 12499"]
+    assert ticks == list(range(5_300)) and 0 < len(vectors(tmp_path / "a.rrd")["/left"][0]) < 4_500
+    assert np.array_equal(np.array(values), np.repeat(np.arange(5_300) + 0.5, 100).reshape(-1, 100))
+    assert told == ["mark 1", "mark 2", "end: ok, tick 5299"]
 
 
 @needs_rerun
@@ -424,7 +424,7 @@ def test_if_its_process_was_killed_too_the_second_file_has_all(tmp_path):
     report = behind(tmp_path / "out", signal.SIGKILL, tmp_path)
     assert len(report["problems"]) == 1
     verify(tmp_path / "a-2.rrd")
-    assert vectors(tmp_path / "a-2.rrd")["/left"][0] == list(range(12_500)) and texts(tmp_path / "a-2.rrd") == ["mark 1", "mark 2", "end: ok, tick 12499"]
+    assert vectors(tmp_path / "a-2.rrd")["/left"][0] == list(range(5_300)) and texts(tmp_path / "a-2.rrd") == ["mark 1", "mark 2", "end: ok, tick 5299"]
 
 
 @needs_rerun
@@ -434,7 +434,7 @@ def test_without_a_recording_it_is_told_which_ticks_are_missing(tmp_path):
     first = vectors(tmp_path / "a.rrd")["/left"][0]
     second = vectors(tmp_path / "a-2.rrd")["/left"][0]
     told = f"ticks {first[-1] + 1} to {second[0] - 1} are missing: a recorder died before Rerun had taken them"
-    assert f"rerun: {told}" in report["problems"] and told in texts(tmp_path / "a-2.rrd") and second[-1] == 12_499
+    assert f"rerun: {told}" in report["problems"] and told in texts(tmp_path / "a-2.rrd") and second[-1] == 5_299
 
 
 @needs_rerun
