@@ -10,7 +10,7 @@ from runtime.recorder.files import WholeFile
 from runtime.recorder.mcap_file import HEAD, MESSAGE, McapFile
 from runtime.recorder.mcap_mending import A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, read, walk
 from runtime.recordings import messages
-from runtime.recordings.reader import LIBRARY, MAGIC
+from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
 FLUSH = 1 << 20                 # bytes that wait in memory
 
@@ -39,6 +39,8 @@ class Copy:
         self.numbers = {}                       # {topic: number of its channel}
 
     def part(self, number, progress):
+        from mcap.exceptions import McapError
+
         path, seams = self.trial.parts[number], self.trial.seams
         self.seam, self.following = seams[number - 1] if number else None, seams[number] if number < len(seams) else None
         self.rows = self.seam.rows if self.seam else 0
@@ -47,28 +49,31 @@ class Copy:
         with open(path, "rb", buffering=0) as stream:
             stream.seek(len(MAGIC))
             for at, kind, data in walk(stream, len(MAGIC)):
-                body = data[HEAD.size:]
-                if kind == A_MESSAGE:
-                    channel = MESSAGE.unpack_from(data)[2]
-                    if channel not in topics:
-                        return                  # garbage, as our reader has told
-                    self.message(topics[channel], data)
-                elif kind == SCHEMA:
-                    schema = read("Schema", body)
-                    schemas[schema.id] = schema
-                elif kind == CHANNEL:
-                    channel = read("Channel", body)
-                    topics[channel.id] = channel.topic
-                    if channel.topic not in self.numbers:
-                        schema = schemas[channel.schema_id]
-                        self.numbers[channel.topic] = self.writer.channel(channel.topic, schema.data, schema.name)
-                elif kind == ATTACHMENT:
-                    self.attachment(read("Attachment", body))
-                elif kind == DATA_END:
+                try:
+                    self.record(kind, data, schemas, topics)
+                except (McapError, *DAMAGE):    # as our reader has told
+                    return
+                if kind == DATA_END:
                     return
                 if self.writer.file.waiting > FLUSH:
                     self.writer.file.flush()
                     progress(at / size)
+
+    def record(self, kind, data, schemas, topics):
+        body = data[HEAD.size:]
+        if kind == A_MESSAGE:
+            self.message(topics[MESSAGE.unpack_from(data)[2]], data)
+        elif kind == SCHEMA:
+            schema = read("Schema", body)
+            schemas[schema.id] = schema
+        elif kind == CHANNEL:
+            channel = read("Channel", body)
+            topics[channel.id] = channel.topic
+            if channel.topic not in self.numbers:
+                schema = schemas[channel.schema_id]
+                self.numbers[channel.topic] = self.writer.channel(channel.topic, schema.data, schema.name)
+        elif kind == ATTACHMENT:
+            self.attachment(read("Attachment", body))
 
     def attachment(self, attachment):
         """What was known before comes from the first part, the end from the last."""

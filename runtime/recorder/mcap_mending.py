@@ -215,10 +215,7 @@ def walk(stream, at):
             if not more:
                 return
             window, place = window[place:] + more, 0
-        kind = window[place]
-        if kind not in KINDS:
-            return
-        yield at, kind, window[place : place + size]
+        yield at, window[place], window[place : place + size]
         at, place = at + size, place + size
 
 

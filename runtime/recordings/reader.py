@@ -24,7 +24,7 @@ CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk without compression: its
 RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
 KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
 MENDED = "was cut off, and what there is of it was completed later"
-DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError)       # what garbage makes of a reader
+DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)       # what garbage makes of a reader
 
 
 @dataclass(frozen=True)
@@ -83,9 +83,11 @@ class Reader:
             raise BadInput(f"{path}: {error.strerror}") from None
         if self.about is None:
             raise BadInput(f"{path} {self.what_else(path, size)}")
-        if self.about.get("format") not in FORMATS:
+        if isinstance(self.about, dict) and self.about.get("format") not in FORMATS:
             raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: "
                            "pip install --upgrade tickwork")
+        if not sound(self.about):
+            raise BadInput(f"{path} is damaged: its about.json does not say which signals it has")
 
     def read(self, stream, look):
         """Returns how many bytes are good. Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong."""
@@ -175,6 +177,15 @@ class Reader:
         payload = FRAME.pack(time, identifier, len(data), flags, self.about["buses"].index(bus), sent, data)
         rows = len(self.messages[messages.ROW_END])
         return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)
+
+
+def sound(about):
+    """Whether all is there that tells what the messages mean."""
+    try:
+        said = [about["name"], *about["buses"], *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype"))]
+        return all(isinstance(word, str) for word in said) and about["rate"] > 0 and about["metadata"] is not None
+    except (LookupError, TypeError):
+        return False
 
 
 def matter(stream, good, size):

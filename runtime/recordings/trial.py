@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from runtime.errors import BadInput
 from runtime.recordings import messages
 from runtime.recordings.parts import whole
 from runtime.recordings.reader import Reader
@@ -49,9 +50,12 @@ class Trial:
         self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
-            values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
-            for place in subsystem.columns:
-                self.rows[:, place] = values[str(place)]
+            try:
+                values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
+                for place in subsystem.columns:
+                    self.rows[:, place] = values[str(place)]
+            except ValueError:
+                raise BadInput(f"{path} is damaged: its rows are not of the signals that its about.json tells of") from None
         self.frames, self.seams = reader.frames, reader.seams
 
     def __repr__(self):

@@ -3,6 +3,7 @@
 import fcntl
 import io
 import os
+import random
 import signal
 import subprocess
 from importlib.util import find_spec
@@ -12,7 +13,9 @@ import pytest
 from mcap.reader import make_reader
 
 import runtime
-from runtime.errors import OK
+from runtime.conversion import convert
+from runtime.errors import OK, BadInput
+from runtime.recorder.mcap_mending import MendingFailed, finish
 from tests.runtime.recorder.running import CSV, columns, frame, leg, plan, record, row, run, sink
 from tests.runtime.recorder.test_mcap import unfinished
 from tests.runtime.recorder.test_process import recorders
@@ -130,6 +133,44 @@ def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_plac
     assert "torn.mcap is damaged from byte" in err and np.array_equal(runtime.load(copy).tick, runtime.load(path).tick) and len(runtime.load(copy)) > 10
     code, out, err = command_line("convert", "torn.mcap", "--to", "mcap", "--in-place")
     assert code == 2 and "`convert` writes what stands before into a new file" in err and path.read_bytes() == data[:10_000] + data[10_005:]
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alone(command_line, seed):
+    diagram, plant = leg()
+    run(diagram, command_line.folder, 12, plant=plant)
+    whole, order, path = (command_line.folder / "leg.mcap").read_bytes(), random.Random(seed), command_line.folder / "torn.mcap"
+    refused = 0
+    for _ in range(300):
+        data = bytearray(order.choice([whole, unfinished(whole)]))
+        for _ in range(order.choice([1, 1, 3])):
+            at, length = order.randrange(len(data)), order.randrange(1, 30)
+            data[at : at + order.choice([0, 1, length])] = order.choice([b"", order.randbytes(1), order.randbytes(length)])
+        path.write_bytes(data)
+        try:
+            before = content(runtime.load(path))
+            made = convert(runtime.load(path), "mcap", str(command_line.folder / "copy"))
+            os.unlink(made)
+        except BadInput:
+            before = None
+        try:
+            finish(path)
+        except MendingFailed:
+            assert path.read_bytes() == data
+            refused += 1
+        else:
+            assert before is None or content(runtime.load(path)) == before
+    assert 50 < refused < 250
+
+
+def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line):
+    path = part(command_line.folder, "a", range(3))
+    data = path.read_bytes()
+    for old, new, told in ((b'"path"', b'"pith"', "its about.json does not say which signals it has"),
+                           (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of")):
+        path.write_bytes(data.replace(old, new, 1))
+        assert command_line.refused("convert", "a.mcap", "--to", "csv") == f"a.mcap is damaged: {told}"
 
 
 def test_what_cannot_be_is_told_in_one_line(command_line):
