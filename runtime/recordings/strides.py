@@ -54,7 +54,8 @@ def phase_of(trial, path):
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
-        raise BadInput(f"strides of {path}: {where} {what}: say what they begin with, as in events=\"left/gait_phase.phase\", or as times in s")
+        raise BadInput(f"strides of {path}: {where} {what}: say what they begin with: "
+                       "events=\"left/gait_phase.phase\" (in a command line --events left/gait_phase.phase), or times in s")
     walking = f"{gaits[0].removesuffix('phase')}walking"
     return gaits[0], walking if walking in trial.signals else None
 
