@@ -188,3 +188,17 @@ def test_one_tick_is_a_dot_in_the_middle(command_line, tmp_path):
     record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="one"), [row(7, 1.5)])
     code, out, err = command_line("plot", tmp_path / "one.mcap", "-o", "one.svg")
     assert (code, out, err) == (OK, "one.svg\n", "") and "a.x" in drawn("one.svg")
+
+
+def test_names_may_have_any_letters(command_line, tmp_path):
+    """A name that begins with _ matplotlib would leave out, one between dollars it would set as a formula; and no font has all letters."""
+    names = ("_hidden.y", "a$b$.z", "a$\\frac.z", "膝.x", "x^{2}.y")
+    record(plan(tmp_path, sink(CSV, "csv", columns(*(f"{name} m" for name in names))), stem="ta$k$"), [row(tick, *range(5)) for tick in range(300)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        code, out, err = command_line("plot", tmp_path / "ta$k$.mcap", "-o", "any.svg")
+    assert (code, out, err) == (OK, "any.svg\n", "") and {*names, "ta$k$: bench"} <= drawn("any.svg")
+    trial = runtime.load(tmp_path / "ta$k$.mcap")
+    with open("strides.svg", "wb") as file:
+        pictures.over_the_stride(trial, ["_hidden.y"], [0.1, 1.1], file, "svg")
+    assert "_hidden.y, 1 stride" in drawn("strides.svg")
