@@ -200,7 +200,7 @@ def average_stride(trial, events, file, kind):
 
 def over_the_stride(trial, paths, events, file, kind):
     """Mean and standard deviation of signals that a person has named, a plot each."""
-    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride")
+    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))
         if values.shape[2] != 1:
@@ -211,12 +211,12 @@ def over_the_stride(trial, paths, events, file, kind):
         mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
         cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
         axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-        axis.plot(cycle, mean, color=colour, linewidth=2.0, label=path)
+        [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
         whole(axis, {trial.dtype(path)} & {"bool"})         # a mean of whole numbers is none
         axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
         axis.set_xlim(0, 100)
         dress(axis)
-        legend = axis.legend(["1"], fontsize=8, frameon=False, labelcolor=INK, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend = axis.legend([line], ["1"], fontsize=8, frameon=False, labelcolor=INK, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
         legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
     axes[-1].set_xlabel("gait cycle [%]", color=INK)
     picture.save(figure, file, kind)
