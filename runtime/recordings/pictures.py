@@ -27,7 +27,7 @@ JOINT = ("position", "velocity", "torque")
 
 
 def overview(trial):
-    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, an element of a signal by itself."""
+    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every element by itself."""
     name = trial.about["name"]
     signals = [trial.row_of(path) | {"path": path} for path in trial.names]
     found = {}
@@ -62,14 +62,18 @@ def named(trial, path):
 
 
 def over_time(trial, rows, title, file, kind, told=""):
-    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"; told : the subsystem that the title has named already"""
+    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
+
+    told : the subsystem that the title has named already
+    """
     figure, axes = sheet(len(rows), title)
     for axis, paths in zip(axes, rows):
         for number, path in enumerate(paths):
             values = trial[path]
             steps = values.dtype != float
-            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, drawstyle="steps-post" if steps else "default",
-                      marker="" if len(trial) > 1 else "o", linestyle="-" if number < len(COLOURS) else "--", label=str(number))
+            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, label=str(number),
+                      drawstyle="steps-post" if steps else "default", marker="" if len(trial) > 1 else "o",
+                      linestyle="-" if number < len(COLOURS) else "--")
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
         if len(limits) == 1:                    # several would need a legend of their own
@@ -128,8 +132,8 @@ def name_troubles(axis, trial):
         if level is None:
             continue
         taken[level].append(ends)
-        axis.annotate(plain(text), (time, 1.0), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 3 + 9.5 * level), textcoords="offset points",
-                      fontsize=7.5, color=colour, ha="right" if late else "left", va="bottom")
+        axis.annotate(plain(text), (time, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5, color=colour,
+                      xytext=(-3 if late else 3, 3 + 9.5 * level), ha="right" if late else "left", va="bottom")
 
 
 def moments(trial):

@@ -45,7 +45,7 @@ def bounds(trial, path, events=None):
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or in the next around it that has any. BadInput where that is not one."""
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any. BadInput unless it is one."""
     folder = around = path.rpartition("/")[0]
     phases = [name for name in trial.names if name.endswith(".phase")]
     while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:

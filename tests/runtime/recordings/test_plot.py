@@ -117,9 +117,11 @@ def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_p
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")
 
 
-JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int", "gait.phase 1", "gait.walking 1 bool")
+JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int",
+          "gait.phase 1", "gait.walking 1 bool")
 CROWD = tuple(f"crowd.x{number} A" for number in range(14))
-ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m", "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
+ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m",
+         "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
 
 
 @pytest.fixture(scope="module")
