@@ -166,7 +166,7 @@ def legs(trial, events=None):
         try:
             one = leg(trial, folder, stem, bounds(trial, path, events))
         except BadInput as error:               # this joint has no gait phase: another may have
-            refused = error
+            refused = refused or error
             continue
         found += [one] if one else []
     if not found:
