@@ -98,7 +98,7 @@ class Compilation:
         errors = [d for d in self.diagnostics if d.severity == "error"]
         return sorted(errors, key=lambda d: (d.where.file, d.where.line) if d.where else ("", 0))
 
-    def attempt(self, block, hook, *arguments, **named):
+    def attempt(self, block, hook, /, *arguments, **named):
         """Call a hook of a block's author. What it raises as ValueError is reported, once, and None comes back."""
         try:
             return hook(*arguments, **named)

@@ -136,7 +136,7 @@ def near_miss(path):
     return f": {hint}" if hint else ""
 
 
-def call(file, function, *arguments, **named):
+def call(file, function, /, *arguments, **named):
     """Call `build` or `plant`; what goes wrong becomes BadInput."""
     try:
         inspect.signature(function).bind(*arguments, **named)
@@ -148,7 +148,7 @@ def call(file, function, *arguments, **named):
     return guarded(file.path, function, *arguments, **named)
 
 
-def guarded(path, function, *arguments, **named):
+def guarded(path, function, /, *arguments, **named):
     """Call the user's code; whatever it raises becomes BadInput with the user's own line."""
     try:
         return function(*arguments, **named)

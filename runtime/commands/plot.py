@@ -24,7 +24,8 @@ EPILOG = """\
 def main(arguments):
     parser = Parser("plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG)
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
-    parser.add_argument("signals", nargs="*", metavar="SIGNAL", help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)")
+    parser.add_argument("signals", nargs="*", metavar="SIGNAL",
+                        help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)")
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
     parser.add_argument("--events", metavar="SIGNAL", help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)")
     parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")

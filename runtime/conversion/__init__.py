@@ -9,6 +9,7 @@
 """
 
 import os
+from contextlib import suppress
 from importlib import import_module
 
 from runtime.recorder.files import create
@@ -23,15 +24,27 @@ OPENSIM = ("sto", "mot")
 def convert(trial, kind, stem, progress=lambda share: None):
     """Write a Trial as `stem` and the ending of its kind, or with a number in between where that exists. Returns the path.
 
+    The file has its name once it is whole: who finds one, after a power cut too, has every sample.
+
     progress : called with the share that is done. BadInput, MissingExtra, OSError; nothing is then left behind.
     """
     module = import_module(FORMATS[kind])
     module.check(trial, kind)
-    path, descriptor = create(stem, f".{kind}")
+    path = part = reserved(stem, kind)
     try:
-        os.close(descriptor)
-        module.write(trial, path, progress)
+        part = reserved(f"{path.removesuffix(f'.{kind}')}.part", kind)
+        module.write(trial, part, progress)
+        os.replace(part, path)
     except BaseException:
-        os.unlink(path)
+        for made in {part, path}:
+            with suppress(FileNotFoundError):
+                os.unlink(made)
         raise
+    return path
+
+
+def reserved(stem, kind):
+    """A path that no file had, and an empty one has now."""
+    path, descriptor = create(stem, f".{kind}")
+    os.close(descriptor)
     return path

@@ -1,7 +1,8 @@
 """OpenSim: .sto with every signal, .mot with the joint angles alone, in rad.
 
-Both are text: a header, then `time` and a column a number, named by its path, between tabs. Units stand in the header. OpenSim's older reader parts names
-at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's documentation, Storage (.sto) Files)
+Both are text: a header, then `time` and a column a number, named by its path, between tabs. Units stand in the header. OpenSim's older reader
+parts names at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's documentation, Storage
+(.sto) Files)
 """
 
 import re

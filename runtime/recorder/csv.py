@@ -12,6 +12,7 @@ from math import isfinite
 
 from msgspec.json import encode
 
+from runtime.errors import BadInput
 from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
 
@@ -32,7 +33,7 @@ class CsvWriter(Service):
         self.file = None
         if self.plan["folder"] is None:
             return
-        stem = os.path.join(self.plan["folder"], parameters.get("file") or self.plan["stem"])
+        stem = os.path.join(self.plan["folder"], name_of(parameters.get("file")) or self.plan["stem"])
         first = self.plan.get("part", 1) == 1           # the recorder that goes on after one that died must not replace its file
         self.file = WholeFile(*create(stem, ".csv", parameters.get("overwrite", False) and first))
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
@@ -65,14 +66,22 @@ class CsvWriter(Service):
 
 
 def place_of(path, columns):
-    """Which column has that path, None for an empty one. ValueError"""
+    """Which column has that path, None for an empty one. BadInput"""
     paths = [column["path"] for column in columns]
     if not path:
         return None
     if path not in paths:
         near = difflib.get_close_matches(path, paths, n=1)
-        raise ValueError(f"during: it records no signal {path!r}; " + (f"did you mean {near[0]!r}?" if near else "as in mocap.on"))
+        raise BadInput(f"during: it records no signal {path!r}; " + (f"did you mean {near[0]!r}?" if near else "as in mocap.on"))
     return paths.index(path)
+
+
+def name_of(file):
+    """What a person calls the file, without its ending; "" for nothing. BadInput where that is in another folder, or none at all"""
+    name = (file or "").strip()
+    if os.path.basename(name) != name or name.strip(".") == "" != name:
+        raise BadInput(f"file: {file!r} is not the name of a file; it stands where the recording does, in the folder that --record says")
+    return name.removesuffix(".csv")
 
 
 class Lines:

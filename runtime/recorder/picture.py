@@ -1,5 +1,6 @@
 """The picture of the average stride: a column a leg, angle, torque and power over the gait cycle."""
 
+import warnings
 from math import degrees
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -37,10 +38,22 @@ def draw(name, legs, file, kind="png"):
                 title(axis, leg)
         axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
     figure.align_ylabels(axes[:, 0])
-    figure.suptitle(f"{name}: the average stride", fontsize=13, fontweight="bold", color=INK)
+    figure.suptitle(plain(f"{name}: the average stride"), fontsize=13, fontweight="bold", color=INK)
     marks = [Line2D([], [], color=GREY, linewidth=2.0, label="mean"), Patch(color=GREY, alpha=0.25, label="± 1 standard deviation")]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
-    figure.savefig(file, format=kind, metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None})
+    save(figure, file, kind)
+
+
+def plain(text):
+    """A text of a picture in which a dollar is one, and begins no formula: names may have any letters."""
+    return text.replace("$", r"\$")
+
+
+def save(figure, file, kind):
+    """file : open for writing bytes; kind : "png" or "svg" """
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")       # a letter that the font has not got is drawn as a box
+        figure.savefig(file, format=kind, metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None})
 
 
 def plot(axis, curve, colour, convert):
@@ -70,4 +83,4 @@ def title(axis, leg):
         f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−"))
     axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color=GREY, linespacing=1.4)
-    axis.set_title(leg["title"], fontsize=11, fontweight="bold", color=INK, pad=40)
+    axis.set_title(plain(leg["title"]), fontsize=11, fontweight="bold", color=INK, pad=40)

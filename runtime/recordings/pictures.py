@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.errors import BadInput
 from runtime.recorder import picture
-from runtime.recorder.picture import FAINT, GREY, INK
+from runtime.recorder.picture import FAINT, GREY, INK, plain
 from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
 from runtime.recordings.strides import bounds, over
@@ -27,7 +27,7 @@ JOINT = ("position", "velocity", "torque")
 
 
 def overview(trial):
-    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, an element of a signal by itself."""
+    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every element by itself."""
     name = trial.about["name"]
     signals = [trial.row_of(path) | {"path": path} for path in trial.names]
     found = {}
@@ -62,14 +62,18 @@ def named(trial, path):
 
 
 def over_time(trial, rows, title, file, kind, told=""):
-    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"; told : the subsystem that the title has named already"""
+    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
+
+    told : the subsystem that the title has named already
+    """
     figure, axes = sheet(len(rows), title)
     for axis, paths in zip(axes, rows):
         for number, path in enumerate(paths):
             values = trial[path]
             steps = values.dtype != float
-            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, drawstyle="steps-post" if steps else "default",
-                      marker="" if len(trial) > 1 else "o", linestyle="-" if number < len(COLOURS) else "--", label=short(path.removeprefix(f"{told}/")))
+            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, label=str(number),
+                      drawstyle="steps-post" if steps else "default", marker="" if len(trial) > 1 else "o",
+                      linestyle="-" if number < len(COLOURS) else "--")
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
         if len(limits) == 1:                    # several would need a legend of their own
@@ -78,8 +82,10 @@ def over_time(trial, rows, title, file, kind, told=""):
         axis.set_ylabel(unit_label(trial.unit(paths[0])), color=INK)
         dress(axis)
         full = len(paths) > ROOMY
-        axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
-                    bbox_to_anchor=(1.0, 0.5))
+        legend = axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
+                             bbox_to_anchor=(1.0, 0.5))
+        for text, path in zip(legend.get_texts(), paths):       # as a label, matplotlib would leave out a name that begins with _
+            text.set_text(plain(short(path.removeprefix(f"{told}/"))))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
             axis.annotate("no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9)
@@ -92,7 +98,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         axes[-1].set_xlim(first, last + 0.005 * (last - first))         # a fault stands behind the last tick
     name_troubles(axes[0], trial)
     figure.align_ylabels(axes)
-    save(figure, file, kind)
+    picture.save(figure, file, kind)
 
 
 def troubles(axis, trial):
@@ -126,8 +132,8 @@ def name_troubles(axis, trial):
         if level is None:
             continue
         taken[level].append(ends)
-        axis.annotate(text, (time, 1.0), xycoords=("data", "axes fraction"), xytext=(-3 if late else 3, 3 + 9.5 * level), textcoords="offset points",
-                      fontsize=7.5, color=colour, ha="right" if late else "left", va="bottom")
+        axis.annotate(plain(text), (time, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5, color=colour,
+                      xytext=(-3 if late else 3, 3 + 9.5 * level), ha="right" if late else "left", va="bottom")
 
 
 def moments(trial):
@@ -160,7 +166,7 @@ def legs(trial, events=None):
         try:
             one = leg(trial, folder, stem, bounds(trial, path, events))
         except BadInput as error:               # this joint has no gait phase: another may have
-            refused = error
+            refused = refused or error
             continue
         found += [one] if one else []
     if not found:
@@ -198,7 +204,7 @@ def average_stride(trial, events, file, kind):
 
 def over_the_stride(trial, paths, events, file, kind):
     """Mean and standard deviation of signals that a person has named, a plot each."""
-    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride")
+    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))
         if values.shape[2] != 1:
@@ -209,14 +215,15 @@ def over_the_stride(trial, paths, events, file, kind):
         mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
         cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
         axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
-        axis.plot(cycle, mean, color=colour, linewidth=2.0, label=f"{path}, {len(values)} stride{'s' * (len(values) > 1)}")
+        [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
         whole(axis, {trial.dtype(path)} & {"bool"})         # a mean of whole numbers is none
         axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
         axis.set_xlim(0, 100)
         dress(axis)
-        axis.legend(fontsize=8, frameon=False, labelcolor=INK, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend = axis.legend([line], ["1"], fontsize=8, frameon=False, labelcolor=INK, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
     axes[-1].set_xlabel("gait cycle [%]", color=INK)
-    save(figure, file, kind)
+    picture.save(figure, file, kind)
 
 
 def elements(trial, path):
@@ -254,7 +261,7 @@ def unit_label(unit):
 def sheet(rows, title):
     figure = Figure(figsize=(WIDTH, 0.9 + ROW * rows), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=12, fontweight="bold", color=INK)
+    figure.suptitle(plain(title), fontsize=12, fontweight="bold", color=INK)
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
@@ -265,7 +272,3 @@ def dress(axis):
     for side, spine in axis.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color("#888888")
-
-
-def save(figure, file, kind):
-    figure.savefig(file, format=kind, metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None})

@@ -1,12 +1,14 @@
 """Signals at other times than they were recorded at."""
 
 import copy
+import os
 
 import numpy as np
 
 from runtime.errors import BadInput
 
 QUATERNION = "quaternion"       # what a port is called whose four elements are one
+MOST = 0.5                      # share of the memory that the rows may take: as much again is needed on the way
 UNIT = 1e-3                     # by how much the square of what is one may be off 1: sensors send rounded ones
 
 
@@ -18,6 +20,8 @@ def resampled(trial, rate):
         raise BadInput(f"{trial.path} holds no tick")
     near = 1e-6 / rate                          # times of ticks are rounded
     first, last = np.ceil((trial.time[0] - near) * rate), np.floor((trial.time[-1] + near) * rate)
+    if 8 * len(trial.signals) * (last - first + 1) > MOST * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+        raise BadInput(f"resample({rate:g}): {last - first + 1:.3g} rows of {len(trial.signals)} signals do not fit into this machine's memory")
     made = copy.copy(trial)
     made.tick = np.arange(int(first), int(last) + 1)
     made.time = made.tick / rate

@@ -45,7 +45,7 @@ def bounds(trial, path, events=None):
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or in the next around it that has any. BadInput where that is not one."""
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any. BadInput unless it is one."""
     folder = around = path.rpartition("/")[0]
     phases = [name for name in trial.names if name.endswith(".phase")]
     while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
@@ -54,7 +54,8 @@ def phase_of(trial, path):
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
-        raise BadInput(f"strides of {path}: {where} {what}: say what they begin with, as in events=\"left/gait_phase.phase\", or as times in s")
+        raise BadInput(f"strides of {path}: {where} {what}: say what they begin with: "
+                       "events=\"left/gait_phase.phase\" (in a command line --events left/gait_phase.phase), or times in s")
     walking = f"{gaits[0].removesuffix('phase')}walking"
     return gaits[0], walking if walking in trial.signals else None
 

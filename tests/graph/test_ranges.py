@@ -257,3 +257,20 @@ def test_every_command_of_every_actuator_is_told():
             knee(torque_command=knee.torque, damping_command=9.0)
     assert [(d.code, d.path, d.port) for d in complaints(diagram)] == [
         ("TW007", f"joint{n}", port) for n in (1, 2, 3) for port in ("torque_command", "damping_command")]
+
+
+def test_inputs_of_a_block_may_have_any_name():
+    class Names(Block):
+        hook = Input("m")
+        block = Input("m")
+        y = Output("m")
+
+        def output_range(self, hook, block):
+            return Interval(hook.low + block.low, hook.high + block.high)
+
+        def step(self, hook, block):
+            return hook + block
+
+    with Diagram("names", rate=200) as diagram:
+        Names()(hook=1.0, block=2.0)
+    compile(diagram)

@@ -52,6 +52,11 @@ def test_a_file_may_offer_a_diagram(tmp_path):
     assert not file.has_plant
 
 
+def test_parameters_of_build_may_have_any_name(tmp_path):
+    path = write(tmp_path, BUILD.format(parameters="file='', function=0, path='', amplitude=1.0", before="amplitude = amplitude + function"))
+    assert load(path, [("file", "walking.csv"), ("function", "2"), ("path", "x"), ("amplitude", "1.0")])[1]["sine"].amplitude == 3.0
+
+
 def test_a_file_may_offer_build_with_parameters(tmp_path):
     path = write(tmp_path, BUILD.format(parameters="amplitude=1.0", before="pass"))
     assert load(path)[1]["sine"].amplitude == 1.0

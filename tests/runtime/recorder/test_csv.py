@@ -14,6 +14,7 @@ from cext.page import Page
 from graph import Diagram
 from graph.units import canonical
 from runtime.recorder.ascii_units import ascii_name
+from runtime.errors import BadInput
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.files import WholeFile, create
 from tests.runtime.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink
@@ -113,7 +114,23 @@ def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
 
 def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("mocap.on 1"), during="mocap.off"))
-    with pytest.raises(ValueError, match="it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
+    with pytest.raises(BadInput, match="^during: it records no signal 'mocap.off'; did you mean 'mocap.on'?"):
+        writer.open()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("file, made", [("mine", "mine.csv"), ("mine.csv", "mine.csv"), ("walk µ.2", "walk µ.2.csv"), ("", "bench_1.csv")])
+def test_a_file_is_called_as_its_name_says_with_or_without_its_ending(tmp_path, file, made):
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
+    writer.open()
+    writer.close()
+    assert [path.name for path in tmp_path.iterdir()] == [made]
+
+
+@pytest.mark.parametrize("file", ["sub/mine", "../mine", "/tmp/mine", ".", "..", "mine/"])
+def test_a_file_stands_in_the_folder_of_the_recording_and_nowhere_else(tmp_path, file):
+    writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
+    with pytest.raises(BadInput, match=f"^file: '{file}' is not the name of a file; it stands where the recording does"):
         writer.open()
     assert not list(tmp_path.iterdir())
 

@@ -358,9 +358,9 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
 
 
 def test_what_a_refused_recording_had_already_made_is_taken_away(tmp_path):
-    bad = sink(CSV, "bad_recorder", SIGNALS, file="no/such/folder/x")
+    bad = sink(CSV, "bad_recorder", SIGNALS, file="x" * 300)
     good = sink(CSV, "csv_recorder", SIGNALS)
-    refused(tmp_path / "new" / "newer", good, bad, match="bad_recorder cannot start: No such file or directory")
+    refused(tmp_path / "new" / "newer", good, bad, match="bad_recorder cannot start: File name too long")
     assert list(tmp_path.iterdir()) == []
 
 

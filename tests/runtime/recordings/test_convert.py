@@ -1,7 +1,9 @@
 """Recordings in other formats, as readers of those formats find them: every sample, in order, to the bit."""
 
+import importlib
 import json
 import math
+import os
 import re
 import resource
 import struct
@@ -12,6 +14,7 @@ import numpy as np
 import pytest
 
 import runtime
+from runtime.conversion import FORMATS, convert
 from runtime.errors import BAD_INPUT, OK
 from tests.house import assert_one_line, copy_rooms, python
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
@@ -129,6 +132,23 @@ def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_
 def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
     record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="other"), [row(0, 1.0)])
     assert "has no joint angle" in command_line.refused("convert", tmp_path / "other.mcap", "--to", "mot")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
+def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, kind):
+    """Who finds a file that a conversion was writing when it was killed must not take it for the trial."""
+    module = importlib.import_module(FORMATS[kind])
+    if kind in ("parquet", "mat"):
+        pytest.importorskip({"parquet": "pyarrow", "mat": "scipy"}[kind])
+    write, found = module.write, []
+
+    def watched(trial, path, progress):
+        write(trial, path, progress)
+        found.append([(tmp_path / f"odd.{kind}").stat().st_size, os.path.getsize(path) > 1000])
+
+    monkeypatch.setattr(module, "write", watched)
+    path = convert(runtime.load(recording), kind, str(tmp_path / "odd"))
+    assert found == [[0, True]] and [str(file) for file in tmp_path.iterdir()] == [path]
 
 
 def test_nothing_is_overwritten(command_line, recording):

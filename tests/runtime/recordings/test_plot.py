@@ -117,9 +117,11 @@ def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_p
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")
 
 
-JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int", "gait.phase 1", "gait.walking 1 bool")
+JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int",
+          "gait.phase 1", "gait.walking 1 bool")
 CROWD = tuple(f"crowd.x{number} A" for number in range(14))
-ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m", "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
+ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m",
+         "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
 
 
 @pytest.fixture(scope="module")
@@ -188,3 +190,17 @@ def test_one_tick_is_a_dot_in_the_middle(command_line, tmp_path):
     record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="one"), [row(7, 1.5)])
     code, out, err = command_line("plot", tmp_path / "one.mcap", "-o", "one.svg")
     assert (code, out, err) == (OK, "one.svg\n", "") and "a.x" in drawn("one.svg")
+
+
+def test_names_may_have_any_letters(command_line, tmp_path):
+    """A name that begins with _ matplotlib would leave out, one between dollars it would set as a formula; and no font has all letters."""
+    names = ("_hidden.y", "a$b$.z", "a$\\frac.z", "膝.x", "x^{2}.y")
+    record(plan(tmp_path, sink(CSV, "csv", columns(*(f"{name} m" for name in names))), stem="ta$k$"), [row(tick, *range(5)) for tick in range(300)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        code, out, err = command_line("plot", tmp_path / "ta$k$.mcap", "-o", "any.svg")
+    assert (code, out, err) == (OK, "any.svg\n", "") and {*names, "ta$k$: bench"} <= drawn("any.svg")
+    trial = runtime.load(tmp_path / "ta$k$.mcap")
+    with open("strides.svg", "wb") as file:
+        pictures.over_the_stride(trial, ["_hidden.y"], [0.1, 1.1], file, "svg")
+    assert "_hidden.y, 1 stride" in drawn("strides.svg")

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import runtime
 from cext.page import RECORD_EVENT
+from runtime.errors import BadInput
 from runtime.recordings import pictures
 from runtime.recordings.resample import interpolate
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
@@ -63,6 +64,12 @@ def test_events_stay_when_they_were(trial):
         assert made.events[0]["tick"] == -1
     assert [event["tick"] for event in trial.resample(50).events if event["event"] == "mark"] == [25]
     assert trial.marks.tolist() == [0.5] and trial.resample(50).resample(200).marks.tolist() == [0.5]
+
+
+@pytest.mark.parametrize("rate", [1e11, 1e300])
+def test_more_rows_than_the_memory_holds_are_refused_in_words(trial, rate):
+    with pytest.raises(BadInput, match=r"rows of 9 signals do not fit into this machine's memory"):
+        trial.resample(rate)
 
 
 def test_what_stays_is_the_same_to_the_bit_and_nothing_overflows():
