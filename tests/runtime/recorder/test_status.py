@@ -313,7 +313,7 @@ def test_what_takes_a_second_tells_how_far_it_is(screen):
 
 @pytest.mark.parametrize("columns, expected", [
     (100, "converting walking_S03_2026-11-22.mcap ━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌ 50 %, 6 s left"),
-    (69, "converting walking_S03_2026-11-22.mcap ━━━━━━╌╌╌╌╌ 50 %, 6 s left"), (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left")])
+    (69, "converting walking_S03_2026-11-22.mcap ━━━━━╌╌╌╌╌ 50 %, 6 s left"), (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left")])
 def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, expected):
     sheet, now = Sheet(), 0.0
     sheet.columns = columns
