@@ -52,3 +52,11 @@ class Progress:
     def part(self, first, last):
         """The same for a step that goes from one share of the whole to another."""
         return lambda share: self(first + (last - first) * share)
+
+
+def rounds(what, repeats):
+    """for _ in rounds("measuring", 15): ... tells between the rounds how far it is."""
+    with Progress(what) as progress:
+        for number in range(repeats):
+            progress(number / repeats)
+            yield number

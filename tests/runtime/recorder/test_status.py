@@ -16,7 +16,7 @@ import pytest
 from runtime.recorder.line import compose, fit
 from runtime.recorder.status import STEADY, StatusLine, describe, rates, torque_part
 from runtime.recorder.terminal import Terminal
-from runtime.telling.progress import Progress
+from runtime.telling.progress import Progress, rounds
 from tests.runtime.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
@@ -322,6 +322,16 @@ def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, exp
         progress(0.5)
         assert sheet.line == expected and len(expected) < columns
     assert sheet.line == ""
+
+
+def test_rounds_tell_between_them_how_far_it_is_and_leave_nothing_if_one_fails(screen, monkeypatch):
+    monkeypatch.setattr("runtime.telling.progress.Terminal", lambda: terminal(screen[0]))
+    monkeypatch.setattr("runtime.telling.progress.PATIENCE", 0.0)
+    with pytest.raises(ZeroDivisionError):
+        for number in rounds("measuring", 4):
+            1 / (2 - number)
+    drawn = screen[1]()
+    assert "measuring ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 0 %" in drawn and drawn.endswith("\r\x1b[K")
 
 
 def test_progress_is_silent_in_a_pipe_and_where_it_is_quick(screen):
