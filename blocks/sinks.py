@@ -16,6 +16,7 @@ class PlotJuggler(Sink):
     host = Param("127.0.0.1", "1", "where PlotJuggler runs")
     port = Param(9870, "1", "its UDP port", min=1, max=65535, fixed=True)
 
+    signals = Param("", "1", "which of its signals, as in left/knee.torque, right, */imu.accel: signals, blocks, subsystems; all by default")
     decimation = Param(1, "1", "one tick of so many is sent", min=1, max=10_000, fixed=True)
     time = Param("device", "1", "of the timestamp; device: s since 1970 by the clock of the computer; relative: s since tick 0",
                  choices=("device", "relative"), fixed=True)

@@ -9,6 +9,7 @@ from xml.etree import ElementTree as tree
 
 from blocks.sinks import PlotJuggler
 from runtime.diagram_file import compiled, load
+from runtime.recorder.choice import chosen
 from runtime.recordings.grouping import by_unit
 
 STREAMER, PROTOCOL, STAMP = "UDP Server", "json", "timestamp"
@@ -26,7 +27,8 @@ def columns(path, settings=(), rate=None):
             PlotJuggler()
     schedule = compiled(path, diagram)
     found = next(sink for sink in schedule.sinks if isinstance(sink.block, PlotJuggler))
-    return schedule.name, schedule.rate, [vars(column) for column in found.columns], found.block
+    signals = [vars(column) for column in found.columns]
+    return schedule.name, schedule.rate, [signals[place] for place in chosen(signals, found.block.signals)], found.block
 
 
 def address(host):

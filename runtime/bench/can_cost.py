@@ -22,6 +22,7 @@ from runtime.bench.by_hand import build
 from runtime.bench.c_grid import C_GRID
 from runtime.rate.robot import UNLIMITED
 from runtime.realtime import Realtime
+from runtime.telling.progress import rounds
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
@@ -149,7 +150,7 @@ def fast_motors(seconds, repeats):
     schedule = compile(robot(BUSES, count))
     found = [[0, 0, 0], [0, 0, 0]]
     with motors(count) as sockets, Realtime("try"):
-        for _ in range(repeats):
+        for _ in rounds("measuring", repeats):
             for which, chunk in enumerate((lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))):
                 for place, value in enumerate((*chunk(), DRIVES * (ticks - STARTING))):
                     found[which][place] += value

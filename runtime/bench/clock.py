@@ -22,6 +22,7 @@ from runtime.bench.c_grid import C_GRID
 from runtime.realtime import Realtime
 from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
+from runtime.telling.progress import rounds
 
 SIGNALS = 60                    # that are recorded
 PYTHON_BLOCKS = 10
@@ -123,7 +124,7 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
             stack.enter_context(loaded())
         if busy_thread:
             stack.enter_context(busy())
-        for _ in range(repeats):
+        for _ in rounds("measuring", repeats):
             for rate, contenders in found.items():
                 late, missed = c_chunk(loop, rate, seconds, realtime)
                 contenders[C].add(counts_of(late), counts_of(abs(np.diff(late))), len(late), missed)

@@ -7,6 +7,7 @@ from graph import compile
 from runtime.bench.measure import Times
 from runtime.bench.netlists import wide
 from runtime.bench.ours import diagram_of, native_block
+from runtime.telling.progress import rounds
 
 LANES = {8: 9, 41: 5, 416: 3}           # of the wide diagram: 200, 992 and 9992 blocks; and how often each is compiled
 
@@ -16,7 +17,7 @@ class Compiles:
 
     def __init__(self, lanes, repeats):
         built, compiled = [], []
-        for _ in range(repeats):
+        for _ in rounds("compiling", repeats):
             began = time.thread_time()
             diagram = diagram_of(wide(lanes), native_block)
             ready = time.thread_time()

@@ -11,6 +11,8 @@ A contender is made from a netlist and has
 import gc
 import statistics
 
+from runtime.telling.progress import rounds
+
 CHECKED = (1, 2, 3, 257)        # ticks after which the sinks must agree with the reference
 TOLERANCE = 1e-9                # of the largest value: other frameworks add up time, and some sums, in another order
 
@@ -72,11 +74,11 @@ def interleave(contenders, seconds, repeats):
     collecting = gc.isenabled()
     gc.disable()
     try:
-        for _ in range(repeats):
+        for _ in rounds("measuring", repeats):
             for contender in contenders:
                 found[contender].append(contender.advance(ticks[contender]) / ticks[contender] * 1e6)
             gc.collect()
     finally:
         if collecting:
             gc.enable()
-    return {contender.name: Times(rounds) for contender, rounds in found.items()}
+    return {contender.name: Times(times) for contender, times in found.items()}

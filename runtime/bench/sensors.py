@@ -25,6 +25,7 @@ from cext.program import Program
 from graph import Diagram, compile
 from runtime.realtime import PRIORITY, Realtime
 from runtime.rig.streams import StreamLines
+from runtime.telling.progress import rounds
 
 SENSORS, RATE, LOOP = 8, 500.0, 200.0       # how many; Hz
 SERIALS = [str(700001 + number) for number in range(SENSORS)]
@@ -106,7 +107,7 @@ def measure(seconds, repeats, realtime="off"):
     alone, beside = Beside(), Beside()
     with plugged_in() as folder:
         chunk(Beside(), 0.2, folder, realtime)                     # set up once
-        for _ in range(repeats):
+        for _ in rounds("measuring", repeats):
             chunk(alone, seconds, None, realtime)
             chunk(beside, seconds, folder, realtime)
     return alone, beside

@@ -9,6 +9,7 @@ from pathlib import Path
 from runtime.bench.measure import Times
 from runtime.errors import BadInput
 from runtime.live.runs import page_of
+from runtime.telling.progress import rounds
 
 IMPORTS = "numpy, networkx, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
@@ -21,7 +22,7 @@ TELL_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') 
 def measure(file, repeats):
     """{what: (Times in ms, Times of resident memory in MB)} of bare imports and of a run of a diagram file, taken in turn."""
     found = {what: ([], []) for what in (*BARE, "run")}
-    for _ in range(repeats):
+    for _ in rounds("starting", repeats):
         for what, (times, memory) in found.items():
             seconds, kilobytes = first_tick(file) if what == "run" else bare(BARE[what])
             times.append(seconds * 1e3)

@@ -24,6 +24,7 @@ from runtime.bench.clock import Kept
 from runtime.errors import BadInput
 from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
+from runtime.telling.progress import rounds
 
 RATE, SIGNALS = 1000, 100       # Hz
 NONE, ALL = "none", "all"
@@ -79,7 +80,7 @@ def measure(seconds, repeats, realtime="off"):
     with ExitStack() as stack:
         listener = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         listener.bind(("127.0.0.1", 0))
-        for _ in range(repeats):
+        for _ in rounds("measuring", repeats):
             for name, kept in found.items():
                 with tempfile.TemporaryDirectory() as folder:
                     told = elsewhere(name, seconds, realtime, folder, listener.getsockname()[1])

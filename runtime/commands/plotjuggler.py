@@ -36,7 +36,7 @@ def main(arguments):
         from runtime.layout import columns
 
         name, rate, signals, block = columns(options.file, settings(options.settings), options.rate)
-        parameters = {name: getattr(block, name) for name in block.parameters}
+        parameters = {name: getattr(block, name) for name in block.parameters} | {"signals": ""}        # they are chosen already
     if options.dummy is None:
         return write(name, signals, parameters, options.output)
     if options.dummy:

@@ -30,15 +30,31 @@ def part(importance, *forms, colour=None, joined=False):
     return Part(importance, forms, colour, joined)
 
 
-def fit(parts, width, coloured, unicode, least=0):
-    """(one line of at most `width` characters, how many steps of narrowing it took). least : steps that are taken anyhow"""
+def fit(parts, width, coloured, unicode, kept=frozenset()):
+    """(one line of at most `width` characters, the steps of narrowing that it took). kept : steps that are taken anyhow"""
     stages = narrowing(parts)
-    for taken in range(min(least, len(stages)), len(stages) + 1):
-        line = compose(parts, stages[:taken], unicode)
-        text = "".join(piece for piece, _ in line)
-        if len(text) <= width:
-            return ("".join(f"{COLOURS[colour]}{piece}{RESET}" if colour else piece for piece, colour in line) if coloured else text), taken
+    taken = {stage for stage in stages if stage in kept}
+
+    def line(steps):
+        return compose(parts, steps, unicode)
+
+    for stage in stages:
+        if length(line(taken)) <= width:
+            break
+        taken.add(stage)
+    for stage in reversed(stages):              # what a later step has made room for stays, the most important first
+        if stage in taken and stage not in kept and length(line(taken - {stage})) <= width:
+            taken.discard(stage)
+    pieces = line(taken)
+    text = "".join(piece for piece, _ in pieces)
+    if coloured and len(text) <= width:
+        text = "".join(f"{COLOURS[colour]}{piece}{RESET}" if colour else piece for piece, colour in pieces)
+        return text, taken
     return text[: max(0, width)], taken
+
+
+def length(line):
+    return sum(len(text) for text, _ in line)
 
 
 def narrowing(parts):
@@ -52,7 +68,9 @@ def narrowing(parts):
 
 def compose(parts, steps, unicode):
     """[(text, colour)] of a line after these steps."""
-    forms = {level: form for kind, level, form in (step for step in steps if step[0] == "form")}
+    forms = {}
+    for _, level, form in (step for step in steps if step[0] == "form"):
+        forms[level] = max(form, forms.get(level, 0))
     without = {step[1] for step in steps if step[0] == "without"}
     gap = CLOSE if ("close",) in steps else DOTS[unicode]
     line = []

@@ -15,6 +15,7 @@ from time import monotonic
 
 import msgspec.json
 
+from runtime.recorder.choice import chosen
 from runtime.recorder.service import Service
 
 DATAGRAM = 65507                # bytes, the most that UDP over IPv4 carries
@@ -38,7 +39,8 @@ class PlotJugglerSender(Service):
         *self.kind, _, self.address = found[0]
         self.socket, self.again, self.cut = None, 0.0, 0
         self.reopen()
-        self.messages = [Message(self.sink["columns"])]
+        places = chosen(self.sink["columns"], parameters.get("signals", ""))
+        self.messages = [Message([self.sink["columns"][place] for place in places], places)]
         self.began = 0.0 if parameters.get("time") == "relative" else None         # of the timestamps: s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
         self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come

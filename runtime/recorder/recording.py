@@ -195,11 +195,20 @@ class Recording:
     def flush(self):
         for path, service in list(self.services):
             self.attempt(path, service, service.flush)
+        self.miss()
+
+    def miss(self):
+        """Stop the services whose files were deleted: what they wrote would be nowhere."""
+        for _, service in list(self.services):
+            gone = [] if service.elsewhere else [file for file in service.files if not os.path.exists(file)]
+            if gone:
+                self.stop(service, OSError(0, "its file was deleted", gone[0]))
 
     def sizes(self):
         """{path: bytes} of every file that this process writes, as it is on the disk."""
         others = {self.sidecar, *self.before, *(path for _, service in self.services if service.elsewhere for path in service.files)}
-        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files() if entry["path"] not in others}
+        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files()
+                if entry["path"] not in others and os.path.exists(entry["path"])}
 
     def states(self):
         """Of the services, as `next_part` wants them: bytes."""
@@ -265,7 +274,7 @@ class Recording:
         except Exception:                       # it has failed already, and that is what is told
             pass
         self.sinks[path] = {"failed": problem}
-        self.files.update({file: "incomplete" for file in service.files})
+        self.files.update({file: "incomplete" if os.path.exists(file) else "deleted while it was written" for file in service.files})
         self.problems.append(problem)
         self.say(f"tickwork recorder: {problem}; the run goes on")
 
@@ -273,6 +282,7 @@ class Recording:
         """Close everything, write the sidecar. Returns the report."""
         if self.flight_log is not None:
             self.attempt("flight log", self.flight_log, lambda: self.flight_log.end(self.outcome(orphaned)))
+        self.miss()
         for path, service in list(self.services):
             result = self.attempt(path, service, service.close)
             if path not in self.sinks:

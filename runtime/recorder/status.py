@@ -1,7 +1,7 @@
 """The status line: how the run is doing, refreshed in place ten times a second while it runs on a terminal.
 
     running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · left/knee ━━╌╌  −4.5 N·m
-    running 5.3/10 s  200 Hz  late 61/240 µs  load 3 %  legs 21 %  lost 0  τ ▃▁
+    running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▃▁
 
 The second is what 80 columns have room for. What the keys have chosen stands behind the time. A bar is a torque's share of its limit. Lateness
 is the median and the 99th percentile of the run so far; rate, load and what is on the buses are those of the last second: of CAN the share of
@@ -30,7 +30,7 @@ class StatusLine:
         self.enabled = plan["status_line"] and terminal.interactive
         self.next = 0.0
         self.history = deque(maxlen=WINDOW + 1)
-        self.narrowed, self.columns = deque(maxlen=STEADY), None        # by how many steps the newest lines were; on how many columns
+        self.narrowed, self.columns = deque(maxlen=STEADY), None        # by which steps the newest lines were; on how many columns
 
     def update(self, now):
         """Redraw if it is time. now : s, of any steady clock"""
@@ -51,7 +51,7 @@ class StatusLine:
             self.narrowed.clear()
         line = parts, columns - 1, self.terminal.coloured, self.terminal.unicode
         self.narrowed.append(fit(*line)[1])
-        self.terminal.draw(fit(*line, least=max(self.narrowed))[0])
+        self.terminal.draw(fit(*line, kept=set().union(*self.narrowed))[0])
 
     def erase(self):
         self.terminal.erase()

@@ -97,7 +97,8 @@ def replay(path, file=None, folder=None):
         if report["problems"]:
             raise BadInput(report["problems"][0])
         files = [entry["path"] for entry in report["files"]]
-        here = Trial(next(name for name in files if name.endswith(".mcap")))
+        with Progress("comparing") as progress:
+            here = Trial(next(name for name in files if name.endswith(".mcap")), progress.part(0.0, 0.9))
     mine, theirs = sent_frames(trial), sent_frames(here)
     frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
     unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))

@@ -7,7 +7,8 @@ from runtime.recorder.terminal import Terminal
 
 PATIENCE = 1.0                  # s before anything is shown
 REFRESH = 0.1                   # s
-BAR = 20                        # characters
+BAR, LEAST = 20, 8              # characters, at most and at least
+ROOM = " 100 %, 1000 s left"     # that the longest ending takes: the bar keeps its width while it changes
 
 
 class Progress:
@@ -36,9 +37,26 @@ class Progress:
         self.next = now + REFRESH
         share = min(1.0, max(0.0, share))
         left = f", {(now - self.began) * (1.0 - share) / share:.0f} s left" if share > 0.02 else ""
-        line = f"{self.what} {bar(share, self.terminal.unicode, BAR)} {100 * share:.0f} %{left}"
-        self.terminal.draw(line[: self.terminal.columns - 1])
+        self.terminal.draw(self.line(share, left, self.terminal.columns - 1))
+
+    def line(self, share, left, width):
+        """In `width` columns: where there are too few the bar gets narrower, then the end of the name goes."""
+        told = f" {100 * share:.0f} %{left}"
+        narrow = min(BAR, max(LEAST, width - len(self.what) - 1 - len(ROOM)))
+        text = f" {bar(share, self.terminal.unicode, narrow)}{told}"
+        what, most = self.what, max(0, width - LEAST - 1 - len(ROOM))
+        if len(what) > most:
+            what = what[:max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
+        return f"{what}{text}"[:max(0, width)]
 
     def part(self, first, last):
         """The same for a step that goes from one share of the whole to another."""
         return lambda share: self(first + (last - first) * share)
+
+
+def rounds(what, repeats):
+    """for _ in rounds("measuring", 15): ... tells between the rounds how far it is."""
+    with Progress(what) as progress:
+        for number in range(repeats):
+            progress(number / repeats)
+            yield number

@@ -65,6 +65,17 @@ def test_positions_and_torques_come_first_and_each_unit_has_its_plot():
         "robot": [("robot [s]", ["clock.t"])]}
 
 
+def test_what_the_block_chooses_is_what_the_layout_shows_and_the_dummy_sends(command_line):
+    words = (KNEE_EXO, "--set", "plot_juggler.signals=left, *.torque")
+    assert command_line("plotjuggler", *words)[0] == OK
+    shown = {curve.get("name") for curve in ElementTree.parse(command_line.folder / "knee_exo.xml").getroot().iter("curve")}
+    with Listener() as listener:
+        command_line("plotjuggler", *words, "--dummy", listener.address, "--duration", "0.02")
+        sent = names(listener.rest()[0])
+    assert shown <= set(sent) and {"/left/knee/position", "/right/knee/torque"} <= shown and "/right/knee/position" not in sent
+    assert "did you mean 'left/knee'" in command_line.refused("plotjuggler", KNEE_EXO, "--set", "plot_juggler.signals=left/kne")
+
+
 def test_a_diagram_without_the_block_is_shown_whole(command_line, tmp_path):
     assert command_line("plotjuggler", knee(tmp_path))[0] == OK
     assert "/law/torque" in (command_line.folder / "knee.xml").read_text()

@@ -239,4 +239,4 @@ def test_the_chosen_parameter_outlives_what_merely_informs():
     parts = describe(settings, "running", STATISTICS, (200.0, 0.03, 1600.0), True, chosen)
     wide, narrow = fit(parts, 160, False, True)[0], fit(parts, 60, False, True)[0]
     assert "5.3/10 s · spring.stiffness 30 N·m/rad (0 to 150 N·m/rad) · 200.0 Hz" in wide
-    assert narrow == "running 5.3/10 s  spring.stiffness 30 N·m/rad  200 Hz"
+    assert narrow == "running 5.3/10 s · spring.stiffness 30 N·m/rad · 200.0 Hz"

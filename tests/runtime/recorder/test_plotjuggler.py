@@ -9,7 +9,9 @@ import time
 
 import pytest
 
+from runtime.errors import BadInput
 from runtime.recorder import RecorderError
+from runtime.recorder.choice import chosen
 from runtime.recorder.plotjuggler import PlotJugglerSender
 from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 from blocks.sinks import PlotJuggler
@@ -51,9 +53,9 @@ def listener():
     listener.socket.close()
 
 
-def here(signals, **parameters):
+def here(columns_, **parameters):
     """The sink, with the time of the run for its stamps."""
-    return sink(JUGGLER, "juggler", signals, **{"time": "relative", **parameters})
+    return sink(JUGGLER, "juggler", columns_, **{"time": "relative", **parameters})
 
 
 def send(listener, signals, records):
@@ -101,6 +103,30 @@ def test_a_second_run_goes_on_in_time_where_the_first_ended(listener, virtual):
     first, second = stamps
     assert began < first[0] and first[-1] < second[0] and second[-1] < time.time() + 1.0
     assert [at - second[0] for at in second] == pytest.approx([tick / 200 for tick in range(20)], abs=1e-6 if virtual else 0.05)
+
+
+CHOICE = columns("left/knee.position rad", "left/knee.torque N·m", "left/imu.accel[0] m/s²", "left/imu.accel[1] m/s²", "right/knee.torque N·m", "clock.t s")
+
+
+@pytest.mark.parametrize("text, places", [
+    ("", [0, 1, 2, 3, 4, 5]), ("left/knee.torque", [1]), ("left/knee", [0, 1]), ("left", [0, 1, 2, 3]), ("*.torque", [1, 4]), ("*/imu.accel", [2, 3]),
+    ("left/imu.accel[1]", [3]), (" clock , */knee.t* ", [1, 4, 5]), ("?eft/knee.position", [0])])
+def test_signals_are_chosen_by_name(text, places):
+    assert chosen(CHOICE, text) == places
+
+
+@pytest.mark.parametrize("text, words", [
+    ("left/knee.torqe", "no signal 'left/knee.torqe'; did you mean 'left/knee.torque'"), ("rihgt", "did you mean 'right'"),
+    ("left, x*z", r"no signal 'x\*z'; as in left/knee.position")])
+def test_a_name_that_means_nothing_is_told_with_what_it_may_have_meant(text, words):
+    with pytest.raises(BadInput, match=words):
+        chosen(CHOICE, text)
+
+
+def test_only_what_is_chosen_is_sent(listener):
+    juggler = here(CHOICE, host=listener.host, port=listener.port, signals="*.torque, left/imu.accel[1]")
+    record(plan(None, juggler), [row(0, *range(6))])
+    assert listener.heard() == [{"timestamp": 0.0, "left": {"knee": {"torque": 1.0}, "imu": {"accel": [None, 3.0]}}, "right": {"knee": {"torque": 4.0}}}]
 
 
 def test_vectors_are_arrays_and_keep_their_indices(listener):

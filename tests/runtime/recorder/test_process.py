@@ -397,6 +397,28 @@ def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
     assert {"path": str(tmp_path / "bench_1.csv"), "note": "incomplete"} in report["files"]
 
 
+def test_files_that_are_deleted_while_they_are_written_are_told_and_the_others_go_on(tmp_path, capfd):
+    page, folder = Page(1 << 20), tmp_path / "out"
+    recorder = RecorderProcess(page)
+    recorder.configure(plan(folder, sink(CSV, "csv", SIGNALS), sink(CSV, "kept", SIGNALS, file="kept")))
+    for tick in range(100):
+        assert page.push(*row(tick, 1.0))
+    patient(lambda: (folder / "bench_1.csv").stat().st_size > 500)
+    for ending in ("csv", "mcap"):
+        (folder / f"bench_1.{ending}").unlink()
+    for tick in range(100, 200):
+        assert page.push(*row(tick, 1.0))
+    patient(lambda: (folder / "kept.csv").read_text().count("\n") == 201)
+    page.close()
+    report = recorder.finish()
+    assert [re.sub(r" at [\d.]+ s", "", problem) for problem in report["problems"]] == [
+        f"{path} stopped: its file was deleted: {folder}/bench_1.{ending}" for path, ending in (("csv", "csv"), ("flight log", "mcap"))]
+    told = capfd.readouterr().err
+    assert told.count("; the run goes on") == 2 and "Traceback" not in told
+    assert report["ticks"] == 200 and {"path": f"{folder}/bench_1.csv", "note": "deleted while it was written"} in report["files"]
+    assert len(read_csv(folder / "kept.csv")[1]) == 200
+
+
 LAB = """
 import json
 from pathlib import Path

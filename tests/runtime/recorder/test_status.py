@@ -16,7 +16,7 @@ import pytest
 from runtime.recorder.line import compose, fit
 from runtime.recorder.status import STEADY, StatusLine, describe, rates, torque_part
 from runtime.recorder.terminal import Terminal
-from runtime.telling.progress import Progress
+from runtime.telling.progress import Progress, rounds
 from tests.runtime.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
@@ -59,7 +59,7 @@ def test_it_fits_any_width_and_keeps_what_matters(width):
 
 def test_what_was_missed_outlives_what_merely_informs_on_a_narrow_terminal():
     text = line(40, statistics={**STATISTICS, "missed": 12})
-    assert text == "running 5.3/10 s  200 Hz  missed 12"
+    assert text == "running 5.3/10 s · 200.0 Hz · missed 12"
 
 
 def test_a_terminal_without_unicode_gets_ascii():
@@ -85,19 +85,18 @@ def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
 @pytest.mark.parametrize("width, unicode, expected", [
     (200, True, "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · "
                 "left/knee ━━╌╌  −9.1 N·m · right/knee ━╌╌╌   2.0 N·m"),
-    (120, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3 % · legs 21 % · lost 0 · left/knee ━━╌╌ right/knee ━╌╌╌"),
-    (99, True, "running 5.3/10 s · 200 Hz · late 61/240 µs · load 3 % · legs 21 % · lost 0 · τ ▅▂"),
-    (79, True, "running 5.3/10 s  200 Hz  late 61/240 µs  load 3 %  legs 21 %  lost 0  τ ▅▂"),
-    (60, True, "running 5.3/10 s  200 Hz  late 61/240 µs  lost 0  τ ▅▂"), (45, True, "running 5.3/10 s  200 Hz  lost 0"),
-    (99, False, "running 5.3/10 s | 200 Hz | late 61/240 us | load 3 % | legs 21 % | lost 0 | tau +:"),
-    (79, False, "running 5.3/10 s  200 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
+    (120, True, "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · left/knee ━━╌╌ right/knee ━╌╌╌"),
+    (99, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · missed 0 · dropped 0 · τ ▅▂"),
+    (79, True, "running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▅▂"),
+    (60, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · lost 0 · τ ▅▂"), (40, True, "running 5.3/10 s  200.0 Hz  lost 0  τ ▅▂"),
+    (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
 ])
 def test_on_80_columns_all_of_it_has_room_and_below_the_least_important_goes_first(width, unicode, expected):
     assert exoskeleton(width, unicode) == expected
 
 
 def test_a_load_that_is_high_outlives_what_is_not():
-    assert "load 91 %" in exoskeleton(45, load=0.91) and "load" not in exoskeleton(45)
+    assert "load 91" in exoskeleton(45, load=0.91) and "load" not in exoskeleton(45)
 
 
 class Sheet:
@@ -107,6 +106,9 @@ class Sheet:
 
     def draw(self, line):
         self.line = line
+
+    def erase(self):
+        self.line = ""
 
 
 def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_seconds():
@@ -307,6 +309,29 @@ def test_what_takes_a_second_tells_how_far_it_is(screen):
     drawn = seen()
     assert "converting walk.mcap ━━━━━╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 25 %, 6 s left" in drawn and drawn.endswith("\r\x1b[K")
     assert drawn.count("converting") == 16                                  # not in the first second
+
+
+@pytest.mark.parametrize("columns, expected", [
+    (100, "converting walking_S03_2026-11-22.mcap ━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌ 50 %, 6 s left"),
+    (69, "converting walking_S03_2026-11-22.mcap ━━━━━╌╌╌╌╌ 50 %, 6 s left"), (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left")])
+def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, expected):
+    sheet, now = Sheet(), 0.0
+    sheet.columns = columns
+    with Progress("converting walking_S03_2026-11-22.mcap", sheet, lambda: now) as progress:
+        now = 6.0
+        progress(0.5)
+        assert sheet.line == expected and len(expected) < columns
+    assert sheet.line == ""
+
+
+def test_rounds_tell_between_them_how_far_it_is_and_leave_nothing_if_one_fails(screen, monkeypatch):
+    monkeypatch.setattr("runtime.telling.progress.Terminal", lambda: terminal(screen[0]))
+    monkeypatch.setattr("runtime.telling.progress.PATIENCE", 0.0)
+    with pytest.raises(ZeroDivisionError):
+        for number in rounds("measuring", 4):
+            1 / (2 - number)
+    drawn = screen[1]()
+    assert "measuring ╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 0 %" in drawn and drawn.endswith("\r\x1b[K")
 
 
 def test_progress_is_silent_in_a_pipe_and_where_it_is_quick(screen):
