@@ -8,6 +8,7 @@ import os
 import pickle
 from contextlib import suppress
 from datetime import datetime, timezone
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from signal import Signals
@@ -212,8 +213,8 @@ class Recording:
 
     def states(self):
         """Of the services, as `next_part` wants them: bytes."""
-        states = {path: state for path, service in list(self.services) if (state := self.attempt(path, service, service.state)) is not None}
-        return pickle.dumps(states) if states else b""
+        states = {path: self.attempt(path, service, partial(pickled, service)) for path, service in list(self.services)}
+        return pickle.dumps(states) if any(states.values()) else b""
 
     def next_part(self, will):
         """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""
@@ -225,8 +226,9 @@ class Recording:
             self.flight_log.file.let_go()
             backlog.append(self.flight_log.file.path)
         states = pickle.loads(will["states"]) if will["states"] else {}
-        for path, service in self.services:
-            service.left = states.get(path)
+        for path, service in list(self.services):
+            if states.get(path):
+                service.left = self.attempt(path, service, partial(pickle.loads, states[path]))
         legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
         sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
         part = self.part + 1
@@ -355,6 +357,12 @@ class Recording:
         with suppress(OSError):                 # somebody else uses the folder by now
             for folder in reversed(self.folders):
                 os.rmdir(folder)
+
+
+def pickled(service):
+    """Its state, b"" where it has none."""
+    state = service.state()
+    return b"" if state is None else pickle.dumps(state)
 
 
 def picker(indices, columns):

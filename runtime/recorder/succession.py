@@ -39,9 +39,13 @@ class Heir:
     def will(self, sizes, states):
         drawer = self.drawers.pop(0)
         self.drawers.append(drawer)
-        os.pwrite(drawer, states, 0)
+        try:
+            kept = os.pwrite(drawer, states, 0)
+        except OSError:                     # no memory: what the services know dies with this process
+            kept = 0
         return json.dumps({
-            "tail": self.page.cursor, "sizes": sizes, "dropped": self.page.statistics()["dropped"], "drawer": drawer, "bytes": len(states)}).encode()
+            "tail": self.page.cursor, "sizes": sizes, "dropped": self.page.statistics()["dropped"],
+            "drawer": drawer if kept == len(states) else None, "bytes": kept}).encode()
 
     def opened(self, will):
         """In the heir: a will with the states that belong to it."""

@@ -258,11 +258,12 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
 def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_recorded(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(
         "from runtime.recorder.service import Service\nclass Once(Service):\n    def open(self):\n"
-        "        if self.plan.get('part', 1) > 1:\n            raise ValueError('it was there once')\n")
+        "        if self.plan.get('part', 1) > 1:\n            raise ValueError('it was there once')\n"
+        "class Strange(Service):\n    def state(self):\n        return lambda: 'which nobody can keep'\n")
     monkeypatch.syspath_prepend(tmp_path)
     page = Page(1 << 20)
     recorder = RecorderProcess(page)
-    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS)))
+    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink("mine:Strange", "strange", SIGNALS), sink(CSV, "csv", SIGNALS)))
     for tick in range(100):
         page.push(*row(tick, float(tick)))
         if tick == 50:
@@ -272,7 +273,9 @@ def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_re
             os.kill(recorder.pid, signal.SIGKILL)
     page.close()
     report = recorder.finish()
-    assert report["problems"][0] == "once does not go on: ValueError: it was there once" and "nothing was lost" in report["problems"][1]
+    problems = report["problems"]
+    assert len(problems) == 4 and all("strange stopped at 0 s" in problem for problem in (problems[0], problems[3]))
+    assert problems[1] == "once does not go on: ValueError: it was there once" and "nothing was lost" in problems[2]
     assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
     assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))
 
