@@ -61,6 +61,12 @@ def named(trial, path):
     return within or [path]
 
 
+def alone(trial, path):
+    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a subsystem. KeyError"""
+    signals = named(trial, path)
+    return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
+
+
 def over_time(trial, rows, title, file, kind, told=""):
     """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
 
@@ -203,7 +209,10 @@ def average_stride(trial, events, file, kind):
 
 
 def over_the_stride(trial, paths, events, file, kind):
-    """Mean and standard deviation of signals that a person has named, a plot each."""
+    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of subsystems"""
+    paths = [signal for path in paths for signal in alone(trial, path)]
+    if len(paths) > MOST:
+        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {MOST}: name fewer")
     figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))
