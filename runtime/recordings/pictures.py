@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.errors import BadInput
 from runtime.recorder import picture
-from runtime.recorder.picture import FAINT, GREY, INK, plain
+from runtime.recorder.picture import FAINT, GREY, INK, plain, short
 from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
 from runtime.recordings.strides import bounds, over
@@ -91,7 +91,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         legend = axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
                              bbox_to_anchor=(1.0, 0.5))
         for text, path in zip(legend.get_texts(), paths):       # as a label, matplotlib would leave out a name that begins with _
-            text.set_text(plain(short(path.removeprefix(f"{told}/"))))
+            text.set_text(plain(short(path.removeprefix(f"{told}/"), WIDEST)))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
             axis.annotate("no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9)
@@ -247,11 +247,6 @@ def drawable(values):
     """As floats, without what no axis has a place for."""
     values = values.astype(float)
     return np.where(np.abs(values) < VAST, values, np.nan)
-
-
-def short(name):
-    """A name that leaves room for the plot: the end tells more than the beginning."""
-    return name if len(name) <= WIDEST else f"{name[:WIDEST // 3]}…{name[1 + WIDEST // 3 - WIDEST:]}"
 
 
 def whole(axis, dtypes):

@@ -12,6 +12,7 @@ import pytest
 import runtime
 from cext.page import RECORD_EVENT
 from runtime.errors import FAULT, OK
+from runtime.recorder.picture import short
 from runtime.recordings import pictures
 from runtime.recordings.strides import bounds
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
@@ -205,3 +206,8 @@ def test_names_may_have_any_letters(command_line, tmp_path):
     with open("strides.svg", "wb") as file:
         pictures.over_the_stride(trial, ["_hidden.y"], [0.1, 1.1], file, "svg")
     assert "_hidden.y, 1 stride" in drawn("strides.svg")
+
+
+def test_a_long_name_keeps_its_end_and_leaves_room_for_the_plot():
+    assert short("left/knee.torque", 16) == "left/knee.torque"
+    assert short("left/leg/knee_motor.torque", 16) == "left/…tor.torque" and len(short("x" * 99, 44)) == 44
