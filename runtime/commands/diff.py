@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+from runtime.commands import drawing
 from runtime.commands.parsing import Parser
 from runtime.commands.reading import read
 from runtime.errors import CHECK_FAILED, OK
+from runtime.extras import need
 from runtime.recordings import diff
 from runtime.recordings.compare import compare
 from runtime.telling.progress import Progress
@@ -17,10 +19,12 @@ def main(arguments):
     parser.add_argument("second", type=Path, metavar="B", help="and of another")
     parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
     options = parser.parse_args(arguments)
+    drawing.check(options.output)
     with Progress("comparing") as progress:
         here, there = read(options.first, progress, 0.0, 0.5), read(options.second, progress, 0.5, 0.9)
         comparison = compare(here, there)
     tell(diff.table(here, there, comparison))
     if comparison.differences:
-        tell([f"  {diff.draw(options.output or Path('diff.png'), here, there, comparison)}"])
+        need("matplotlib.figure", "a picture")
+        tell([f"  {drawing.write(lambda file, kind: diff.draw(file, kind, here, there, comparison), options.output, 'diff')}"])
     return OK if comparison.identical else CHECK_FAILED

@@ -3,15 +3,14 @@
 import re
 from pathlib import Path
 
+from runtime.commands import drawing
 from runtime.commands.parsing import Parser
 from runtime.commands.reading import read
 from runtime.errors import OK, BadInput
 from runtime.extras import need
-from runtime.recorder.files import create
 from runtime.telling.progress import Progress
 from runtime.telling.terminal import tell
 
-KINDS = (".png", ".svg")
 EPILOG = """\
   plot trial.mcap                                       a picture a subsystem, a plot a unit
   plot trial.mcap left/knee.position left/knee.torque
@@ -33,8 +32,7 @@ def main(arguments):
     options = parser.parse_args(arguments, mixed=True)
     if options.events is not None and not options.strides:
         raise BadInput("--events needs --strides")
-    if options.output is not None and options.output.suffix not in KINDS:
-        raise BadInput(f"-o {options.output}: a picture ends in {' or '.join(KINDS)}")
+    drawing.check(options.output)
     with Progress(f"drawing {options.recording.name}") as progress:
         trial = read(options.recording, progress, 0.0, 0.5)
         try:
@@ -61,6 +59,8 @@ def pictures(trial, options):
     if not len(trial):
         raise BadInput(f"{trial.path} holds no tick")
     if options.signals:
+        if others := [word for word in options.signals if word.endswith(".mcap")]:
+            raise BadInput(f"{others[0]}: plot draws one recording, and signals of it; `diff` compares two")
         rows = pictures.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
@@ -72,22 +72,6 @@ def pictures(trial, options):
 def write(options, name, draw):
     """Returns the path. A file that was not named is never overwritten."""
     name = re.sub(r"[^\w.-]+", "_", name)
-    suffix = options.output.suffix if options.output is not None else ".svg" if options.svg else ".png"
-    try:
-        if options.output is None:
-            path, descriptor = create(str(options.recording.parent / f"{options.recording.stem}_{name}"), suffix)
-        else:
-            path = str(options.output.with_stem(f"{options.output.stem}_{name}" if name else options.output.stem))
-            descriptor = path
-        file = open(descriptor, "wb")
-    except OSError as error:
-        raise BadInput(f"cannot write {options.output or options.recording.parent}: {error.strerror}") from None
-    try:
-        with file:
-            draw(file, suffix[1:])
-    except BaseException as error:
-        Path(path).unlink()
-        if isinstance(error, OSError):
-            raise BadInput(f"cannot write {path}: {error.strerror or error}") from None
-        raise
-    return path
+    output = options.output if options.output is None or not name else options.output.with_stem(f"{options.output.stem}_{name}")
+    stem = options.recording.parent / f"{options.recording.stem}_{name}"
+    return drawing.write(draw, output, str(stem), ".svg" if options.svg else ".png")

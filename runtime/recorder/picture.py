@@ -14,6 +14,7 @@ ROWS = (
     ("torque", "torque [N·m]", "#D55E00", float),
     ("power", "power [W]", "#009E73", float),
 )
+WIDEST = 38                     # letters of a title
 INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
 
 
@@ -47,6 +48,11 @@ def draw(name, legs, file, kind="png"):
 def plain(text):
     """A text of a picture in which a dollar is one, and begins no formula: names may have any letters."""
     return text.replace("$", r"\$")
+
+
+def short(name, widest):
+    """A name of so many letters at most: the end tells more than the beginning."""
+    return name if len(name) <= widest else f"{name[:widest // 3]}…{name[1 + widest // 3 - widest:]}"
 
 
 def save(figure, file, kind):
@@ -83,4 +89,4 @@ def title(axis, leg):
         f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−"))
     axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color=GREY, linespacing=1.4)
-    axis.set_title(plain(leg["title"]), fontsize=11, fontweight="bold", color=INK, pad=40)
+    axis.set_title(plain(short(leg["title"], WIDEST)), fontsize=11, fontweight="bold", color=INK, pad=40)

@@ -32,27 +32,33 @@ def rank(comparison):
     return sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
 
 
-def draw(path, here, there, comparison):
-    """A picture of the first signals that differ: both around their largest difference, and the difference all along. Returns the path."""
+def draw(file, kind, here, there, comparison):
+    """A picture of the first signals that differ: both around their largest difference, and the difference all along.
+
+    file : open for writing bytes; kind : "png" or "svg"
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+
+    from runtime.recorder.picture import plain, save
 
     _, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     time = here.time[mine]
     chosen = rank(comparison)[:DRAWN]
-    figure = Figure(figsize=(12, 1.2 + 1.8 * len(chosen)), layout="constrained")
+    figure = Figure(figsize=(12, 1.2 + 1.8 * len(chosen)), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, chosen):
         a, b = here[d.path][mine].astype(float), there[d.path][others].astype(float)
-        difference = b - a
+        with np.errstate(invalid="ignore", over="ignore"):
+            difference = b - a
         centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
         shown = np.abs(time - centre) <= WINDOW / 2
-        near.plot(time[shown], a[shown], color="#9aa3ad", linewidth=2.4, label=here.path.name)
-        near.plot(time[shown], b[shown], color="#c8452c", linewidth=1.1, label=there.path.name)
+        near.plot(time[shown], a[shown], color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
+        near.plot(time[shown], b[shown], color="#c8452c", linewidth=1.1, label=plain(there.path.name))
         far.plot(time, difference, color="#c8452c", linewidth=0.8)
         far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
-        near.set_title(d.path, loc="left", fontsize=9)
+        near.set_title(plain(d.path), loc="left", fontsize=9)
         near.set_ylabel(d.unit if d.unit not in ("1", "any") else "")
         far.set_title(f"difference, from tick {d.first} on", loc="left", fontsize=9)
         for axis in (near, far):
@@ -61,5 +67,4 @@ def draw(path, here, there, comparison):
     for axis in rows[-1]:
         axis.set_xlabel("time [s]")
     figure.legend(*rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8)
-    figure.savefig(path, dpi=120)
-    return path
+    save(figure, file, kind)

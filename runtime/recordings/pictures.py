@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.errors import BadInput
 from runtime.recorder import picture
-from runtime.recorder.picture import FAINT, GREY, INK, plain
+from runtime.recorder.picture import FAINT, GREY, INK, plain, short
 from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
 from runtime.recordings.strides import bounds, over
@@ -61,6 +61,12 @@ def named(trial, path):
     return within or [path]
 
 
+def alone(trial, path):
+    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a subsystem. KeyError"""
+    signals = named(trial, path)
+    return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
+
+
 def over_time(trial, rows, title, file, kind, told=""):
     """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
 
@@ -85,7 +91,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         legend = axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
                              bbox_to_anchor=(1.0, 0.5))
         for text, path in zip(legend.get_texts(), paths):       # as a label, matplotlib would leave out a name that begins with _
-            text.set_text(plain(short(path.removeprefix(f"{told}/"))))
+            text.set_text(plain(short(path.removeprefix(f"{told}/"), WIDEST)))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
             axis.annotate("no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9)
@@ -203,7 +209,10 @@ def average_stride(trial, events, file, kind):
 
 
 def over_the_stride(trial, paths, events, file, kind):
-    """Mean and standard deviation of signals that a person has named, a plot each."""
+    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of subsystems"""
+    paths = [signal for path in paths for signal in alone(trial, path)]
+    if len(paths) > MOST:
+        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {MOST}: name fewer")
     figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
     for number, (axis, path) in enumerate(zip(axes, paths)):
         values = over(trial, path, bounds(trial, path, events))
@@ -238,11 +247,6 @@ def drawable(values):
     """As floats, without what no axis has a place for."""
     values = values.astype(float)
     return np.where(np.abs(values) < VAST, values, np.nan)
-
-
-def short(name):
-    """A name that leaves room for the plot: the end tells more than the beginning."""
-    return name if len(name) <= WIDEST else f"{name[:WIDEST // 3]}…{name[1 + WIDEST // 3 - WIDEST:]}"
 
 
 def whole(axis, dtypes):

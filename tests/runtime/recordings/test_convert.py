@@ -156,12 +156,21 @@ def test_nothing_is_overwritten(command_line, recording):
     assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
 
 
-def test_converting_and_drawing_need_nothing_that_was_compiled(tmp_path, recording):
+@pytest.mark.parametrize("words, made", [
+    ("convert {} --to csv -o out", "out/odd.csv"),
+    pytest.param("convert {} --to parquet,mat,sto,mot,mcap,rrd -o out", "out/odd.rrd", marks=pytest.mark.soak),
+    pytest.param("plot {} on.y -o on.svg", "on.svg", marks=pytest.mark.soak),
+    pytest.param("plot {} --strides --events on.y left/knee.torque -o on.svg", "", marks=pytest.mark.soak),
+    pytest.param("diff {0} {0}", "", marks=pytest.mark.soak)])
+def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, words, made):
     rooms = copy_rooms(tmp_path / "clone", built=False)
-    for words in (("convert", recording, "--to", "csv,sto", "-o", tmp_path), ("plot", recording, "on.y", "-o", tmp_path / "on.svg")):
-        process = python("-m", "runtime", *words, cwd=rooms)
-        assert (process.returncode, process.stderr) == (OK, ""), words
-    assert (tmp_path / "odd.csv").read_bytes() == recording.with_suffix(".csv").read_bytes()
+    process = python("-m", "runtime", *words.format(recording).split(), cwd=rooms)
+    assert process.stderr == "" or not made and "holds no whole stride" in process.stderr, process.stderr
+    assert not made or (rooms / made).stat().st_size > 1000
+
+
+def test_commands_that_run_say_what_to_do_where_nothing_was_compiled(tmp_path):
+    rooms = copy_rooms(tmp_path / "clone", built=False)
     assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
 
 

@@ -1,5 +1,6 @@
 """Pictures of recordings: what stands in them, read from their SVG, and where they go."""
 
+import copy
 import json
 import math
 import re
@@ -11,7 +12,8 @@ import pytest
 
 import runtime
 from cext.page import RECORD_EVENT
-from runtime.errors import FAULT, OK
+from runtime.errors import FAULT, OK, BadInput
+from runtime.recorder.picture import short
 from runtime.recordings import pictures
 from runtime.recordings.strides import bounds
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
@@ -110,6 +112,7 @@ def test_one_signal_over_the_gait_cycle(command_line, recording):
 
 def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_path):
     assert "has no signal 'left/knee.posiion': did you mean 'left/knee.position'?" in command_line.refused("plot", recording, "left/knee.posiion")
+    assert command_line.refused("plot", recording, "b.mcap") == "b.mcap: plot draws one recording, and signals of it; `diff` compares two"
     assert command_line.refused("plot", recording, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
     assert "holds no whole stride of a joint" in command_line.refused("plot", recording, "--strides")
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
@@ -146,11 +149,23 @@ def crowded(tmp_path_factory):
 
 
 def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line, crowded):
-    command_line("plot", crowded, "left/crowd", "left/knee", "-o", "all.svg")
-    assert {text.split()[0] for text in (*CROWD, *JOINTS[:4])} == {
-        text.removeprefix("left/") for text in drawn("all.svg") if text.startswith("left/") and ": " not in text}
+    trial = runtime.load(crowded)
+    rows = pictures.rows_of(trial, ["left/crowd", "left/knee", "left/crowd.x3"])
+    assert [path for paths in rows for path in paths] == [f"left/{text.split()[0]}" for text in (*CROWD, *JOINTS[:4])]
+    assert sorted(map(len, rows)) == [1, 1, 1, 1, 2, 12]                    # a plot a unit, and no plot too full
+    with pytest.raises(BadInput, match="are 102 plots, and a picture holds 100: name fewer"):
+        pictures.rows_of(many(trial, 1213), ["many"])
     told = command_line.refused("plot", crowded, "left/crow")
     assert told.startswith("crowd.mcap has no signal 'left/crow': did you mean 'left/crowd.x")
+
+
+def many(trial, count):
+    """A trial of so many signals in a unit."""
+    made = copy.copy(trial)
+    made.about = {**trial.about, "signals": [{"path": f"many.x{number}", "unit": "m", "dtype": "float"} for number in range(count)]}
+    made.signals = {signal["path"]: signal for signal in made.about["signals"]}
+    made.places = {path: place for place, path in enumerate(made.signals)}
+    return made
 
 
 def test_a_picture_that_has_no_room_for_all_says_so_and_what_cannot_be_drawn_spoils_nothing(command_line, crowded):
@@ -184,6 +199,7 @@ def test_a_stride_that_is_not_all_numbers_is_left_out_and_so_is_a_joint_without_
     assert np.isnan(trial.strides("left/knee/motor.torque")).any(axis=1).tolist() == [False, True, False]
     command_line("plot", crowded, "--strides", "left/knee/motor.torque", "-o", "two.svg")
     assert "left/knee/motor.torque, 2 strides" in drawn("two.svg")
+    assert pictures.alone(trial, "left/knee") == [f"left/{text.split()[0]}" for text in JOINTS[:4]]
 
 
 def test_one_tick_is_a_dot_in_the_middle(command_line, tmp_path):
@@ -200,7 +216,8 @@ def test_names_may_have_any_letters(command_line, tmp_path):
         warnings.simplefilter("error")
         code, out, err = command_line("plot", tmp_path / "ta$k$.mcap", "-o", "any.svg")
     assert (code, out, err) == (OK, "any.svg\n", "") and {*names, "ta$k$: bench"} <= drawn("any.svg")
-    trial = runtime.load(tmp_path / "ta$k$.mcap")
-    with open("strides.svg", "wb") as file:
-        pictures.over_the_stride(trial, ["_hidden.y"], [0.1, 1.1], file, "svg")
-    assert "_hidden.y, 1 stride" in drawn("strides.svg")
+
+
+def test_a_long_name_keeps_its_end_and_leaves_room_for_the_plot():
+    assert short("left/knee.torque", 16) == "left/knee.torque"
+    assert short("left/leg/knee_motor.torque", 16) == "left/…tor.torque" and len(short("x" * 99, 44)) == 44

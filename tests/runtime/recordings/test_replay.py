@@ -164,6 +164,11 @@ def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, 
     picture = tmp_path / "diff.png"
     code, out, err = command_line("diff", file, new, "-o", picture)
     assert (code, err) == (CHECK_FAILED, "") and "law.torque [N*m]".replace("*", "·") in out and picture.read_bytes()[:4] == b"\x89PNG"
+    assert command_line.refused("diff", file, new, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
+    (command_line.folder / "diff.png").write_text("dear")
+    assert command_line("diff", file, new)[1].splitlines()[-1] == "  diff-2.png" and (command_line.folder / "diff.png").read_text() == "dear"
+    code, out, err = command_line("diff", file, new, "-o", "nowhere/a.svg")
+    assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
 
 
 def test_diff_of_a_recording_with_itself_says_so(recorded, command_line, tmp_path):
