@@ -5,6 +5,7 @@ import os
 from itertools import accumulate, count
 
 SIDECAR = ".json"
+INCOMPLETE, DELETED = "incomplete", "deleted while it was written"      # remarks on a file
 AT_ONCE = 16 << 10              # bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
 
 

@@ -104,7 +104,7 @@ class Recording:
         """A service that cannot go on where another recorder has died, such as for a viewer that was closed: the rest is recorded."""
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
-            self.files.update({file: "incomplete" for file in entry[1].files})
+            self.files.update({file: files.INCOMPLETE for file in entry[1].files})
         self.problems.append(f"{path} does not go on: {reason(error)}")
         self.sinks[path] = {"failed": self.problems[-1]}
 
@@ -276,7 +276,7 @@ class Recording:
         except Exception:                       # it has failed already, and that is what is told
             pass
         self.sinks[path] = {"failed": problem}
-        self.files.update({file: "incomplete" if os.path.exists(file) else "deleted while it was written" for file in service.files})
+        self.files.update({file: files.INCOMPLETE if os.path.exists(file) else files.DELETED for file in service.files})
         self.problems.append(problem)
         self.say(f"tickwork recorder: {problem}; the run goes on")
 

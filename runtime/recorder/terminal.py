@@ -3,7 +3,9 @@
 import os
 import select
 
-STDERR = 2
+from runtime.telling.terminal import readable
+
+STDOUT, STDERR = 1, 2
 
 
 class Terminal:
@@ -37,7 +39,8 @@ class Terminal:
         """Write if it can be done at once. A terminal held by Ctrl-S would otherwise hold the recording."""
         try:
             if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
-                os.write(self.descriptor, text.encode("utf-8" if self.unicode else "ascii", "replace"))
+                encoding = "utf-8" if self.unicode else "ascii"
+                os.write(self.descriptor, readable(text, encoding).encode(encoding))
         except OSError:
             self.interactive = False            # it has gone away
 

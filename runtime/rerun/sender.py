@@ -16,7 +16,7 @@ from importlib.util import find_spec
 
 from runtime.child import ChildProcess
 from runtime.extras import need
-from runtime.recorder.files import create
+from runtime.recorder.files import INCOMPLETE, create
 from runtime.recorder.service import Service
 from runtime.rerun.process import EVENT, HEAD, PLAN, QUIT, ROWS
 from runtime.rerun.target import parse
@@ -182,7 +182,7 @@ class RerunSender(Service):
             slow = f"{self.lost} of {self.rows} rows were not shown, as Rerun was too slow"
             problem = f"{slow}; {problem}" if problem else slow
         for path in self.files:
-            self.files[path] = f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else "incomplete"
+            self.files[path] = f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 
     def state(self):

@@ -113,12 +113,12 @@ def start(*words, mortal):
         start_new_session=True, preexec_fn=before)
 
 
-def await_port(process, host, port):
-    """Until it answers. ViewerFailed"""
+def await_port(process, host, port, doubt):
+    """Until it answers. ViewerFailed, with the doubt about what may be wrong"""
     deadline = time.monotonic() + STARTED
     while not answers(host, port):
         if process.poll() is not None:
-            raise ViewerFailed(f"Rerun ended at once (code {process.returncode}): is port {port} free?")
+            raise ViewerFailed(f"Rerun ended at once (code {process.returncode}): {doubt}")
         if time.monotonic() > deadline:
             process.kill()
             raise ViewerFailed(f"Rerun's viewer does not answer on {host} port {port}")
@@ -133,7 +133,7 @@ def viewer(port):
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ViewerFailed("there is no screen for Rerun's viewer; --rerun serve shows the run in a browser, --rerun trial.rrd writes a file")
     process = start("--bind", LOOPBACK, "--port", port, "--expect-data-soon", mortal=False)
-    await_port(process, LOOPBACK, port)
+    await_port(process, LOOPBACK, port, "can it draw on this screen?")
     return process, LOOPBACK
 
 
@@ -150,5 +150,5 @@ def serve(address, port, web_port, patience=0.0):
         become_free(address, number, patience)
     process = start("--serve-web", "--bind", address, "--port", port, "--web-viewer-port", web_port,
                     *(word for origin in origins(address, web_port) for word in ("--cors-allow-origin", origin)), mortal=True)
-    await_port(process, host, port)
+    await_port(process, host, port, f"are ports {port} and {web_port} free?")
     return process, host

@@ -4,6 +4,7 @@ import shlex
 import signal
 
 from runtime.errors import FAULT, OK
+from runtime.recorder.files import DELETED, INCOMPLETE
 from runtime.telling.held import held
 from runtime.telling.held import text as held_text
 from runtime.telling.lines import count
@@ -124,7 +125,7 @@ def hints(result, program):
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
-    paths = [file["path"] for file in result.recording.get("files", [])]
+    paths = [file["path"] for file in result.recording.get("files", []) if file.get("note") not in (INCOMPLETE, DELETED)]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
     log = next((path for path in paths if path.endswith(".mcap")), None)

@@ -5,7 +5,6 @@ One that reports by itself, a CubeMars in servo mode, is listened to, and is lef
 
 import math
 import re
-import sys
 import time
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ from runtime.errors import BadInput
 from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.csv import CsvWriter
 from runtime.recorder.plotjuggler import PlotJugglerSender
+from runtime.recorder.terminal import STDOUT, Terminal
 from runtime.telling.terminal import tell
 from runtime.tools.scan import refuse_company
 
@@ -135,7 +135,7 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
     sinks, told = sinks_of(drive, name, rate, folder, plotjuggler, rerun), Told()
     for sink in sinks:
         sink.open()
-    live = sys.stdout.isatty()
+    screen = Terminal(STDOUT)
     began = heard = clock()
     shown, tick, flushed = -SLOW, 0, -FLUSH
     try:
@@ -155,10 +155,10 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
                 flushed = now if flushes else flushed
                 for sink in list(sinks):
                     give(sink, tick, tick / rate, row, flushes, sinks)
-                if now - shown >= (REFRESH if live else SLOW):
-                    shown = show(now, f"{now:8.1f} s  {drive.line(answer)}", live)
+                if now - shown >= (REFRESH if screen.interactive else SLOW):
+                    shown = show(now, f"{now:8.1f} s  {drive.line(answer)}", screen)
             elif clock() - heard > SILENT and now - shown >= SLOW:
-                shown = show(now, f"{now:8.1f} s  silent for {clock() - heard:.0f} s", live)
+                shown = show(now, f"{now:8.1f} s  silent for {clock() - heard:.0f} s", screen)
             tick += 1
     except KeyboardInterrupt:
         pass
@@ -169,7 +169,7 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
             told.lost += said.get("lost", 0)
             if "problem" in said:
                 tell([said["problem"]])
-    if live:
+    if screen.interactive:
         tell([""])
     return told
 
@@ -188,10 +188,9 @@ def give(sink, tick, now, row, flushes, sinks):
         sinks.remove(sink)
 
 
-def show(now, text, live):
-    if live:
-        sys.stdout.write(f"\r{text}\x1b[K")
-        sys.stdout.flush()
+def show(now, text, screen):
+    if screen.interactive:
+        screen.draw(text[:max(0, screen.columns - 1)])          # one that wrapped would scroll
     else:
         tell([text])
     return now

@@ -183,6 +183,11 @@ def test_it_refreshes_in_place_ten_times_a_second_and_is_erased(screen):
     assert seen() == "\r\x1b[K"
 
 
+def test_what_is_said_on_a_terminal_without_unicode_stays_readable(screen):
+    terminal(screen[0], LANG="C").say("left/knee: −4.5 N·m for 61 µs")
+    assert screen[1]() == "left/knee: -4.5 N*m for 61 us\r\n"
+
+
 def test_a_lasting_line_takes_the_place_of_the_status_line(screen):
     slave, seen = screen
     shown = terminal(slave)

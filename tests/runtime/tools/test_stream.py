@@ -1,10 +1,18 @@
 """`stream actuator` over real udp_multicast: live, without torque, to a file and to PlotJuggler."""
 
+import fcntl
+import os
+import pty
 import re
+import select
+import struct
+import termios
 
 import pytest
 
 from runtime.errors import BAD_INPUT, OK
+from runtime.recorder.terminal import Terminal
+from runtime.tools.streaming import show
 from tests.runtime.runs import Listener
 from tests.runtime.tools.nodes import DISABLE, V3, Commander, Mit, Nodes, Private, Servo
 
@@ -65,3 +73,18 @@ def test_nobody_and_somebody_elses_drive_are_told(command_line):
 ])
 def test_what_cannot_be_is_refused_in_words(command_line, words, said):
     assert said in command_line.refused("stream", *words)
+
+
+def test_its_line_is_redrawn_in_place_and_never_wider_than_the_terminal():
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 40, 0, 0))
+    screen = Terminal(slave, {"TERM": "xterm", "LANG": "C"})
+    for now in (1.0, 1.1):
+        assert show(now, f"{now:8.1f} s  " + "0.500 rad  -4.50 N·m  " * 9, screen) == now
+    drawn = ""
+    while select.select([master], [], [], 0.2)[0]:
+        drawn += os.read(master, 1 << 16).decode()
+    os.close(master)
+    os.close(slave)
+    lines = drawn.split("\r")[1:]
+    assert [len(line.removesuffix("\x1b[K")) for line in lines] == [39, 39] and lines[1].startswith("     1.1 s  0.500 rad  -4.50 N*m")
