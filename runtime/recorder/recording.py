@@ -7,30 +7,27 @@ import json
 import os
 import pickle
 from contextlib import suppress
-from datetime import datetime, timezone
 from functools import partial
 from operator import itemgetter
 from pathlib import Path
-from signal import Signals
 from struct import Struct
 
 from cext.bits import payload_bits
 from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 
-from runtime.errors import BadInput
 from runtime.live import table
 from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
 from runtime.recorder.mcap_mending import Backlog
+from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
 from runtime.recorder.service import find
 from runtime.telling import preflight_text
 from runtime.telling.lines import Paper
 
 KEPT_EVENTS = 100_000
 BUS_OF_FRAME = 14               # bytes into struct Frame of cext/abi.pxd
-STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 
 
 class RecordingFailed(Exception):
@@ -283,7 +280,7 @@ class Recording:
     def finish(self, orphaned):
         """Close everything, write the sidecar. Returns the report."""
         if self.flight_log is not None:
-            self.attempt("flight log", self.flight_log, lambda: self.flight_log.end(self.outcome(orphaned)))
+            self.attempt("flight log", self.flight_log, lambda: self.flight_log.end(outcome(self, orphaned)))
         self.miss()
         for path, service in list(self.services):
             result = self.attempt(path, service, service.close)
@@ -303,35 +300,13 @@ class Recording:
                 continue
             self.files.update(result.pop("files", {}))
             report.update(result)
-        report = {**self.describe(orphaned), **report}
+        report = {**describe(self, orphaned), **report}
         if self.sidecar is not None:
             try:
                 write_json(self.sidecar, report)
             except OSError as error:
                 self.problems.append(f"{self.sidecar}: {reason(error)}")
         return report
-
-    def outcome(self, orphaned):
-        """How it went, for the flight log: in virtual time nothing that another run of the same would not say, too."""
-        facts = {
-            "ended": ending(self.end, orphaned), "end": self.end, "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
-            "events": self.events, "problems": self.problems}
-        return facts if self.plan["virtual"] else {**facts, "statistics": self.page.statistics(), "wall": self.page.wall}
-
-    def describe(self, orphaned):
-        """Everything the report says besides what the services made."""
-        plan, statistics = self.plan, self.page.statistics()
-        wall = self.page.wall
-        return {
-            "name": plan["name"], "stem": plan["stem"], "rate": plan["rate"], "duration": plan["duration"],
-            "virtual": plan["virtual"], "simulated": plan["simulated"],
-            "began": datetime.fromtimestamp(wall * 1e-9, timezone.utc).astimezone().isoformat() if wall else None,
-            "ended": ending(self.end, orphaned), "end": self.end,
-            "ticks": self.ticks, "first_tick": self.first_tick, "last_tick": self.last_tick,
-            "missed": statistics["missed"], "dropped": statistics["dropped"], "statistics": statistics,
-            "events": self.events, "events_left_out": self.events_left_out, "sinks": self.sinks, "files": self.list_files(),
-            "problems": self.problems, **self.about, "control_pid": plan.get("control_pid"),
-        }
 
     def known(self):
         """{path: remark} of every file; the sidecar comes last."""
@@ -372,41 +347,3 @@ def picker(indices, columns):
     if len(indices) == 1:
         return itemgetter(slice(2 + indices[0], 3 + indices[0]))
     return itemgetter(*(2 + index for index in indices)) if indices else lambda row: ()
-
-
-def ending(end, orphaned):
-    """How the run ended, in words."""
-    if end is None:
-        return "the control process died" if orphaned else "without a word"
-    if end["status"] != "ok":
-        return f"fault: {end['status']} at {end.get('culprit')}, tick {end.get('tick')}"
-    if end.get("stopped"):
-        return "stopped by the space bar"
-    return f"stopped by {Signals(end['signal']).name}" if end.get("signal") else "ok"
-
-
-def reason(error):
-    """What an exception says, without the path and number that an OSError repeats."""
-    if isinstance(error, FileExistsError):
-        return f"{error.filename} is not a folder"
-    if isinstance(error, BadInput):
-        return str(error)
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
-    return f"{type(error).__name__}: {error}"
-
-
-def write_json(path, content):
-    """Replace a JSON file at once. NaN and infinities become null, as JSON wants it."""
-    import msgspec.json
-
-    part = path + ".part"
-    try:
-        with open(part, "xb") as file:
-            file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
-    finally:
-        if os.path.exists(part):
-            os.unlink(part)
