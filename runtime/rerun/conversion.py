@@ -35,5 +35,5 @@ def write(trial, path, progress):
     try:
         recording.flush(timeout_sec=FLUSHED)
     except RuntimeError as error:
-        raise BadInput(f"cannot write {path}: {error}; is the disk full?") from None
+        raise BadInput(f"cannot write {path.replace('.part.rrd', '.rrd')}: {error}; is the disk full?") from None
     recording.disconnect()
