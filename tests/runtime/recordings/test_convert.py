@@ -207,7 +207,7 @@ def test_a_disk_that_is_full_leaves_nothing_behind_and_is_told_in_one_line(recor
     process = subprocess.run(
         [sys.executable, "-m", "runtime", "convert", recording, "--to", kind, "-o", "out"], cwd=tmp_path, text=True,
         env=environment(PYTHONDONTWRITEBYTECODE="1"),
-        capture_output=True, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)))
+        capture_output=True, timeout=120, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)))
     assert (process.returncode, process.stdout) == (BAD_INPUT, "") and list((tmp_path / "out").iterdir()) == []
     assert re.fullmatch(f"tickwork: cannot write out/odd.{kind}: {told}\n", process.stderr)
 
