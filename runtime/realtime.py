@@ -57,7 +57,8 @@ class Realtime:
         the last of the fastest
 
     granted, refused : list of names; list of Refusal
-    others : processors for everything else of the run; empty where no processor is the loop's, or there is only one
+    processor : number of the one that the loop stays on, None where it may move
+    others : processors for everything else of the run, so that one is free whenever the loop is due; empty where there is only one
     spun : whether the thread lost its priority because it did not sleep; known after `release`
     """
 
@@ -66,7 +67,7 @@ class Realtime:
             raise ValueError(f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}")
         self.mode, self.priority, self.cpu = mode, priority, cpu
         self.granted, self.refused = [], []
-        self.others = set()
+        self.processor, self.others = None, set()
         self.spun = False
         self._undo = ExitStack()
 
@@ -83,6 +84,8 @@ class Realtime:
         native.set_timer_slack(1)
         self._undo.callback(native.set_timer_slack, slack)
         self._wake_soon()
+        permitted = os.sched_getaffinity(0)
+        self.others = permitted - {fastest_first(permitted)[0]}
         if self.mode == "off":
             return
         self.granted.append("timer slack 1 ns")
@@ -186,7 +189,7 @@ class Realtime:
                     "start it without `taskset`, or put the processor into the cpuset of its control group") from None
             guard.callback(os.sched_setaffinity, 0, before)
             self._undo.push(guard.pop_all())
-        self.others = before - {cpu}
+        self.processor, self.others = cpu, before - {cpu}
         return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
 
     def _take_priority(self):

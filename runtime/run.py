@@ -145,10 +145,11 @@ def run(prepared, say=lambda lines: None, count_from=0):
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
         realtime.obtain()
-        if realtime.others:
+        aside = realtime.others if realtime.processor is not None else ()
+        if realtime.others and not request.fast:
             recorder.keep_to(realtime.others)
-            if rig is not None:
-                rig.guardian.bring_to(realtime.others)
+        if aside and rig is not None:
+            rig.guardian.bring_to(aside)
         say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
@@ -157,7 +158,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
             virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
-            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries, others=realtime.others)
+            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries, others=aside)
     except BaseException:
         realtime.release()
         recorder.abandon()

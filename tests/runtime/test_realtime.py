@@ -296,19 +296,19 @@ def test_a_run_has_what_was_granted_and_its_recording_says_so(tmp_path):
     assert realtime["mode"] == "require" and "SCHED_FIFO 80" in realtime["granted"] and realtime["refused"] == {}
 
 
-@as_root
 @with_two_processors
-def test_the_recorder_and_what_it_starts_keep_off_the_processor_of_the_loop(tmp_path):
+@pytest.mark.parametrize("mode", [pytest.param("require", marks=as_root), "off"])
+def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path, mode):
     """The block in the loop asks where its process and those that the process has started may be."""
-    counted = "10.0 * sum(map(len, places[1:])) + len(places[0]) if all(places[0].isdisjoint(place) for place in places[1:]) else -1.0"
     knee(tmp_path, law=f"""import os, psutil
         here = psutil.Process()
         places = [os.sched_getaffinity(process.pid) for process in (here, *here.children(recursive=True))]
-        return {counted}""")
-    process = finished("robot.py", "--duration", "0.2", "--realtime", "require", cwd=tmp_path)
+        return 1000.0 * len(places[0]) + 100.0 * len(places[0] - places[1]) + 10.0 * len(places[1]) + 1.0 * (places[1:] == 2 * [places[1]])""")
+    process = finished("robot.py", "--duration", "0.2", "--realtime", mode, cwd=tmp_path)
     assert process.returncode == OK, process.stderr
-    recorder_and_heir = 2 * (len(os.sched_getaffinity(0)) - 1)
-    assert Files(tmp_path / "recordings").table["law.torque [N*m]"][-1] == 10.0 * recorder_and_heir + 1.0
+    everywhere = len(os.sched_getaffinity(0))
+    loop = 1 if mode == "require" else everywhere
+    assert Files(tmp_path / "recordings").table["law.torque [N*m]"][-1] == 1000 * loop + 100 + 10 * (everywhere - 1) + 1
 
 
 @as_root
