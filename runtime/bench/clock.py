@@ -53,14 +53,18 @@ class Kept:
 
     lateness, period : counts, as of cext.histogram.counts_of
     ticks, missed : grid points
+    each : s, the 99th percentile of the lateness of every chunk
     """
 
     lateness: np.ndarray = field(default_factory=lambda: counts_of([]))
     period: np.ndarray = field(default_factory=lambda: counts_of([]))
     ticks: int = 0
     missed: int = 0
+    each: list = field(default_factory=list)
 
     def add(self, lateness, period, ticks, missed):
+        if lateness.any():
+            self.each.append(percentile(lateness, 0.99))
         self.lateness, self.period = self.lateness + lateness, self.period + period
         self.ticks, self.missed = self.ticks + ticks, self.missed + missed
 

@@ -21,13 +21,14 @@ def main(arguments):
     report.say([what, *words()], **machine())
     found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
     title = f"{views.SIGNALS} signals, {views.RATE} Hz"
-    lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'p99.9':>10}{'missed':>14}"], {}
+    lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'of chunks':>14}{'p99.9':>10}{'missed':>14}"], {}
     for name, kept in found.items():
         label = "nothing recorded, nobody looks on" if name == views.NONE else ", ".join(views.views())
         row = rows[name] = {f"late_p{share}_us": kept.late(float(share) / 100) * 1e6 for share in ("50", "99", "99.9")}
-        row |= {"missed": kept.missed, "ticks": kept.ticks}
+        row |= {"missed": kept.missed, "ticks": kept.ticks, "late_p99_of_chunks_us": [late * 1e6 for late in kept.each]}
+        spread = f"{min(row['late_p99_of_chunks_us']):.0f} to {max(row['late_p99_of_chunks_us']):.0f}"
         lost = f"{kept.missed}/{kept.ticks + kept.missed}"
-        late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{row['late_p99.9_us']:10.1f}{lost:>14}"
+        late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{spread:>14}{row['late_p99.9_us']:10.1f}{lost:>14}"
         lines += [f"  {label:36}{late}"] if len(label) <= 36 else [f"  {label}", f"{'':38}{late}"]
     report.say([*lines, *(f"  {problem}" for problem in problems)], views=rows, on=views.views(), problems=problems)
     report.goals += goals.of_views(found[views.ALL], found[views.NONE], dropped)
