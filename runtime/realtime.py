@@ -84,8 +84,8 @@ class Realtime:
         native.set_timer_slack(1)
         self._undo.callback(native.set_timer_slack, slack)
         self._wake_soon()
-        permitted = os.sched_getaffinity(0)
-        self.others = permitted - {fastest_first(permitted)[0]}
+        self._permitted = fastest_first(os.sched_getaffinity(0))
+        self.others = set(self._permitted[1:])
         if self.mode == "off":
             return
         self.granted.append("timer slack 1 ns")
@@ -173,10 +173,10 @@ class Realtime:
         return "processors awake"
 
     def _stay_on_one_processor(self):
-        before, isolated = os.sched_getaffinity(0), isolated_processors()
+        before, isolated = set(self._permitted), isolated_processors()
         choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
         if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:     # an ordinary loop finds one sooner if it may move
-            choice = fastest_first(before)
+            choice = self._permitted
         if not choice:
             return None
         with ExitStack() as guard:

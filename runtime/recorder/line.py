@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from runtime.telling.terminal import IN_ASCII
+
 COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
 DOTS, CLOSE = (" | ", " · "), "  "      # between parts: in ASCII, in Unicode; where there is little room
@@ -81,4 +83,4 @@ def compose(parts, steps, unicode):
         if line:
             line.append((" " if part.joined else gap, None))
         line += pieces
-    return line if unicode else [(text.replace("µ", "u").replace("·", "*").replace("×", "x"), colour) for text, colour in line]
+    return line if unicode else [(text.translate(IN_ASCII), colour) for text, colour in line]       # here, as it may get longer by that

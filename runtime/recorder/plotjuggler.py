@@ -97,7 +97,8 @@ class PlotJugglerSender(Service):
                 self.sent += 1
                 if self.cut:
                     self.reopen()                           # connected, so that we hear when nobody listens
-                    self.cut = self.tell_return()
+                    self.tell_return()
+                    self.cut = 0
                 return
             except ConnectionRefusedError as error:         # of the one before; this one has not gone yet
                 self.sent -= 1
@@ -126,7 +127,6 @@ class PlotJugglerSender(Service):
         if not self.returned:
             self.returned = True
             self.tell(f"the network takes it again; {self.cut} datagrams were lost")
-        return 0
 
     def tell(self, words):
         self.say(f"tickwork: {self.sink.get('path', 'PlotJuggler')}: {words}")

@@ -1,9 +1,9 @@
 """A second process that stands by, and takes the first one's place when that dies.
 
 The recorder forks it once its files are open. Before each release of the ring the recorder sends it a will: how far the ring will be released,
-how long every file is then, and what the services know by then. The ring gives nothing back before, so that with the last will that came true its heir knows to the byte what is
-in the files: it cuts off what is beyond, and records from there on into files of its own, the next part. Nothing is lost and nothing comes twice,
-unless the ring was full meanwhile. An heir that dies is replaced.
+how long every file is then, and what the services know by then. The ring gives nothing back before, so that with the last will that came true its
+heir knows to the byte what is in the files: it cuts off what is beyond, and records from there on into files of its own, the next part. Nothing is
+lost and nothing comes twice, unless the ring was full meanwhile. An heir that dies is replaced.
 """
 
 import json

@@ -121,6 +121,14 @@ class Subsystem:
             at += 8
         return np.dtype({"names": names, "formats": ["<f8"] * len(names), "offsets": offsets, "itemsize": at})
 
+    def fill(self, rows, bodies):
+        """Put messages, as bytes, into their places of an array (rows, values). ValueError where they are not of these signals"""
+        import numpy as np
+
+        values = np.frombuffer(b"".join(bodies), dtype=self.dtype())
+        for place in self.columns:
+            rows[:, place] = values[str(place)]
+
     def descriptor(self):
         """A serialised FileDescriptorSet, and the name of the message in it."""
         outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]

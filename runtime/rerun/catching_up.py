@@ -74,8 +74,6 @@ class Log:
         ticks = np.frombuffer(b"".join(row[messages.ROW_END] for row in self.kept), dtype=messages.TICK_ROW)
         values[:, 0], values[:, 1] = ticks["tick"], ticks["time"]
         for subsystem in self.subsystems:
-            found = np.frombuffer(b"".join(row[subsystem.topic] for row in self.kept), dtype=subsystem.dtype())
-            for place in subsystem.columns:
-                values[:, 2 + place] = found[str(place)]
+            subsystem.fill(values[:, 2:], [row[subsystem.topic] for row in self.kept])
         self.kept = []
         yield values[:, [0, 1, *(2 + place for place in self.columns)]]

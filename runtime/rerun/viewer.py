@@ -15,8 +15,6 @@ STARTED = 15.0                  # s for a server to answer
 LOOK = 0.02                     # s between looks whether it does
 QUICK = 0.5                     # s for a port to answer
 ANYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}       # where to reach what listens everywhere
-
-
 GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])       # HTTP/2 with empty settings (RFC 9113, 3.4)
 SETTINGS = 4                    # the first frame of whoever speaks it (6.5)
 GREETED = 3.0                   # s for that
