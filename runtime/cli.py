@@ -6,6 +6,7 @@ from pathlib import Path
 
 from runtime import house
 from runtime.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
+from runtime.telling.suggestion import suggestion
 from runtime.telling.terminal import complain, program, tell
 
 COMMANDS = {
@@ -71,8 +72,6 @@ def command(arguments):
         return OK if arguments else BAD_INPUT
     first = arguments[0]
     if first not in COMMANDS:
-        from graph.block import suggestion
-
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run("run", arguments)

@@ -1,6 +1,5 @@
 """`convert RECORDING...`: recordings in other formats."""
 
-import difflib
 from pathlib import Path
 
 from runtime.commands.parsing import Parser, number
@@ -10,6 +9,7 @@ from runtime.errors import OK, BadInput
 from runtime.recorder.mcap_mending import MendingFailed, finish
 from runtime.recordings.parts import heads
 from runtime.telling.progress import Progress
+from runtime.telling.suggestion import suggestion
 from runtime.telling.terminal import tell
 
 READING = 0.5                   # share of the time that goes into reading, about
@@ -43,8 +43,7 @@ def formats(text):
     kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
     for kind in kinds:
         if kind not in FORMATS:
-            near = difflib.get_close_matches(kind, FORMATS, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"the formats are {', '.join(FORMATS)}"
+            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
             raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
     return kinds
 

@@ -1,7 +1,6 @@
 """Words of the command line: options that several commands have, and what their texts become. BadInput says in one line what is wrong."""
 
 import argparse
-import difflib
 import math
 import os
 import re
@@ -9,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from runtime.errors import BadInput
+from runtime.telling.suggestion import suggestion
 from runtime.telling.terminal import program
 
 LONGEST = 1e9                   # s: 30 years
@@ -32,8 +32,8 @@ class Parser(argparse.ArgumentParser):
     def explain(self, word):
         if not word.startswith("-"):
             return f"{word!r} is one word too many"
-        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
-        return f"there is no option {word}" + (f"; did you mean {near[0]!r}?" if near else "")
+        hint = suggestion(word.partition("=")[0], self._option_string_actions)
+        return f"there is no option {word}" + (f"; {hint}" if hint else "")
 
     def error(self, message):
         if message.endswith("required: FILE"):

@@ -1,10 +1,10 @@
 """Which signals are meant: `left/knee.torque, right, */imu.accel`."""
 
-import difflib
 import re
 from fnmatch import fnmatchcase
 
 from runtime.errors import BadInput
+from runtime.telling.suggestion import suggestion
 
 
 def chosen(columns, text):
@@ -30,5 +30,5 @@ def means(name, path):
 def hint(name, columns):
     paths = [column["path"] for column in columns]
     known = dict.fromkeys(path[:match.start()] if match else path for path in paths for match in (None, *re.finditer(r"[/.\[]", path)))
-    near = difflib.get_close_matches(name, known, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; as in {', '.join(paths[:3])}" if paths else ""
+    words = suggestion(name, known) or (f"as in {', '.join(paths[:3])}" if paths else "")
+    return f"; {words}" if words else ""

@@ -5,7 +5,6 @@ as the same number, ints and bools are whole numbers, and what is not a number i
 """
 
 import csv
-import difflib
 import io
 import os
 from math import isfinite
@@ -15,6 +14,7 @@ from msgspec.json import encode
 from runtime.errors import BadInput
 from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
+from runtime.telling.suggestion import suggestion
 
 WITHOUT_UNIT = ("1", "any")
 NOT_A_NUMBER = b"null"
@@ -71,8 +71,7 @@ def place_of(path, columns):
     if not path:
         return None
     if path not in paths:
-        near = difflib.get_close_matches(path, paths, n=1)
-        raise BadInput(f"during: it records no signal {path!r}; " + (f"did you mean {near[0]!r}?" if near else "as in mocap.on"))
+        raise BadInput(f"during: it records no signal {path!r}; {suggestion(path, paths) or 'as in mocap.on'}")
     return paths.index(path)
 
 

@@ -8,7 +8,6 @@
 A file that was cut off or damaged anywhere is read up to the last complete row before; `complete` then is False. What another recorder has gone on with belongs to it.
 """
 
-import difflib
 import re
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from runtime.errors import BadInput
 from runtime.recordings import messages
 from runtime.recordings.parts import whole
 from runtime.recordings.reader import Reader
+from runtime.telling.suggestion import suggestion
 
 DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
@@ -51,9 +51,7 @@ class Trial:
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
             try:
-                values = np.frombuffer(b"".join(reader.messages.get(subsystem.topic, [])[:len(ticks)]), dtype=subsystem.dtype())
-                for place in subsystem.columns:
-                    self.rows[:, place] = values[str(place)]
+                subsystem.fill(self.rows, reader.messages.get(subsystem.topic, [])[:len(ticks)])
             except ValueError:
                 raise BadInput(f"{path} is damaged: its rows are not of the signals that its about.json tells of") from None
         self.frames, self.seams = reader.frames, reader.seams
@@ -82,8 +80,8 @@ class Trial:
             return [self.places[path]], ()
         indices = {place: ELEMENT.fullmatch(name)[2] for name, place in self.places.items() if name.startswith(f"{path}[")}
         if not indices:
-            near = difflib.get_close_matches(str(path), [*self.names, *self.places], n=1)
-            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": did you mean {near[0]!r}?" if near else ""))
+            hint = suggestion(path, [*self.names, *self.places])
+            raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
         last = np.array([[int(number) for number in re.findall(r"\d+", text)] for text in indices.values()]).max(axis=0)
         return list(indices), tuple(int(number) + 1 for number in last)
 
