@@ -6,9 +6,11 @@ Three different torques, easily confused:
     wire    what the largest code on the wire means: a scale, not a rating
 
 Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a model.
-Ratings: the vendor's product pages.
+Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards V3.0 are (models_v3), and the constants
+are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated current. A drive in servo mode commands and reports the amplitude.
 """
 
+import math
 import re
 from dataclasses import dataclass
 
@@ -19,9 +21,22 @@ STIFFNESS = 500.0       # N·m/rad, from 0
 DAMPING = 5.0           # N·m·s/rad, from 0
 
 
+class Currents:
+    """Rated and peak current of a model as amplitudes in A, which is what drives command and report; None where they are not known."""
+
+    @property
+    def rated_current(self):
+        return None if self.rated_rms_current is None else math.sqrt(2.0) * self.rated_rms_current
+
+    @property
+    def peak_current(self):
+        return None if self.peak_rms_current is None else math.sqrt(2.0) * self.peak_rms_current
+
+
 @dataclass(frozen=True)
-class Model:
-    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of the motor before it.
+class Model(Currents):
+    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of the motor before it;
+    currents of the product page in A RMS.
 
     The rest of the wire is the same for all.
     """
@@ -32,7 +47,9 @@ class Model:
     wire_torque: float
     wire_velocity: float
     gear: int
-    motor_constant: float | None            # N·m/A
+    motor_constant: float | None            # N·m/A, of the product page's RMS amperes
+    rated_rms_current: float
+    peak_rms_current: float
     pole_pairs: int
     wire_position: float = POSITION
     wire_stiffness: float = STIFFNESS
@@ -41,24 +58,24 @@ class Model:
 
     @property
     def torque_constant(self):
-        """N·m/A at the output, None where it is not known."""
+        """N·m/A at the output, None where it is not known. Used with amplitudes, in servo mode, it gives at most √2 times the torque."""
         return None if self.motor_constant is None else self.motor_constant * self.gear
 
 
 MODELS = {
     model.name: model
     for model in (
-        #     name           rated   peak   wire torque  velocity  gear  motor constant  pole pairs
-        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 21),
-        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 14),
-        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 14),
-        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 14),
-        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 14),
-        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 21),
-        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 21),
-        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 21),
-        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 21),
-        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 21),
+        #     name           rated   peak   wire torque  velocity  gear  motor constant  rated, peak A RMS  pole pairs
+        Model("AK10-9-V2.0", 18.0, 48.0, 65.0, 50.0, 9, 0.198, 10.6, 29.8, 21),
+        Model("AK40-10", 1.3, 4.1, 5.0, 45.5, 10, 0.056, 2.7, 7.3, 14),
+        Model("AK45-10", 2.5, 7.0, 8.0, 20.0, 10, 0.127, 2.1, 5.0, 14),
+        Model("AK45-36", 8.0, 24.0, 34.0, 6.0, 36, 0.11, 2.0, 6.5, 14),
+        Model("AK60-6-V1.1", 3.0, 9.0, 15.0, 45.0, 6, 0.078, 6.5, 22.7, 14),
+        Model("AK70-10", 8.3, 24.8, 25.0, 50.0, 10, 0.123, 7.2, 23.2, 21),
+        Model("AK80-6", 6.0, 12.0, 12.0, 76.0, 6, None, 9.7, 20.0, 21),
+        Model("AK80-8", 10.0, 25.0, 32.0, 37.5, 8, 0.199, 6.9, 21.0, 21),
+        Model("AK80-9", 9.0, 18.0, 18.0, 50.0, 9, 0.105, 10.3, 22.3, 21),
+        Model("AK80-64", 48.0, 120.0, 144.0, 8.0, 64, 0.136, 7.0, 19.0, 21),
     )
 }
 

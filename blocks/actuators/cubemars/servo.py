@@ -90,7 +90,9 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.scales = frames.scales(found, self.gear_ratio, constant)
         self.wire = (POSITION / self.gear_ratio, self.scales[1] * SPEED / frames.SPEED_CODE, 0.0, 0.0, CURRENT * self.scales[2])
         self.torque_limit = self.find_limit()
-        self.current_limit = min(self.torque_limit / self.scales[2], CURRENT)
+        rated = found.rated is None or self.torque_limit <= found.rated * self.gear_ratio
+        motor = found.rated_current if rated else found.peak_current
+        self.current_limit = min(self.torque_limit / self.scales[2], CURRENT, math.inf if motor is None else motor)
         if self.mode not in CURRENTS and self.rms_mode in ("saturate", "throttle"):
             raise ValueError(
                 f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: warn or disable")
@@ -142,7 +144,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
     def rating(self):
         if self.mode in CURRENTS:
-            return f"current of the torque limit of {self.found.name}"
+            return f"current of the torque limit of {self.found.name}, and of its motor"
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(self.mode, f"range of what {self.found.name} reports")
 
     def output_range(self, **commands):

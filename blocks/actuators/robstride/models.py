@@ -21,8 +21,9 @@ TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)           # °C that feedback 
 
 @dataclass(frozen=True)
 class Model:
-    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad; currents in A, peak of
-    a phase; the constant in N·m per A rms; speed without load in revolutions a minute; gear is the reduction; too hot in °C.
+    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad; currents in A, the
+    amplitude (the manual's A pk); the constant in N·m per A RMS; speed without load in revolutions a minute; gear is the reduction;
+    too hot in °C.
     """
 
     name: str
@@ -43,7 +44,7 @@ class Model:
 
     @property
     def torque_constant(self):
-        """N·m/A at the output, of the phase's peak current, which is what the drive commands and limits."""
+        """N·m/A at the output, per ampere of amplitude, which is what the drive commands and limits."""
         return self.rms_constant / math.sqrt(2.0)
 
     @property

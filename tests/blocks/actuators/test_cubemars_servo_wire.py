@@ -56,15 +56,23 @@ def test_a_command_is_the_references_truncated_towards_zero(data, model, mode, i
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_current_is_at_most_that_of_the_torque_limit(model):
-    """And 60 A, which is all that can be told: rated torque over gear, torque constant and a gear behind."""
+    """Rated torque over gear, torque constant and a gear behind; at most √2 times the store's RMS current, and 60 A, which the frame ends at."""
     for ratio in (1.0, 3.0):
         one = drive(model, "current", gear_ratio=ratio)
         constant = GIVEN.get(model, {}).get("torque_constant") or MODELS[model].torque_constant
         torque = GIVEN.get(model, {}).get("limit") or MODELS[model].rated * ratio
-        assert one["limits"][1] == -one["limits"][0] == pytest.approx(min(torque / constant / ratio, 60.0), rel=1e-12)
+        rated = math.sqrt(2.0) * MODELS[model].rated_rms_current if MODELS[model].rated is not None else math.inf
+        assert one["limits"][1] == -one["limits"][0] == pytest.approx(min(torque / constant / ratio, rated, 60.0), rel=1e-12)
         [(_, said)] = one.say(current_command=one["limits"][1])
         assert value_of(said) / 1000 * constant * ratio <= torque * (1 + 1e-12)
     assert drive(model, "current_brake")["limits"][0] == 0.0, "a brake has no direction"
+
+
+def test_a_torque_constant_of_ones_own_does_not_raise_the_current_past_the_motors():
+    """The store's 10.3 and 22.3 A of AK80-9 are RMS: 14.57 and 31.54 A of amplitude."""
+    for limit, most in (("rated", 14.566), ("peak", 31.537), (9.5, 31.537)):
+        assert drive("AK80-9", "current", torque_constant=0.2, limit=limit)["limits"][1] == pytest.approx(most, abs=1e-3)
+    assert drive("AK80-9", "current", limit="rated")["limits"][1] == pytest.approx(9.524, abs=1e-3), "the torque's where that is less"
 
 
 @pytest.mark.parametrize("mode", MODES)

@@ -1,5 +1,8 @@
 """Names, ratings and wire tables of the CubeMars models with V3.0 boards, and what is refused."""
 
+import math
+from statistics import mean
+
 import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, EmulatedCubeMarsServo, EmulatedCubeMarsV3
@@ -63,10 +66,33 @@ def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
             row for name, row in table.items() if models.split(name)[0] == motor
             and (model.generation == 3) == (models.split(name)[1].startswith("3") or name.startswith(("AKE", "AKH")))]
         if model.rated is None:
-            assert not rows, "somebody has published it"
+            assert not rows and model.rated_current is None and model.peak_current is None, "somebody has published it"
             continue
         [row] = rows
         assert (model.rated, model.peak, model.pole_pairs, model.gear) == (row[0], row[1], row[6], row[7]), model.name
+        assert (model.rated_rms_current, model.peak_rms_current) == (row[2], row[3]), model.name
+
+
+def test_the_stores_current_is_rms_and_the_constant_is_per_ampere_of_amplitude():
+    """rated torque / Kt / √2 over the store's current: 0.975 on average, from 0.905 (AK10-9) to 1.089 (AK60-39). Without √2 it is 1.28 to 1.54."""
+    rated = [model for model in MODELS.values() if model.rated is not None]
+    share = {model.name: model.rated / model.torque_constant / math.sqrt(2.0) / model.rated_rms_current for model in rated}
+    assert len(share) == 10 and mean(share.values()) == pytest.approx(0.975, abs=0.005)
+    assert all(value == pytest.approx(0.974, abs=0.12) for value in share.values()), share
+    for model in rated:
+        assert model.rated_current == pytest.approx(math.sqrt(2.0) * model.rated_rms_current, rel=1e-12)
+        assert model.peak_current == pytest.approx(math.sqrt(2.0) * model.peak_rms_current, rel=1e-12)
+        peak = model.peak / model.torque_constant / model.peak_current
+        assert peak == pytest.approx(0.91, abs=0.1), model.name
+
+
+def test_the_constant_of_boards_v1_and_v2_is_per_ampere_of_the_store():
+    """Without √2 rated torque / Kt over the store's current is 0.92 on average, from 0.79 (AK80-64) to 1.01 (AK45-36): the kind of both is the same."""
+    share = {
+        model.name: model.rated / model.torque_constant / model.rated_rms_current
+        for model in models.MODELS.values() if model.torque_constant is not None}
+    assert len(share) == 9 and mean(share.values()) == pytest.approx(0.92, abs=0.01)
+    assert all(value == pytest.approx(0.9, abs=0.12) for value in share.values()), share
 
 
 @pytest.mark.parametrize("name", MODELS)
