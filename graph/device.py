@@ -127,6 +127,10 @@ class Device(Block):
         """Frames that make it resist motion and nothing else: a safe stop begins with these for `damp_time` s, where that is above 0."""
         return []
 
+    def holds_power_of(self, device):
+        """Whether another device loses its power by itself soon after the frames of this one end."""
+        return False
+
     def emulator(self):
         """The block that plays this device in a simulation: called inside the plant's diagram, wired by the caller."""
         raise TypeError(f"{type(self).__name__} has no emulator")

@@ -32,7 +32,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
   proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
   buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known bitrate (bit/s),
                                 frames (1/s), typical, worst (of the bitrate)
-    coverage                      of each failure of a run on a rig: failure, covered, by (who sees to the safe stop, or why nobody does)
+    coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or which drives nothing stops)
   plant                         given (by the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
 
@@ -146,13 +146,14 @@ def describe_proof(proof, diagram):
 
 def buses(diagram, schedule):
     """Every bus with who is on it, and its load as far as the schedule knows it."""
+    everything = [block for block in diagram if isinstance(block, Device)]
     devices = {}
-    for block in diagram:
-        if isinstance(block, Device):
-            devices.setdefault(block.bus, []).append(block)
+    for block in everything:
+        devices.setdefault(block.bus, []).append(block)
     loads = {load.bus: load for load in schedule.loads} if schedule is not None else {}
     return [
-        {"bus": bus, "medium": own[0].medium, "devices": [block.path for block in own], "coverage": coverage(own)} | (asdict(loads[bus]) if bus in loads else {})
+        {"bus": bus, "medium": own[0].medium, "devices": [block.path for block in own], "coverage": coverage(own, everything)}
+        | (asdict(loads[bus]) if bus in loads else {})
         for bus, own in sorted(devices.items())]
 
 

@@ -1,22 +1,46 @@
-"""Which failures of a run end in the safe stop of a bus all the same, and who sees to it."""
+"""Which failures of a run on a rig still end in the safe stop of a bus, and which component sees to it."""
 
 GUARDIAN, WATCHDOG, RUN, DRIVES = "the guardian", "the watchdog, then the guardian", "the run itself", "the drives' own time-out"
 
 
-def coverage(devices):
-    """Of one bus on a rig: a list of {"failure", "covered", "by"}. `by` says who sees to it, or why nobody does.
+def coverage(devices, everything):
+    """Return the failures of a run as a list of {"failure", "covered", "by"}; an empty list for a bus with nothing to stop.
 
-    devices : graph.Device that are on it; of a bus with nothing to stop the list is empty
+    devices : graph.Device on the bus
+    everything : graph.Device of the whole diagram
+
+    `by` names the component that stops the drives, or the drives that nothing stops.
     """
-    movers = [device for device in devices if device.disable_frames() or device.zero_frames()]
+    movers = [device for device in devices if moves(device)]
     if not movers:
         return []
-    alone = [device.path for device in movers if device.own_timeout is None]
-    power = DRIVES if not alone else f"no time-out of its own is known of {', '.join(alone)}"
+    alone = unstopped(movers, everything)
+    last = " and ".join(dict.fromkeys(words for device in movers for words in stops(device, everything)))
+    by = last if not alone else f"{nothing_stops(alone)}: no time-out in the drive, no charge pump"
     return [
         entry("exception", RUN), entry("kill -9", GUARDIAN), entry("kill -STOP", GUARDIAN), entry("hung block", WATCHDOG),
-        entry("loss of the guardian", RUN), entry("loss of power of the computer", power, covered=not alone),
+        entry("loss of the guardian", RUN), entry("kill -9 of guardian and control process together", by, covered=not alone),
+        entry("loss of power of the computer", by, covered=not alone),
     ]
+
+
+def moves(device):
+    return bool(device.disable_frames() or device.zero_frames())
+
+
+def stops(device, everything):
+    """Return what stops a drive without the run and without the guardian: its own time-out, or the charge pumps that hold its power."""
+    own = [DRIVES] if device.own_timeout is not None else []
+    return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
+
+
+def unstopped(devices, everything):
+    """Return the paths of the drives that keep their last command once both processes are gone."""
+    return [device.path for device in devices if moves(device) and not stops(device, everything)]
+
+
+def nothing_stops(paths):
+    return f"nothing stops {', '.join(paths)} once both processes are gone"
 
 
 def entry(failure, by, covered=True):
@@ -24,7 +48,7 @@ def entry(failure, by, covered=True):
 
 
 def in_words(found):
-    """(what is covered, what is not), as texts; '' for none. found : as `coverage` gives it"""
+    """Return (what is covered, what is not) as texts, '' for none. found : as `coverage` returns it"""
     by = {}
     for each in found:
         by.setdefault((each["covered"], each["by"]), []).append(each["failure"])

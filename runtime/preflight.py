@@ -28,7 +28,7 @@ class Preflight:
         interface, channel = interfaces.get(name, (None, None))
         return {
             "bus": name, "interface": interface, "channel": channel, "typical": None if load is None else load.typical,
-            "worst": None if load is None else load.worst, "coverage": coverage([block for block in self.devices if block.bus == name])}
+            "worst": None if load is None else load.worst, "coverage": coverage([block for block in self.devices if block.bus == name], self.devices)}
 
     def event(self, values):
         """What there is to tell. values : the arena"""

@@ -3,6 +3,8 @@
 import shlex
 import signal
 
+from graph import Device
+from runtime.coverage import nothing_stops, unstopped
 from runtime.errors import FAULT, OK
 from runtime.recorder.files import DELETED, INCOMPLETE
 from runtime.telling.held import held
@@ -73,6 +75,8 @@ def summary(result):
         row("faults", "; ".join(f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}" for fault in result.outcome.faults) + ", survived")
     if schedule.devices:
         row("safe stop", stop_text(result.outcome, schedule))
+    if result.rig is not None and (left := left_over(result.diagram)):
+        row("caution", left)
     for index, file in enumerate(result.recording.get("files", [])):
         row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{note(file)}")
     for problem in result.recording.get("problems", []):
@@ -114,6 +118,13 @@ def stop_text(outcome, schedule):
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
     return f"zero torque, then disable: confirmed by {', '.join(told) or 'nobody, as nothing moves'}"
+
+
+def left_over(diagram):
+    """Return which drives only the run and its guardian can stop, in words; "" for none."""
+    devices = [block for block in diagram if isinstance(block, Device)]
+    alone = unstopped(devices, devices)
+    return f"{nothing_stops(alone)}, the run and its guardian: docs/rigs.md has what does" if alone else ""
 
 
 def note(file):

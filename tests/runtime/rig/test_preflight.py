@@ -19,6 +19,8 @@ from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, write
 from tests.runtime.terminals import Terminal
 
 WIDE = Paper(200)
+BOTH_GONE = "kill -9 of guardian and control process together, loss of power of the computer"
+NO_MEANS = "no time-out in the drive, no charge pump"
 
 
 @pytest.fixture
@@ -47,7 +49,7 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
         assert f"  {side}/knee".ljust(14) + f"legs {can_id}      yes       " in shown
     assert shown.count("0.100 rad in [-12.5, 12.5]") == 2 and shown.count("30 °C        none") == 2 and shown.count("limit 18 N·m; own time-out: none known;") == 2
     assert f"bus legs  udp_multicast {bus.channel}, load 9%, 11% at worst" in shown
-    assert "not covered: loss of power of the computer (no time-out of its own is known of left/knee, right/knee)" in shown
+    assert f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})" in " ".join(shown.split())
     assert "2 devices, nothing out of the ordinary\n" in shown
     terminal.wait_for(r"ready .*0\.0/60 s .* Enter arms, space ends")
     terminal.press(b"rmx")                                          # any other key arms nothing
@@ -60,6 +62,7 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
     terminal.wait_for("running")
     terminal.press(b" ")
     assert terminal.end() == 0 and "zero torque, then disable: confirmed by left/knee, right/knee" in terminal.look()
+    assert "caution     nothing stops left/knee, right/knee once both processes are gone" in terminal.look()
     files = Files(tmp_path / "out")
     assert files.table["tick"][0] == 0 and files.sidecar["missed"] == 0
     [table] = [event for event in files.sidecar["events"] if event["event"] == "preflight"]
@@ -136,7 +139,7 @@ def test_a_drive_as_it_should_be(knee):
         "limit 9 N·m; own time-out: none known; safe stop: zero torque then disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
         "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)",
-        "    not covered: loss of power of the computer (no time-out of its own is known of knee)",
+        f"    not covered: {BOTH_GONE} (nothing stops knee once both processes are gone: {NO_MEANS})",
         "1 device, nothing out of the ordinary", ASK,
     ]
 
@@ -157,15 +160,19 @@ def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, 
     assert "\x1b[31m" in two[2] and ("2 things" in two[-2] or outputs.get("temperature"))
 
 
-def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power():
+def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both_processes():
     with Diagram("one", rate=200):
-        one, other = (CubeMars("AK80-9", bus="legs", can_id=number, name=f"knee{number}") for number in (1, 2))
-    assert coverage([one, other])[-1] == {
-        "failure": "loss of power of the computer", "covered": False, "by": "no time-out of its own is known of knee1, knee2"}
+        one, other = both = [CubeMars("AK80-9", bus="legs", can_id=number, name=f"knee{number}") for number in (1, 2)]
+
+    def last():
+        return [(entry["failure"], entry["covered"], entry["by"]) for entry in coverage(both, both)[-2:]]
+
+    failures = BOTH_GONE.split(", ")
+    assert last() == [(failure, False, f"nothing stops knee1, knee2 once both processes are gone: {NO_MEANS}") for failure in failures]
     one.own_timeout = 0.025
-    assert coverage([one, other])[-1]["by"] == "no time-out of its own is known of knee2"
+    assert last() == [(failure, False, f"nothing stops knee2 once both processes are gone: {NO_MEANS}") for failure in failures]
     other.own_timeout = 0.025
-    assert in_words(coverage([one, other]))[1] == "" and "loss of power of the computer (the drives' own time-out)" in in_words(coverage([one, other]))[0]
+    assert in_words(coverage(both, both))[1] == "" and f"{BOTH_GONE} (the drives' own time-out)" in in_words(coverage(both, both))[0]
 
 
 def test_the_table_tells_how_each_device_is_stopped():
@@ -174,15 +181,15 @@ def test_the_table_tells_how_each_device_is_stopped():
         EStopHeartbeat(bus="estop", name="button")
     rows = Preflight(robot, compile(robot), {}, False).event(compile(robot).arena)
     assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped for 2 s then disable", "button": "nothing to stop"}
-    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 6, "estop": 0}
+    assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 7, "estop": 0}
     assert any(line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop") for line in text(rows, WIDE))
 
 
 def test_check_tells_what_is_covered(command_line):
     out = command_line("check", KNEE_EXO)[1]
     assert "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)" in out
-    assert "not covered: loss of power of the computer (no time-out of its own is known of left/knee, right/knee)" in out
+    assert f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})" in out
     [bus] = json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"]
     assert {entry["failure"]: entry["covered"] for entry in bus["coverage"]} == {
         "exception": True, "kill -9": True, "kill -STOP": True, "hung block": True, "loss of the guardian": True,
-        "loss of power of the computer": False}
+        "kill -9 of guardian and control process together": False, "loss of power of the computer": False}
