@@ -61,6 +61,9 @@ class Joint:
     gear_ratio = Ranges.gear_ratio
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
     wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
+    max_acceleration = Param(
+        500.0, "rad/s²", "largest acceleration of the joint for which the limit holds where the drive adds stiffness or damping",
+        above=0.0, fixed=True)
 
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)
@@ -77,7 +80,8 @@ class Joint:
     torque_sent = Output("N·m", "torque command after limits, fade-in and quantisation")
     limited = Output("1", "ticks in which stiffness and damping were scaled to keep the drive's law inside the limit", dtype=int)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
-    limits = Memory(0.0, "of the commands, in the same order, and of the drive's whole law")
+    limits = Memory(0.0, "of the commands, in the same order, of the drive's whole law, and the share of stiffness and damping allowed")
+    sent = Memory((0.0,) * 5, "position, velocity, stiffness, damping and torque of the last frame, decoded from its codes, at the joint")
 
     hardware = ("can_id", "invert", "offset", "range", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
@@ -92,7 +96,7 @@ class Joint:
         position = self.wire[0] - abs(self.offset)
         if position < 0.0:
             raise ValueError(f"offset {self.offset:g} rad is beyond what the wire can say of the joint, ± {self.wire[0]:g} rad")
-        self.limits = (position, *self.wire[1:4], self.torque_limit, self.torque_limit)
+        self.limits = (position, *self.wire[1:4], self.torque_limit, self.torque_limit, 1.0)
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
         if self.stop_damping > self.wire[3] and (self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default):
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
@@ -144,7 +148,7 @@ class Joint:
         return float(self.limit)
 
     def command_limits(self):
-        position, velocity, stiffness, damping, torque, _ = self.limits
+        position, velocity, stiffness, damping, torque = self.limits[:5]
         return {
             "torque_command": Interval(-torque, torque),
             "position_command": Interval(-position, position),

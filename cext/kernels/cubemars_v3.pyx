@@ -20,8 +20,8 @@ from cext.kernels.mit cimport (
 cdef enum:
     MORE = 1                    # output behind LIMITED, by which the parameters stand further behind: the current
     CURRENT = LIMITED + 1
-    SCALES = 2                  # memory, behind WIRE and LIMITS
-    NOTICE = 3
+    SCALES = 3                  # memory, behind WIRE, LIMITS and SENT
+    NOTICE
 
 
 cdef int v3_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:

@@ -3,7 +3,7 @@
 `wire` has half the range of each, in this order. The items are those of blocks.actuators.joint.Joint.
 """
 
-from libc.math cimport copysign, fabs, isfinite
+from libc.math cimport copysign, fabs, fmin, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
@@ -15,6 +15,7 @@ cdef enum:
     POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
     POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, TORQUE_SENT, LIMITED
     CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
+    MAX_ACCELERATION
     OWN                         # first parameter of a family
 
 cdef struct Codes:              # of a command
@@ -26,7 +27,9 @@ cdef struct Codes:              # of a command
 
 
 cdef inline int memory_of(const int32_t *slots) noexcept nogil:
-    """The item that is WIRE; the one behind it is LIMITS, what the commands must stay inside, and last the drive's whole law."""
+    """The item that is WIRE. LIMITS follows: of the five commands, of the drive's whole law, and the share of stiffness and damping allowed.
+    Then SENT: position, velocity, stiffness, damping and torque of the last frame.
+    """
     return slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS]
 
 
@@ -81,6 +84,7 @@ cdef inline int quantise(
     cdef int memory = memory_of(slots)
     cdef double *wire = arena + slots[memory]
     cdef double *limits = arena + slots[memory + 1]
+    cdef double *sent = arena + slots[memory + 2]
     cdef double sign = -1.0 if arena[slots[INVERT + more]] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
     cdef double position = arena[slots[POSITION_COMMAND]]
@@ -101,7 +105,7 @@ cdef inline int quantise(
     if limited:
         torque = copysign(limits[5], torque)
     if stiffness > 0.0 or damping > 0.0:
-        felt = felt_share(arena, slots, wire, limits[5], torque, position_step, velocity_step)
+        felt = fmin(felt_share(arena, slots, wire, limits[5], torque, position_step, velocity_step), limits[6])
         limited |= felt < 1.0
         stiffness *= felt
         damping *= felt
@@ -111,7 +115,11 @@ cdef inline int quantise(
     codes.stiffness = to_code(share * stiffness, 0.0, wire[2], 12)
     codes.damping = to_code(share * damping, 0.0, wire[3], 12)
     codes.torque = to_code(sign * share * torque, -wire[4], wire[4], 12)
-    arena[slots[TORQUE_SENT]] = sign * from_code(codes.torque, -wire[4], wire[4], 12)
+    sent[0] = sign * from_code(codes.position, -wire[0], wire[0], 16) - arena[slots[OFFSET + more]]
+    sent[1] = sign * from_code(codes.velocity, -wire[1], wire[1], 12)
+    sent[2] = from_code(codes.stiffness, 0.0, wire[2], 12)
+    sent[3] = from_code(codes.damping, 0.0, wire[3], 12)
+    sent[4] = arena[slots[TORQUE_SENT]] = sign * from_code(codes.torque, -wire[4], wire[4], 12)
     return OK
 
 

@@ -11,7 +11,7 @@
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
 
-from libc.math cimport copysign, fabs, isfinite
+from libc.math cimport copysign, fabs, fmin, isfinite
 from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
@@ -28,9 +28,12 @@ cdef enum: # inputs of a RobStride in operation control; in other modes it has o
 cdef enum: # what comes behind the inputs
     POSITION, VELOCITY, TORQUE, TEMPERATURE, FAULT, AGE, SENT, LIMITED, WARNING
     CAN_ID, INVERT, OFFSET, TIMEOUT, GEAR_RATIO, WIRE_POSITION, WIRE_VELOCITY, WIRE_STIFFNESS, WIRE_DAMPING, WIRE_TORQUE
+    MAX_ACCELERATION
     HOST_ID, CAN_TIMEOUT, ACTIVE_REPORTING, VELOCITY_LIMIT, ACCELERATION
     WIRE                        # position, velocity, stiffness, damping, torque: half the range of each, at the joint
-    LIMITS                      # of the commands: five in operation control, and of the drive's whole law; else one, and the share that is left
+    LIMITS                      # of the commands: five in operation control, of the drive's whole law, and the share of stiffness and
+                                # damping allowed; else one, and the share that is left
+    SENT_LAW                    # position, velocity, stiffness, damping, torque of the last frame in operation control
     STATE                       # has been seen running, replies in a row that say it is not, faults of type 21
     WRITTEN                     # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
 
@@ -126,6 +129,7 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     cdef const int32_t *own = slots + slots[INPUTS]
     cdef double *wire = arena + own[WIRE]
     cdef double *limits = arena + own[LIMITS]
+    cdef double *sent = arena + own[SENT_LAW]
     cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
     cdef double position = arena[slots[POSITION_COMMAND]]
@@ -145,18 +149,26 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     if limited:
         torque = copysign(limits[5], torque)
     if stiffness > 0.0 or damping > 0.0:
-        felt = felt_share(arena, slots, own, torque)
+        felt = fmin(felt_share(arena, slots, own, torque), limits[6])
         limited |= felt < 1.0
         stiffness *= felt
         damping *= felt
     arena[own[LIMITED]] += limited
     code = to_code(sign * share * torque, -wire[4], wire[4], 16)
     address(arena, own, &frames[0], 1, code)
-    put(&frames[0].data[0], to_code(sign * (position + arena[own[OFFSET]]), -wire[0], wire[0], 16))
-    put(&frames[0].data[2], to_code(sign * velocity, -wire[1], wire[1], 16))
-    put(&frames[0].data[4], to_code(share * stiffness, 0.0, wire[2], 16))
-    put(&frames[0].data[6], to_code(share * damping, 0.0, wire[3], 16))
-    arena[own[SENT]] = sign * from_code(code, -wire[4], wire[4], 16)
+    sent[4] = arena[own[SENT]] = sign * from_code(code, -wire[4], wire[4], 16)
+    code = to_code(sign * (position + arena[own[OFFSET]]), -wire[0], wire[0], 16)
+    put(&frames[0].data[0], code)
+    sent[0] = sign * from_code(code, -wire[0], wire[0], 16) - arena[own[OFFSET]]
+    code = to_code(sign * velocity, -wire[1], wire[1], 16)
+    put(&frames[0].data[2], code)
+    sent[1] = sign * from_code(code, -wire[1], wire[1], 16)
+    code = to_code(share * stiffness, 0.0, wire[2], 16)
+    put(&frames[0].data[4], code)
+    sent[2] = from_code(code, 0.0, wire[2], 16)
+    code = to_code(share * damping, 0.0, wire[3], 16)
+    put(&frames[0].data[6], code)
+    sent[3] = from_code(code, 0.0, wire[3], 16)
     return 1
 
 

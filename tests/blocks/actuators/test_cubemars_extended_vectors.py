@@ -53,7 +53,7 @@ def boards():
             kept[family] = Wired(CubeMarsV3, model.name, can_id=104, limit="peak" if model.peak else model.wire_torque)
         wired = Wired.again(kept[family])
         top = wired["wire"]
-        wired["limits"] = [*top, 1e9]           # also what we would not command
+        wired["limits"] = [*top, 1e9, 1.0]      # also what we would not command
         return wired
 
     return of

@@ -120,7 +120,7 @@ def test_a_share_is_never_more_than_was_asked():
 @pytest.mark.parametrize("torque", [5.0, -5.0])
 def test_a_limit_that_has_gone_down_cuts_a_torque_instead_of_refusing_it(torque):
     wired = drive()
-    wired["limits"] = (*wired["limits"][:5], 3.0)
+    wired["limits"] = (*wired["limits"][:5], 3.0, 1.0)
     assert said(wired, "AK80-9", torque=torque)["torque"] == pytest.approx(math.copysign(3.0, torque), abs=36.0 / 4095)
     assert wired["limited"] == 1.0
 

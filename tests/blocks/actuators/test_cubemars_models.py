@@ -82,7 +82,7 @@ def test_the_limit_is_rated_peak_or_a_torque_up_to_the_peak(name):
     for limit, torque in (*named, *((number, float(number)) for number in numbers)):
         drive = CubeMars(name, limit=limit)
         assert drive.command_limits()["torque_command"] == Interval(-torque, torque)
-        assert drive.limits == (12.5, model.wire_velocity, 500.0, 5.0, torque, torque)
+        assert drive.limits == (12.5, model.wire_velocity, 500.0, 5.0, torque, torque, 1.0)
     assert CubeMars(name).command_limits() == CubeMars(name, limit="rated").command_limits()
 
 

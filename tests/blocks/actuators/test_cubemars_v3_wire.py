@@ -34,7 +34,7 @@ DRIVES = {name: wired(name) for name in MODELS}
 def unlimited(model):
     new = Wired.again(DRIVES[model])
     new.arena[PERIOD_SLOT] = PERIOD
-    new["limits"] = [*new["limits"][:5], 1e9]
+    new["limits"] = [*new["limits"][:5], 1e9, 1.0]
     return new
 
 
@@ -192,7 +192,7 @@ def test_the_law_is_inside_the_limit_wherever_the_joint_may_be_by_then(data, mod
     drive = Wired.again(DRIVES[model])
     drive.arena[PERIOD_SLOT] = PERIOD
     most = share * drive["limits"][4]
-    drive["limits"] = [*drive["limits"][:4], most, most]
+    drive["limits"] = [*drive["limits"][:4], most, most, 1.0]
     true_position = data.draw(st.floats(-14.0, 14.0), label="position")
     true_velocity = data.draw(st.floats(-drive["wire"][1], drive["wire"][1]), label="velocity")
     scales = drive["scales"]

@@ -64,7 +64,7 @@ def drives():
     def drive(model, invert=False):
         if (model, invert) not in made:
             made[model, invert] = Wired(CubeMars, model.name, can_id=1, invert=invert)
-            made[model, invert]["limits"] = [*made[model, invert]["wire"], math.inf]
+            made[model, invert]["limits"] = [*made[model, invert]["wire"], math.inf, 1.0]
         return made[model, invert]
 
     return drive

@@ -18,7 +18,7 @@ FIELDS = tuple(name for name, _ in reference.FIELDS)
 def drive(model, **parameters):
     """A drive whose limits are as wide as its wire: the encoding is tested beyond what a motor may be asked."""
     wired = Wired(CubeMars, model, **{"can_id": 1, **parameters})
-    wired["limits"] = [*wired["wire"], math.inf]
+    wired["limits"] = [*wired["wire"], math.inf, 1.0]
     return wired
 
 
@@ -89,7 +89,7 @@ def test_nothing_commanded_has_the_codes_just_below_the_middle(model):
 @models
 def test_beyond_a_range_the_code_stays_at_its_end_and_never_wraps(model):
     wired = drive(model)
-    wired["limits"] = [*(wired["wire"] * 1e6), math.inf]      # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0] # no command reaches the wire like this: the last line of defence alone
     for name, bits in reference.FIELDS:
         low, high = RANGES[model][name]
         for x in (math.nextafter(high, math.inf), high * 1.0001, high + 1.0, high * 2.0, high * 1e5):
@@ -111,7 +111,7 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired = Wired(CubeMars, model, can_id=1)
     rated = min(MODELS[model].rated, MODELS[model].wire_torque)
-    assert wired["limits"].tolist() == [12.5, MODELS[model].wire_velocity, 500.0, 5.0, rated, rated]
+    assert wired["limits"].tolist() == [12.5, MODELS[model].wire_velocity, 500.0, 5.0, rated, rated, 1.0]
     for name, limit in zip(FIELDS, wired["limits"]):
         low = 0.0 if name in ("stiffness", "damping") else -limit
         for x in (low, limit):
@@ -168,7 +168,7 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
     """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque, stiffness and damping."""
     wired = Wired(CubeMars, model, can_id=9, invert=invert, offset=offset, limit="peak")
     wired.arena[AUTHORITY] = authority
-    wired["limits"] = [*wired["limits"][:5], math.inf]
+    wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
     fields = {
         name: data.draw(st.floats(0.0 if name in ("stiffness", "damping") else -limit, limit), label=name)
         for name, limit in zip(FIELDS, wired["limits"])
@@ -187,7 +187,7 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
 
 def test_a_torque_of_the_whole_limit_is_not_counted_as_limited_and_one_above_it_is():
     wired, limit = drive("AK80-9"), 7.0
-    wired["limits"] = [*wired["wire"], limit]
+    wired["limits"] = [*wired["wire"], limit, 1.0]
     for torque, counted in ((limit, 0), (-limit, 0), (math.nextafter(limit, math.inf), 1), (-1.01 * limit, 2)):
         say(wired, torque=torque)
         assert wired["limited"] == counted

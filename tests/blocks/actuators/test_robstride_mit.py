@@ -23,7 +23,7 @@ models = pytest.mark.parametrize("model", NAMES)
 def drive(model, **parameters):
     """A drive whose commands may be as wide as its wire, and whose feedback is too new to scale anything."""
     wired = Wired(RobStrideMIT, model, **parameters)
-    wired["limits"] = [*wired["wire"], 1e9][: len(wired["limits"])]
+    wired["limits"] = [*wired["wire"], 1e9, 1.0][: len(wired["limits"])]
     return wired
 
 

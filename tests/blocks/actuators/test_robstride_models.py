@@ -50,7 +50,7 @@ def test_firmware_of_one_unit_may_have_ranges_of_its_own():
         (RobStride("RS00", wire_torque=4.0, wire_velocity=20.0), (12.57, 20.0, 500.0, 5.0, 4.0)),
         (CubeMars("AK80-9", wire_velocity=22.5, wire_damping=10.0), (12.5, 22.5, 500.0, 10.0, 9.0)),
     ):
-        assert drive.limits == (*expected, expected[-1])
+        assert drive.limits == (*expected, expected[-1], 1.0)
         with Diagram("plant", rate=1000):
             assert tuple(drive.emulator().wire) == tuple(drive.wire)
 
@@ -59,8 +59,8 @@ def test_firmware_of_one_unit_may_have_ranges_of_its_own():
     (CubeMars, "AK80-9", 12.5, 50.0), (RobStride, "RS03", 12.57, 20.0), (RobStrideMIT, "RS03", 12.57, 20.0)])
 def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model, position, velocity):
     plain, geared = kind(model), kind(model, gear_ratio=4.0, offset=0.5)
-    p, v, k, b, t, felt = plain.limits
-    assert geared.limits == (p / 4.0 - 0.5, v / 4.0, k * 16.0, b * 16.0, t * 4.0, felt * 4.0)
+    p, v, k, b, t, felt, share = plain.limits
+    assert geared.limits == (p / 4.0 - 0.5, v / 4.0, k * 16.0, b * 16.0, t * 4.0, felt * 4.0, share)
     assert kind(model, gear_ratio=4.0, limit=t * 4.0).torque_limit == 4.0 * t
     assert geared.output_range()["velocity"] == Interval(-velocity / 4.0, velocity / 4.0)
     with pytest.raises(DiagramError, match=f"at most the peak torque of {model} behind a gear of 0.5, "):

@@ -45,7 +45,7 @@ def drives():
     def drive(model, host_id=0xFD):
         if (model, host_id) not in made:
             made[model, host_id] = Wired(RobStride, model, host_id=host_id)
-            made[model, host_id]["limits"] = [*made[model, host_id]["wire"], math.inf]
+            made[model, host_id]["limits"] = [*made[model, host_id]["wire"], math.inf, 1.0]
         return made[model, host_id]
 
     return drive
@@ -186,7 +186,7 @@ def test_values_of_parameters_are_little_endian():
 def test_the_vendors_mit_frames_are_ours():
     """Its sample asks positions within ± 12.5 and clamps; single precision: at most one code off. Its FC with a mode chooses the mode."""
     wired = Wired(RobStrideMIT, "RS01", can_id=1, wire_position=12.5, limit="peak")
-    wired["limits"] = [*wired["limits"][:5], math.inf]
+    wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
     half = dict(zip(INPUTS, wired["wire"]))
     seen = 0
     for entry in entries("robstride_mit_protocol"):

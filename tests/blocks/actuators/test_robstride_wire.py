@@ -23,7 +23,7 @@ WRITTEN = {"position": 0x7016, "csp": 0x7016, "velocity": 0x700A, "current": 0x7
 def drive(model, **parameters):
     """A drive whose limits are as wide as its wire: the encoding is tested beyond what a motor may be asked."""
     wired = Wired(RobStride, model, **parameters)
-    wired["limits"] = [*wired["wire"], math.inf]
+    wired["limits"] = [*wired["wire"], math.inf, 1.0]
     return wired
 
 
@@ -73,7 +73,7 @@ def test_both_ends_of_every_range_have_the_first_and_the_last_code_and_beyond_no
     ranges, wired = RANGES[model], drive(model)
     for end, expected in ((0, 0), (1, 65535)):
         assert set(reference.codes_of(say(wired, **{name: ranges[name][end] for name in FIELDS})).values()) == {expected}
-    wired["limits"] = [*(wired["wire"] * 1e6), math.inf]             # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0]        # no command reaches the wire like this: the last line of defence alone
     for name in FIELDS:
         low, high = ranges[name]
         for x in (math.nextafter(high, math.inf), high * 1.0001, high * 2.0, high * 1e5):
@@ -105,7 +105,7 @@ def test_a_command_that_is_not_finite_is_refused_and_makes_no_frame(model, bad):
 def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
     wired, found = Wired(RobStride, model), MODELS[model]
     wire = [found.wire_position, found.wire_velocity, found.wire_stiffness, found.wire_damping]
-    assert wired["limits"].tolist() == [*wire, found.rated, found.rated]
+    assert wired["limits"].tolist() == [*wire, found.rated, found.rated, 1.0]
     for name, limit in zip(FIELDS, wired["limits"]):
         low = 0.0 if name in ("stiffness", "damping") else -limit
         for x in (low, limit):
@@ -123,7 +123,7 @@ def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(data,
     """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one code."""
     wired = Wired(RobStride, model, invert=invert, offset=offset, limit="peak", gear_ratio=ratio)
     wired.arena[AUTHORITY] = authority
-    wired["limits"] = [*wired["limits"][:5], math.inf]
+    wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
     fields = {
         name: data.draw(st.floats(0.0 if name in ("stiffness", "damping") else -limit, limit), label=name)
         for name, limit in zip(FIELDS, wired["limits"])
