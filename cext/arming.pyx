@@ -18,6 +18,7 @@ from cext.mailbox cimport CONFIRM, NOT_NOW, TAKEN
 from cext.pace cimport clock, monotonic
 from cext.page cimport ARMING, READY, STOPPING, PageLayout, store_i64
 from cext.posix cimport CLOCK_REALTIME
+from cext.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM
 from cext.watchdog cimport let_go, take_back
 
 
@@ -171,7 +172,7 @@ cdef class Arming:
         their way, and look like those to the stop: the first round is confirmed by the second.
         """
         cdef int rounds = 0
-        cdef int64_t step = max(100000, min(self.pace.period, 5000000))
+        cdef int64_t step = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began

@@ -32,6 +32,7 @@ from cext.program cimport Program
 from cext.signals cimport Signals
 from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.tape cimport Tape
+from cext.thresholds cimport ARMING_LIMIT, FADE_IN, STOP_LIMIT
 from cext.tick cimport Tick
 from cext.waiting cimport ENDED, Waiting
 from cext.watchdog cimport Watchdog
@@ -83,7 +84,8 @@ cdef class Executor(Waiting):
         if tape is not None and not virtual:
             raise ValueError("a recorded run is run again in virtual time")
 
-    def run(self, int64_t ticks=-1, *, double fade=0.5, double arming_timeout=1.0, double stopping_timeout=0.2, answered=None,
+    def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
+            double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
             bint confirm=False, rearm=None, told=None):
         """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
 

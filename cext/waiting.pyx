@@ -16,12 +16,10 @@ from cext.live cimport STOP_WANTED, apply_changes
 from cext.mailbox cimport NOT_NOW, REARM, TAKEN
 from cext.pace cimport monotonic
 from cext.page cimport ARMING
+from cext.thresholds cimport DISABLE_CONFIRM_LIMIT
 
 from cext.outcome import Outcome, name_of
 from cext.stopwatch import names
-
-cdef enum:
-    ANSWERING = 100000000       # ns in which drives answer that they were disabled
 
 
 cdef class Waiting(Arming):
@@ -98,7 +96,7 @@ cdef class Waiting(Arming):
         cdef int standing = NO_ANSWER
         cdef bint high = True                                      # an input that was true all the time asks for nothing
         cdef bint before
-        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + ANSWERING     # from when on a missing answer stands in the way
+        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT     # from when on a missing answer stands in the way
         self.control.devices.want_replies(False, True)
         self.previous = tick - 1
         while ticks < 0 or tick < ticks:

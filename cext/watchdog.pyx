@@ -31,18 +31,13 @@ from cext.posix cimport (
 )
 from cext.signals cimport Signals
 from cext.threads cimport be_called, doze, start_thread, wake
+from cext.thresholds cimport (
+    BUS_TAKEOVER_PERIOD, HANG_MINIMUM, HANG_PERIODS, HANG_SIGNAL_PERIOD, HANG_SIGNAL_PERIOD_STOPPED, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS,
+    STOP_LIMIT, STOP_ROUND,
+)
 
-cdef int64_t PERIODS = 3
-cdef int64_t LEAST = 15000000           # ns that a tick may always work
-cdef int64_t START_PERIODS = 5
-cdef int64_t START_LEAST = 40000000     # ns; the guardian waits no longer
-cdef int64_t ROUND = 5000000            # ns between rounds of the stop
-cdef int64_t LONGEST = 200000000        # ns of it
-cdef int64_t NUDGE = 20000000           # ns between signals to a Python step
-cdef int64_t PATIENT_NUDGE = 100000000  # ns, once the stop is over
-cdef int64_t GLANCE = 1000000           # ns between attempts to take the buses
 cdef size_t STACK = 256 << 10           # bytes
-cdef int FAULT = 3                      # the exit code
+cdef int EXIT_CODE = 3                  # of a run that ends in a fault
 
 
 cdef void *enter(void *context) noexcept nogil:
@@ -64,8 +59,8 @@ cdef class Watchdog:
         for number in processors:
             CPU_SET(number, &self.processors)
         self.program, self.journal, self.caught = program, journal, signals.caught
-        self.limit = max(PERIODS * period, LEAST)
-        self.patience = max(START_PERIODS * period, START_LEAST) - self.limit
+        self.limit = max(HANG_PERIODS * period, HANG_MINIMUM)
+        self.patience = max(LOOP_STALL_PERIODS * period, LOOP_STALL_MINIMUM) - self.limit
         self.handover = &self.shared if wanted else NULL
 
     cdef int start(self) except -1:
@@ -152,19 +147,19 @@ cdef class Watchdog:
         self.journal.raise_fence_for(self.at)
         while not load_i32(&self.leave):
             now = monotonic()
-            over = now - began >= LONGEST + damping - damped
+            over = now - began >= STOP_LIMIT + damping - damped
             mine = mine or swap(&self.shared.user, NOBODY, WATCHDOG)
             if mine and not over and now >= due:
                 self.program.devices.send_stop(now - began + damped, now - self.zero, self.journal.layout)
-                due = now + ROUND
+                due = now + STOP_ROUND
             if now >= nudge:
                 pthread_kill(self.loop, SIGURG)
-                nudge = now + (PATIENT_NUDGE if over else NUDGE)
+                nudge = now + (HANG_SIGNAL_PERIOD_STOPPED if over else HANG_SIGNAL_PERIOD)
             if over:
                 hear_signals()
                 if self.caught[0]:
-                    _exit(FAULT)
-            self.sleep(nudge if over else due if mine else now + GLANCE)
+                    _exit(EXIT_CODE)
+            self.sleep(nudge if over else due if mine else now + BUS_TAKEOVER_PERIOD)
 
     cdef bint running_ticks(self) noexcept nogil:
         return self.journal.layout == NULL or load_i32(&self.journal.layout.state) == RUNNING

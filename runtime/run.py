@@ -10,11 +10,11 @@ from pathlib import Path
 from cext.executor import Executor
 from cext.page import RECORD_EVENT, Page
 from cext.program import Program
+from cext.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 
 from runtime import rearming
 from runtime.diagram_file import compiled, load
 from runtime.errors import BadInput
-from runtime.guardian import SILENCE
 from runtime.live.table import describe
 from runtime.preflight import Preflight
 from runtime.realtime import PRIORITY, Realtime
@@ -26,7 +26,6 @@ from runtime.simulation import Simulation
 from runtime.telling.fault import explain
 from runtime.telling.held import held
 
-MOMENT = 0.05                   # s, in which a guardian that lives looks ten times
 NOBODY = (
     "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard input, output and error); "
     "--yes arms without asking")
@@ -158,7 +157,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
         executor = Executor(
             control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
             virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
-            guard=SILENCE if rig is not None else 0.0, carried=rig is not None and rig.carries, others=aside)
+            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0, carried=rig is not None and rig.carries, others=aside)
     except BaseException:
         realtime.release()
         recorder.abandon()
@@ -220,7 +219,7 @@ def stopped_by_hand(outcome, rig, page):
 
 def looks(page):
     """Whether the guardian looks at the page once more within a moment."""
-    before, deadline = page.guarded, time.monotonic() + MOMENT
+    before, deadline = page.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
     while page.guarded == before and time.monotonic() < deadline:
         time.sleep(0.001)
     return page.guarded != before

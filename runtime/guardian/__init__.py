@@ -15,7 +15,7 @@ The plan is a dict that JSON can carry:
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
-The guardian writes on the page when it has looked last: where that is longer ago than SILENCE the loop ends the run. The actuators on
+The guardian writes on the page when it has looked last: where that is longer ago than GUARDIAN_SILENCE the loop ends the run. The actuators on
 buses that the guardian carried are then stopped from here, by `take_over`.
 """
 
@@ -26,15 +26,14 @@ import subprocess
 import time
 
 from cext.stopwatch import names
+from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.child import ChildProcess
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 
 READY_TIMEOUT = 30.0        # s
 LEAVE_TIMEOUT = 5.0         # s
-SILENCE = 0.1               # s of the guardian's that end a run
 FLAGS = 0xE0000000          # of struct can_frame: extended, remote, error
-PERIODS, STALL = 5, 0.04    # the loop counts as stalled after so many periods, and at least so many s, without a tick
 
 
 class GuardianError(Exception):
@@ -164,7 +163,7 @@ def plan(buses, schedule, diagram, priority):
             for device in schedule.devices if device.bus in place
         ],
         "items": names(schedule),
-        "limit": max(PERIODS / schedule.rate, STALL),
+        "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
         "priority": None if priority is None else priority + 1,
     }
 

@@ -11,8 +11,9 @@ import socket
 import struct
 import time
 
-LONGEST = 80                    # bytes of a name; the system takes 107
-PATIENCE = 1.0                  # s for the guardian of a dead controller to stop its actuators
+from cext.thresholds import BUS_LOCK_RELEASE_LIMIT
+
+NAME_BYTES = 80                 # at most; the system takes 107
 CREDENTIALS = struct.Struct("3i")
 
 
@@ -32,7 +33,7 @@ class BusLock:
 
     def __init__(self, interface, channel):
         name = name_of(interface, channel)
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + BUS_LOCK_RELEASE_LIMIT * 1e-9
         while True:
             self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             try:
@@ -58,8 +59,8 @@ class BusLock:
 def name_of(interface, channel):
     channel = os.path.realpath(channel) if os.path.exists(channel) else channel        # two links to one port are one bus
     name = f"tickwork/bus/{interface}/{channel}".encode()
-    if len(name) > LONGEST:
-        name = name[:LONGEST - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
+    if len(name) > NAME_BYTES:
+        name = name[:NAME_BYTES - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
     return b"\0" + name
 
 

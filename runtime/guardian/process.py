@@ -23,14 +23,13 @@ from cext import realtime
 from cext.mourner import Mourner
 from cext.page import RECORD_EVENT, Page
 from cext.rings import Lines
+from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
 
 ORDERS = 0                      # standard input
-LOOK = 5_000_000                # ns between looks at the loop at most
-STUCK = 300_000_000             # ns after which a block that hangs is taken for one that nothing breaks
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
 NAME = "tickwork-guard"
 
@@ -99,7 +98,7 @@ class Guardian:
             now = time.monotonic_ns()
             self.page.look_after(now)
             if now - looked > self.limit // 2:
-                grace = now + LOOK          # we were away ourselves: so, perhaps, was the whole machine
+                grace = now + GUARDIAN_LOOK_PERIOD          # we were away ourselves: so, perhaps, was the whole machine
             looked = now
             if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):         # the page says so: no grace
                 self.judge(now)
@@ -119,7 +118,7 @@ class Guardian:
         """How long to sleep at most."""
         if self.restless or (self.stop is not None and not self.stop.over):
             return 1
-        return LOOK // 1_000_000
+        return GUARDIAN_LOOK_PERIOD // 1_000_000
 
     def look(self, milliseconds):
         """Wait until something happens, and take what it is."""
@@ -154,7 +153,7 @@ class Guardian:
             self.begin_stop("died", silent, now)
         elif self.page.hung is not None:
             self.begin_stop("hung", silent, now)
-            self.stuck_at = now + STUCK
+            self.stuck_at = now + HANG_REPORT_DELAY
         elif silent > self.limit:
             self.begin_stop("stalled", silent, now)
 

@@ -7,8 +7,7 @@ Answers look alike. Those in the first round may be to what was commanded before
 
 import re
 
-ROUND = 5_000_000               # ns between repetitions
-LONGEST = 200_000_000           # ns, after the longest damping
+from cext.thresholds import STOP_LIMIT, STOP_ROUND
 
 
 class SafeStop:
@@ -26,7 +25,7 @@ class SafeStop:
         self.wires, self.began, self.due, self.ended = wires, now, now, None
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
         self.damping = {name: round(device["damp_time"] * 1e9) * moving for name, device in self.waiting.items()}
-        self.limit = LONGEST + max(self.damping.values(), default=0)
+        self.limit = STOP_LIMIT + max(self.damping.values(), default=0)
         self.asked = set()
         self.confirmed, self.heard, self.sent = set(), {}, 0
         self.order = list(self.waiting)
@@ -44,7 +43,7 @@ class SafeStop:
             return
         if now < self.due:
             return
-        self.due = now + ROUND
+        self.due = now + STOP_ROUND
         damped = {name for name in self.waiting if now - self.began < self.damping[name]}
         self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
         self.asked |= self.waiting.keys() - damped

@@ -16,12 +16,13 @@ import time
 from collections import deque
 from contextlib import suppress
 
+from cext.thresholds import INTERFACE_FAILURE_LIMIT
+
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29       # of Linux, which Python's socket has no names for
 MOST = 64                       # frames taken at once
 ECHO = 0.1                      # s within which an interface hands back what was sent
 TIMEOUT = 0.002                 # s that an interface may take to accept a frame
-PATIENCE = 100                  # failures in a row, then the interface has failed
 QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
 NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}     # for a frame that has not come; others are heard in a thread
 WAIT = 0.05                     # s that such a thread waits for a frame before it looks whether it is over
@@ -48,7 +49,7 @@ class Wire:
     def failed_once(self, error):
         """A failure that may pass: many in a row do not."""
         self.failures += 1
-        if self.failures >= PATIENCE:
+        if self.failures >= INTERFACE_FAILURE_LIMIT:
             self.fail(errno_of(error), str(error))
 
 

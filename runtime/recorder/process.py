@@ -13,6 +13,7 @@ from contextlib import suppress
 
 from cext import realtime
 from cext.page import Page
+from cext.thresholds import GUARDIAN_DEATH
 
 from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
 from runtime.recorder.panel import Panel
@@ -28,7 +29,6 @@ IDLE = 5                        # ms between looks at an empty ring
 IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
 FLUSH = 0.5                     # s between flushes at most,
 HELD = 0.25                     # or this share of the ring that waits for one
-GUARD = 200_000_000             # ns since the guardian's newest look, then it has died too
 FOLLOW = 0.1                    # s between looks at who has the terminal
 
 
@@ -158,7 +158,7 @@ def drain(page, control, recording, status, panel, heir, idle):
 
 def guarded(page):
     """Whether a guardian is at work, which tells what it has done after the control process has died."""
-    return time.monotonic_ns() - page.guarded < GUARD
+    return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
 
 
 def orphan_line(report):

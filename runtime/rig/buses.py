@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from cext.rings import Line, Lines
 from cext.socketcan import SocketCan
+from cext.thresholds import TX_QUEUE_FULL_LIMIT
 from graph import Device
 from runtime.doctor.machine import Machine
 from runtime.guardian import GuardianError, GuardianProcess
@@ -20,7 +21,6 @@ from runtime.rig.streams import StreamLines
 from runtime.rig.troubles import Refused, RigError, Trouble
 from runtime.rig.udp import UdpInterface, failed
 
-PATIENCE = 10                   # ticks in a row with a full queue, then it is a fault
 SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this interface says what it needs"
 GONE = (errno.ENODEV, errno.ENXIO)
 
@@ -104,14 +104,14 @@ class RigBuses:
             return OpenBus(interface, interface)
         if bus.interface == UDP:
             interface = UdpInterface(bus, devices)
-            return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=PATIENCE, mute=not bus.peer))
+            return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=TX_QUEUE_FULL_LIMIT, mute=not bus.peer))
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
         listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})
         interface = Interface(bus, listens, sorted({address for device in devices for address in device.addresses()}), machine)
-        return OpenBus(interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=PATIENCE))
+        return OpenBus(interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT))
 
     def ends(self):
         """The robot's end of each bus, in the schedule's order."""
@@ -257,7 +257,7 @@ def in_words(trouble, bus, virtual):
     if trouble == "bus-off":
         return f"{channel} is bus-off: its controller has withdrawn after too many errors", f"{WIRING}; then: {again(bus)}"
     if trouble == "full":
-        return (f"the queue of {channel} was full for {PATIENCE} ticks: nobody acknowledges its frames, or they are more than it carries",
+        return (f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames, or they are more than it carries",
                 f"{WIRING}; room for more: sudo ip link set {channel} txqueuelen 128")
     if trouble == errno.ENETDOWN:
         return f"{channel} was taken down", take_up(bus, virtual)

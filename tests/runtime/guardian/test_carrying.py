@@ -12,8 +12,9 @@ import pytest
 from blocks.limiters import TorqueLimiter
 from cext.page import Page
 from cext.rings import Line, Lines
+from cext.thresholds import HANG_REPORT_DELAY
 from graph import Block, Input, Output
-from runtime.guardian.process import STUCK, Guardian, decoded
+from runtime.guardian.process import Guardian, decoded
 from tests.cext.rigs import one_drive
 
 ENABLE, NOTHING, DISABLE, TORQUE = (bytes.fromhex(text) for text in (
@@ -249,7 +250,7 @@ def test_a_step_that_hangs_is_named_and_looked_after_once_more(item, block):
 
     guardian = judged(look)
     assert (guardian.verdict["because"], guardian.verdict["block"]) == ("hung", block) and "signal" not in guardian.verdict
-    assert guardian.stuck_at == asked[0] + STUCK
+    assert guardian.stuck_at == asked[0] + HANG_REPORT_DELAY
 
 
 def test_a_crash_is_told_by_its_signal_and_the_block_it_was_in():

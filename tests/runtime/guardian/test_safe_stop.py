@@ -5,10 +5,11 @@ import json
 import pytest
 
 from blocks.actuators import CubeMarsServo, CubeMarsV3
+from cext.thresholds import STOP_LIMIT, STOP_ROUND
 from graph import Diagram, compile
 from runtime.guardian import plan
 from runtime.guardian.process import decoded
-from runtime.guardian.stopping import LONGEST, ROUND, SafeStop
+from runtime.guardian.stopping import SafeStop
 
 ALL = 0xFFFFFFFF
 
@@ -43,9 +44,9 @@ def test_everybody_is_told_at_once_and_again_every_round(legs):
     stop.step(0)
     assert wires[0].sent == [(1, b"zero"), (1, b"disable"), (2, b"zero"), (2, b"disable")]
     assert wires[1].sent == [(1, b"zero"), (1, b"disable")]
-    stop.step(ROUND - 1)
+    stop.step(STOP_ROUND - 1)
     assert len(wires[0].sent) == 4
-    stop.step(ROUND)
+    stop.step(STOP_ROUND)
     assert len(wires[0].sent) == 8 and stop.report()["sent"] == 12
 
 
@@ -53,12 +54,12 @@ def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
     stop, wires = legs
     stop.step(0)
     stop.hear(0, 0x101, b"", 1)
-    stop.step(ROUND)                                        # one answer is not enough, and counts no more
-    stop.hear(0, 0x101, b"", ROUND + 1)
+    stop.step(STOP_ROUND)                                        # one answer is not enough, and counts no more
+    stop.hear(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == []
-    stop.hear(0, 0x101, b"", ROUND + 2)
+    stop.hear(0, 0x101, b"", STOP_ROUND + 2)
     assert stop.report()["confirmed"] == ["left"]
-    stop.step(2 * ROUND)
+    stop.step(2 * STOP_ROUND)
     assert wires[0].sent[8:] == [(2, b"zero"), (2, b"disable")]
 
 
@@ -89,7 +90,7 @@ def test_answers_in_the_first_round_may_be_to_the_last_torques_and_confirm_nothi
     for _ in range(4):
         stop.hear(0, 0x101, b"", 1)
     assert stop.report()["confirmed"] == []
-    stop.step(ROUND)
+    stop.step(STOP_ROUND)
     assert wires[0].sent[4:6] == [(1, b"zero"), (1, b"disable")]
 
 
@@ -97,31 +98,31 @@ def test_one_answer_confirms_one_device_though_two_might_have_sent_it():
     wire = Log()
     stop = SafeStop([device("left", 0, 1), device("twin", 0, 1)], {0: wire}, 0)
     stop.step(0)
-    stop.step(ROUND)
+    stop.step(STOP_ROUND)
     for _ in range(2):
-        stop.hear(0, 0x101, b"", ROUND + 1)
+        stop.hear(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == ["left"] and not stop.over
 
 
 def test_it_ends_when_all_have_confirmed(legs):
     stop, _ = legs
     stop.step(0)
-    stop.step(ROUND)
+    stop.step(STOP_ROUND)
     for bus, identifier, data in ((0, 0x102, b""), (0, 0x101, b""), (1, 0x101, b"\1!")):
-        stop.hear(bus, identifier, data, ROUND + 1_000_000)
+        stop.hear(bus, identifier, data, STOP_ROUND + 1_000_000)
         assert not stop.over
-        stop.hear(bus, identifier, data, ROUND + 2_000_000)
+        stop.hear(bus, identifier, data, STOP_ROUND + 2_000_000)
     assert stop.over and stop.report() == {"confirmed": ["left", "right", "hip"], "unconfirmed": [], "sent": 12, "took": 0.007}
 
 
 def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
     stop, wires = legs
-    for now in range(0, LONGEST + 1, 1_000_000):
+    for now in range(0, STOP_LIMIT + 1, 1_000_000):
         stop.step(now)
     assert stop.over and stop.report()["unconfirmed"] == ["left", "right", "hip"] and stop.report()["took"] == 0.2
-    assert len(wires[1].sent) == 2 * LONGEST // ROUND
-    stop.step(2 * LONGEST)
-    assert len(wires[1].sent) == 2 * LONGEST // ROUND
+    assert len(wires[1].sent) == 2 * STOP_LIMIT // STOP_ROUND
+    stop.step(2 * STOP_LIMIT)
+    assert len(wires[1].sent) == 2 * STOP_LIMIT // STOP_ROUND
 
 
 @pytest.mark.parametrize("bus, identifier, data", [
@@ -142,7 +143,7 @@ def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
 def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
     wire = Log()
     stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
-    for now in range(0, 300_000_000, ROUND):
+    for now in range(0, 300_000_000, STOP_ROUND):
         stop.step(now)
         stop.hear(0, 0x101, b"", now + 1)                   # it answers, which confirms nothing while it is damped
         stop.hear(0, 0x101, b"", now + 2)
@@ -153,8 +154,8 @@ def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
     for now in (300_000_001, 300_000_002):                  # to its damping, perhaps
         stop.hear(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == []
-    stop.step(300_000_000 + ROUND)
-    for now in (300_000_001 + ROUND, 300_000_002 + ROUND):
+    stop.step(300_000_000 + STOP_ROUND)
+    for now in (300_000_001 + STOP_ROUND, 300_000_002 + STOP_ROUND):
         stop.hear(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == ["knee"] and stop.report()["unconfirmed"] == ["hip"]
     stop.step(500_000_000)
@@ -197,7 +198,7 @@ def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(k
         stop.hear(0, 0x80002905, bytes.fromhex(data), 1000)
         stop.hear(0, 0x80002906, bytes(8), 1000)
         assert not stop.over
-    stop.step(ROUND)
+    stop.step(STOP_ROUND)
     assert len(wire.sent) == 4
-    stop.hear(0, 0x80002905, bytes.fromhex("01234567001f1e00"), ROUND + 1000)
+    stop.hear(0, 0x80002905, bytes.fromhex("01234567001f1e00"), STOP_ROUND + 1000)
     assert stop.over and stop.report()["confirmed"] == ["knee"]

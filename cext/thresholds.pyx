@@ -1,0 +1,39 @@
+# cython: freethreading_compatible=True
+"""The table of safety thresholds for Python and for the documentation: `table()`.
+
+To add one: a line in the .pxd, a line in MEANINGS, and the row in docs/rigs.md that the test of this module prints.
+"""
+
+from collections import namedtuple
+
+Threshold = namedtuple("Threshold", "name value unit meaning")
+
+MEANINGS = {
+    "STOP_ROUND": ("ns", "between rounds of zero torque and disable in a safe stop; one period of the run where that is shorter"),
+    "STOP_ROUND_MINIMUM": ("ns", "the same, at the fastest rates"),
+    "STOP_DAMP_ROUND": ("ns", "between frames of damping in a safe stop; longer where a slow bus cannot carry them"),
+    "STOP_LIMIT": ("ns", "of a safe stop, after the damping; then the drives that have not confirmed are reported"),
+    "HANG_PERIODS": ("periods", "that one tick may work before the watchdog stops the motors"),
+    "HANG_MINIMUM": ("ns", "that one tick may always work"),
+    "HANG_SIGNAL_PERIOD": ("ns", "between signals that break off a Python step that hangs"),
+    "HANG_SIGNAL_PERIOD_STOPPED": ("ns", "the same, once the safe stop is over"),
+    "HANG_REPORT_DELAY": ("ns", "after the stop of a block that hangs; if it still hangs, the guardian reports that only Ctrl-C ends the run"),
+    "BUS_TAKEOVER_PERIOD": ("ns", "between the watchdog's attempts to take the buses from a tick that hangs"),
+    "LOOP_STALL_PERIODS": ("periods", "without a tick before the guardian stops the motors; also for blocks to start after arming"),
+    "LOOP_STALL_MINIMUM": ("ns", "without a tick that the guardian always allows; also for blocks to start"),
+    "GUARDIAN_LOOK_PERIOD": ("ns", "between the guardian's looks at the loop, at most"),
+    "GUARDIAN_SILENCE": ("ns", "without a look of the guardian before the loop ends the run"),
+    "GUARDIAN_LOOK_LIMIT": ("ns", "in which a guardian that runs has looked at least once more"),
+    "GUARDIAN_DEATH": ("ns", "without a look of the guardian before the recorder reports that it is dead"),
+    "BUS_LOCK_RELEASE_LIMIT": ("ns", "for the guardian of a dead run to release its buses"),
+    "ARMING_LIMIT": ("ns", "in which every device must have answered"),
+    "DISABLE_CONFIRM_LIMIT": ("ns", "in which a drive must have answered its disable before a run may be armed again"),
+    "FADE_IN": ("ns", "over which commands grow to their full size after arming"),
+    "TX_QUEUE_FULL_LIMIT": ("ticks", "in a row with a full transmit queue, which end the run"),
+    "INTERFACE_FAILURE_LIMIT": ("failures", "in a row of an interface of python-can, which end the run"),
+}
+
+
+def table():
+    """One Threshold for each name of cext/thresholds.pxd. Their values become attributes of this module once it has been imported."""
+    return tuple(Threshold(name, globals()[name], *about) for name, about in MEANINGS.items())
