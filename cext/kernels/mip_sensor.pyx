@@ -28,6 +28,7 @@ cdef enum:
     MOST = 16                   # fields of a format
     OUTBOX = 4096               # bytes
     INFO = 82                   # bytes of the reply to device info
+    FILTERED = 4                # fields of set 80 with a low-pass: 04, 05, 06, 17
 
 cdef struct Settings:
     double base_rate            # Hz
@@ -41,9 +42,15 @@ cdef struct Format:
     uint8_t descriptor[MOST]
     uint16_t decimation[MOST]
 
+cdef struct LowPass:
+    int32_t enabled
+    int32_t manual              # 0: its cutoff is half the rate of its field
+    float cutoff                # Hz, where it is manual
+
 cdef struct Setup:              # what can be saved
     Format format[2]            # of the sets 80 and 82
     int32_t streams[2]
+    LowPass low_pass[FILTERED]
 
 cdef struct State:
     Pending inbox
@@ -164,20 +171,77 @@ cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State 
     elif command == 0x0C30:
         state.saved = state.now
     elif command == 0x0C50 or command == 0x0C54:
-        if data[0] == WRITE:
-            if length < (7 if field[1] == 0x50 else 9):
-                return -3
-            arena[slots[CUTOFF]] = <double>(<uint16_t>data[4] << 8 | data[5]) if field[1] == 0x50 else float_32(data + 5)
+        return low_pass(arena, slots, sizes, state, out, field[1] == 0x54, data, length)
     elif command == 0x0D18:
+        if length < 1:
+            return -3
+        if data[0] == READ:
+            out[0], out[1], out[2] = 3, 0x87, <uint8_t>arena[slots[HEADING]]
+            return 3
         if data[0] == WRITE:
             if length < 2 or data[1] > 1:
                 return -3
             arena[slots[HEADING]] = data[1]
     elif command == 0x0D50:
+        if length < 3:
+            return -3
+        if data[0] == READ:
+            if data[1] != 0 or data[2] != 4:
+                return -3
+            out[0], out[1], out[2], out[3], out[4] = 5, 0xD0, data[1], data[2], <uint8_t>arena[slots[HEADING]]
+            return 5
         if data[0] == WRITE:
             if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, slots, sizes, 0x80, 0x06):
                 return -3                           # of what it may be aided by, there is its own magnetometer
             arena[slots[HEADING]] = data[3]
+    return 0
+
+
+cdef inline int low_pass_of(int descriptor) noexcept nogil:
+    """Place of a field's low-pass; FILTERED for every one of them, below zero where it has none."""
+    return 0 if descriptor == 0x04 else 1 if descriptor == 0x05 else 2 if descriptor == 0x06 else 3 if descriptor == 0x17 else (
+        FILTERED if descriptor == 0 else -1)
+
+
+cdef int low_pass(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, bint newer, const uint8_t *data,
+                  int length) noexcept nogil:
+    """0C 50: field, enabled, manual, cutoff u16, reserved; reply 8B. 0C 54: set, field, enabled, manual, cutoff f32; reply D4."""
+    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+    cdef int more = 1 if newer else 0
+    cdef const uint8_t *values = data + 2 + more
+    cdef int index, place, first
+    cdef LowPass wanted
+    if length < 2 + more or (newer and data[1] != 0x80 and (data[1] != 0 or data[2] != 0)):
+        return -3
+    place = low_pass_of(data[1 + more])
+    if place < 0 or (place < FILTERED and not knows(arena, slots, sizes, 0x80, data[1 + more])):
+        return -3
+    if data[0] == READ:
+        if place == FILTERED:
+            return -3                               # what holds for all of them cannot be read
+        wanted = state.now.low_pass[place]
+        if wanted.manual == 0:
+            wanted.cutoff = <float>(0.5 * settings.base_rate)
+            for index in range(state.now.format[0].count):
+                if state.now.format[0].descriptor[index] == data[1 + more]:
+                    wanted.cutoff = <float>(0.5 * settings.base_rate / state.now.format[0].decimation[index])
+        memcpy(out + 2, data + 1, 1 + more)
+        out[3 + more], out[4 + more] = <uint8_t>wanted.enabled, <uint8_t>wanted.manual
+        if newer:
+            put_float(out + 6, wanted.cutoff)
+        else:
+            put_16(out + 5, <uint16_t>wanted.cutoff)
+        out[0], out[1] = 10 if newer else 8, 0xD4 if newer else 0x8B
+        return out[0]
+    if data[0] == WRITE:
+        if length < (9 if newer else 7):
+            return -3
+        wanted.enabled, wanted.manual = values[0] != 0, values[1] != 0
+        wanted.cutoff = <float>float_32(values + 2) if newer else <float>(<uint16_t>values[2] << 8 | values[3])
+        first = 0 if place == FILTERED else place
+        for index in range(first, FILTERED if place == FILTERED else place + 1):
+            state.now.low_pass[index] = wanted
+        arena[slots[CUTOFF]] = wanted.cutoff
     return 0
 
 
@@ -365,6 +429,8 @@ cdef void start_up(double *arena, const int32_t *slots, State *state) noexcept n
                 state.now.format[which].decimation[index] = <uint16_t>saved[2 + 2 * index]
             state.now.streams[which] = <int>saved[1 + 2 * MOST]
             saved += 2 + 2 * MOST
+        for index in range(FILTERED):
+            state.now.low_pass[index].enabled = 1
         state.saved = state.now
         state.luck = <uint64_t>(<const Settings *>part(arena, slots, SETTINGS)).seed * 2 + 1
         chance(state)
