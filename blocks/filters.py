@@ -34,6 +34,7 @@ class _Biquads(Block):
     delays = Memory(0.0, "two for each biquad and element")
     rest = Memory(0.0, "gain and two delays of each biquad, for an input of 1 for ever")
 
+    abstract = True
     kernel = linear.biquads
     settle_kernel = linear.biquads_at_rest
 

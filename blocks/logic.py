@@ -17,6 +17,8 @@ class Compare(Block):
     b = Input("any", "right side", shape=...)
     y = Output("1", "whether it holds", shape=..., dtype=bool)
 
+    kernel = kernels.relations[">"]
+
     def configure(self):
         self.kernel = kernels.relations[self.relation]
 
@@ -101,6 +103,8 @@ class Edge(Block):
     u = Input("1", "input", dtype=bool)
     y = Output("1", "whether it is the edge", dtype=bool)
     previous = Memory(math.nan, "last sample that was not NaN")
+
+    kernel = kernels.edges["rising"]
 
     def configure(self):
         self.kernel = kernels.edges[self.kind]

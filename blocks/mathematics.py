@@ -74,6 +74,8 @@ class Round(Block):
     u = Input("any", "input", shape=...)
     y = Output("any", "a whole number", shape=..., dtype=int)
 
+    kernel = kernels.roundings["nearest"]
+
     def configure(self):
         self.kernel = kernels.roundings[self.method]
 

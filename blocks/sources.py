@@ -92,6 +92,8 @@ class Chirp(UnitOfOutput, Block):
 
     y = Output("any", "the wave")
 
+    kernel = kernels.chirps["linear"]
+
     def configure(self):
         super().configure()
         if self.method == "logarithmic" and min(self.span("start").low, self.span("stop").low) <= 0.0:
@@ -122,6 +124,8 @@ class Pulse(UnitOfOutput, Block):
 
 class _OverTime(UnitOfOutput):
     """What a table over time and a played file share: the kernel, and that neither leaves its values."""
+
+    kernel = kernels.tables["linear"]
 
     def take(self, times, samples):
         if len(times) < 2 or len(times) != len(samples):

@@ -30,6 +30,8 @@ class LookupTable1D(UnitOfOutput, Block):
     knots = Memory(0.0, "the breakpoints")
     heights = Memory(0.0, "the values")
 
+    kernel = kernels.curves["clamp"]
+
     def configure(self):
         super().configure()
         self.knots = rising_numbers("breakpoints", self.breakpoints)
@@ -83,6 +85,7 @@ class LookupTable2D(UnitOfOutput, Block):
     column_knots = Memory(0.0, "breakpoints of the columns")
     heights = Memory(0.0, "values, one row after the other")
 
+    kernel = kernels.surfaces["clamp"]
     free_units = ("row", "column")
 
     def configure(self):

@@ -8,6 +8,7 @@ from graph.declarations import Declaration, Input, Live, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import Outputs, Signal, current_scope, is_count
 from graph.interval import EVERYTHING, Interval
+from graph.kernel_items import check_inherited_kernels, replace_kernels
 
 CLOCK = {"t": 0, "tick": 1, "dt": 2}          # arguments that every step may ask for, and their slots in the arena
 
@@ -21,7 +22,8 @@ class Block:
     as the steady state when a robot has been armed. A step may also take `t`, `tick` and `dt`.
 
     A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names the
-    inputs its kernel reads, all by default.
+    inputs its kernel reads, all by default. A kernel finds its items by position, so a class that inherits one keeps its inputs,
+    outputs, placed parameters and memory as they are; a `step` in Python replaces inherited kernels.
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
     for the proof; `output_units` where outputs have units of their own.
@@ -71,6 +73,9 @@ class Block:
                     f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input ({', '.join(cls.inputs) or 'none'}) "
                     f"nor one of {', '.join(CLOCK)}"
                 )
+        if cls.step is not Block.step:
+            replace_kernels(cls)
+        check_inherited_kernels(cls)
 
     def __init__(self, *values, name=None, every=1, hold_exceptions=0, **named):
         self.dt = None              # s, the block's own sampling period, once it is known
@@ -131,6 +136,9 @@ class Block:
 
     def _configure(self):
         self._attempt(self.configure)
+        if self.kernel is not None and type(self).kernel is None and not self.compiled:
+            raise TypeError(f"{type(self).__name__} chooses its kernel in configure: name one of them on the class too, so that its subclasses "
+                            "are checked against it")
         for name in self.outputs:
             if not hasattr(type(self), name):
                 setattr(self, name, Signal(self, name))         # of an output that the parameters have made

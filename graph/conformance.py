@@ -14,6 +14,7 @@ from graph.device import Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Diagram
 from graph.interval import Interval
+from graph.kernel_items import check_inherited_kernels
 from graph.store import from_json, loadable, registered, to_json
 
 RATE = 200.0
@@ -31,10 +32,11 @@ def check_block(kind, examples=None):
     6. no output leaves the range that `output_range` states, for inputs at the ends of theirs as well
     7. the block comes back from JSON as it was
     8. a parameter that may be Live has its effect while running; one that has not is declared `fixed`
+    9. a kernel that the class inherits finds its items where they are
     """
     made = 0
     for parameters in examples or getattr(kind, "examples", ({},)):
-        for check in (check_declarations, check_bounds, check_outputs, check_reset, check_nan, check_range, check_json, check_live):
+        for check in (check_declarations, check_kernels, check_bounds, check_outputs, check_reset, check_nan, check_range, check_json, check_live):
             check(kind, dict(parameters))
             made += 1
     return made
@@ -57,6 +59,13 @@ def check_declarations(kind, parameters):
         units.canonical(declaration.unit)
     assert not (set(block.inputs) & set(block.outputs) or (set(block.inputs) | set(block.outputs)) & set(block.parameters)), (
         f"{kind.__name__} uses one name for two things")
+
+
+def check_kernels(kind, parameters):
+    try:
+        check_inherited_kernels(kind)
+    except TypeError as error:
+        raise AssertionError(str(error)) from None
 
 
 def check_bounds(kind, parameters):

@@ -11,6 +11,7 @@ from blocks.limiters import TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
+from cext.kernels import mathematics
 from graph import Actuator, Block, Diagram, DiagramError, Input, Interval, Memory, Output, Sink, compile, subsystem
 from tests.graph.complaints import complaint, complaints, here
 
@@ -380,6 +381,7 @@ def test_memory_of_any_length_is_placed():
         """Asks for memory that depends on the rate."""
 
         buffer = Memory(0.0)
+        kernel = mathematics.gain
 
         def prepare(self, dt):
             self.buffer = [0.0] * round(1.0 / dt)

@@ -22,7 +22,7 @@ class Sound(Block):
 
 
 def test_a_sound_block_passes():
-    assert check_block(Sound) == 8
+    assert check_block(Sound) == 9
 
 
 def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_with():
@@ -38,7 +38,7 @@ def test_a_range_that_depends_on_the_width_is_asked_for_the_width_it_is_tried_wi
         def step(self, u):
             return float(np.sum(u))
 
-    assert check_block(Total) == 8
+    assert check_block(Total) == 9
 
 
 class NoUnitSaid(Sound):
@@ -142,7 +142,7 @@ def test_a_parameter_that_has_no_effect_while_running_must_be_declared_fixed(kin
     assert "declare it fixed=True" in str(caught.value)
     param = kind.parameters[parameter]
     body = {"__doc__": kind.__doc__, parameter: Param(param.default, param.unit, param.description, min=param.min, max=param.max, fixed=True)}
-    assert check_block(type("Mended", (kind,), body)) == 8
+    assert check_block(type("Mended", (kind,), body)) == 9
 
 
 def test_a_parameter_that_reset_reads_has_its_effect_at_the_next_reset():
@@ -158,7 +158,7 @@ def test_a_parameter_that_reset_reads_has_its_effect_at_the_next_reset():
             self.count += 1
             return self.count + self.gain * u
 
-    assert check_block(Counter) == 8
+    assert check_block(Counter) == 9
 
 
 def test_parameters_of_devices_and_sinks_are_fixed():

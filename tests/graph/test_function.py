@@ -27,7 +27,7 @@ def test_the_signature_is_the_declaration():
 
 
 def test_a_function_block_keeps_what_every_block_keeps():
-    assert check_block(spring) == check_block(polar) == 8
+    assert check_block(spring) == check_block(polar) == 9
 
 
 def test_a_function_block_is_wired_like_any_other():
