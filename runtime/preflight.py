@@ -16,10 +16,11 @@ class Preflight:
     diagram, schedule : of the robot, as its rig has it
     interfaces : {bus: (interface, channel)}
     confirm : whether somebody is asked
+    granted : what the system has granted the guardian, in words
     """
 
-    def __init__(self, diagram, schedule, interfaces, confirm):
-        self.schedule, self.confirm = schedule, confirm
+    def __init__(self, diagram, schedule, interfaces, confirm, granted=()):
+        self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
 
@@ -32,7 +33,9 @@ class Preflight:
 
     def event(self, values):
         """What there is to tell. values : the arena"""
-        return {"event": "preflight", "devices": [self.row(block, values) for block in self.devices], "buses": self.buses, "confirm": self.confirm}
+        return {
+            "event": "preflight", "devices": [self.row(block, values) for block in self.devices], "buses": self.buses, "guardian": self.granted,
+            "confirm": self.confirm}
 
     def row(self, block, values):
         def measured(name):

@@ -203,7 +203,7 @@ def asked(prepared, page, control):
     if rig is None:
         return {}
     interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
-    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes)
+    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes, rig.guardian.granted)
     return {"answered": lambda: page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode()), "confirm": table.confirm}
 
 

@@ -28,6 +28,7 @@ import time
 from cext.stopwatch import names
 from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.child import ChildProcess
+from runtime.guardian import control_group
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 
@@ -53,6 +54,7 @@ class GuardianProcess(ChildProcess):
     locks : runtime.guardian.lock.BusLock of every bus, which it holds as long as it lives
 
     pid : number of the process
+    granted : what the system has granted it, in words
     """
 
     def __init__(self, page, lines, bell, locks):
@@ -60,7 +62,7 @@ class GuardianProcess(ChildProcess):
         self._page = page
         inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks))
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
-        self.granted = []
+        self.granted, self._group = [], None
         self._plan = None
 
     def configure(self, plan):
@@ -77,7 +79,7 @@ class GuardianProcess(ChildProcess):
         if answer is None or "troubles" in answer:
             how = self.kill()
             raise GuardianError(f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {}))
-        self.granted = answer["granted"]
+        self.granted, self._group = answer["granted"], answer["group"]
 
     def finish(self):
         """The run is over: let it go. Returns its report.
@@ -111,6 +113,8 @@ class GuardianProcess(ChildProcess):
             self._child.kill()
             self._child.wait()
         os.close(self._answers)
+        if self._group is not None:
+            control_group.remove(self._group)
         return ending(self._child.returncode)
 
     def take_over(self):

@@ -25,6 +25,7 @@ from cext.page import RECORD_EVENT, Page
 from cext.rings import Lines
 from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 
+from runtime.guardian import control_group
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
@@ -50,7 +51,7 @@ class Guardian:
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.heard = b""
         self.released = self.dead = self.gone = self.told = False   # dead: its loop; gone: all of the process, which may take it 20 ms more
-        self.stop = self.verdict = self.mourner = None
+        self.stop = self.verdict = self.mourner = self.groups = None
         self.stuck_at = None            # ns at which to look whether what hangs still does
         self.wires, self.carried, self.places = {}, [], {}
         self.poll = select.poll()
@@ -83,11 +84,12 @@ class Guardian:
         self.places = {wire.fileno(): index for index, _, wire in self.carried if wire.fileno() is not None}
         for descriptor in self.places:
             self.poll.register(descriptor, select.POLLIN)
-        granted = hold_on(plan["priority"])
+        self.groups = control_group.enter()
+        granted = ["own control group"] * (self.groups is not None) + hold_on(plan["priority"])
         self.mourner = Mourner(self.page, plan["priority"] or 0)
         self.poll.register(self.mourner.fd, select.POLLIN)
         self.page.look_after(time.monotonic_ns())
-        self.answer({"ready": True, "granted": granted})
+        self.answer({"ready": True, "granted": granted, "group": None if self.groups is None else str(self.groups[0])})
         return True
 
     def run(self):
@@ -235,6 +237,8 @@ class Guardian:
             "troubles": {self.buses[index]["name"]: wire.trouble[1] for index, wire in self.wires.items() if wire.trouble is not None}})
         for wire in self.wires.values():
             wire.close()
+        if self.groups is not None:
+            control_group.leave(*self.groups)
 
     def answer(self, message):
         """One line of JSON to the control process, if it still listens."""

@@ -1,4 +1,4 @@
-"""The pre-flight table for people: a row for every device, a row for every bus, and how many things are out of the ordinary."""
+"""The pre-flight table for people: rows of devices and of buses, what the guardian was granted, and how many things are out of the ordinary."""
 
 from runtime.coverage import in_words
 from runtime.telling.lines import count
@@ -9,6 +9,8 @@ ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
 def text(event, paper):
     """Lines. event : of Preflight; paper : runtime.telling.lines.Paper"""
     lines = [paper.bold("before arming"), *devices(event["devices"], paper), *buses(event["buses"], paper)]
+    if event["guardian"]:
+        lines += paper.hang("  guardian  ", ", ".join(event["guardian"]), paper.faint)
     strange = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
     if strange:
         lines += paper.hang("", f"{count(len(strange), 'thing')} out of the ordinary: {'; '.join(strange)}", paper.bad)
