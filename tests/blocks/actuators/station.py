@@ -39,8 +39,8 @@ class Script(Block):
 class Promise(Gain):
     """Hands its input on and promises, truly or not, that it stays between `low` and `high`."""
 
-    low = Param(0.0, "any", "promised bound")
-    high = Param(0.0, "any", "promised bound")
+    low = Param(0.0, "any", "promised bound", fixed=True, kernel=False)
+    high = Param(0.0, "any", "promised bound", fixed=True, kernel=False)
 
     def output_range(self, u):
         return Interval(self.low, self.high)
