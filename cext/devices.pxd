@@ -1,6 +1,6 @@
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.buses cimport BusEnd
 from cext.drive_watch cimport DriveWatch
 from cext.histogram cimport Histogram
@@ -35,6 +35,10 @@ cdef struct Device:
     bint owed                    # the newest command has not been answered
     int64_t missed               # commands that were not, when the next went out
     int64_t replies
+    bint answered                # since the run began
+    bint doubtful                # a frame came that is its own reply with another id, or a command of another controller
+    int32_t malformed[FRAME_BYTES + 1]      # frames that its decode rejected, by their length
+    int rejected_id              # first byte of the newest of them
     int64_t rounds               # of arming so far
     int64_t replies_wanted       # before it counts as answered
 
@@ -75,6 +79,7 @@ cdef class Devices:
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil
     cdef int commanded(self, const Frame *frame) noexcept nogil
+    cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil
     cdef int watch(self, int64_t now) noexcept nogil
     cdef int command(self) noexcept nogil
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil

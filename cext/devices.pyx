@@ -11,7 +11,7 @@ and for arming and the safe stop, frames that were encoded at compile time, with
 
 from libc.stdint cimport uint8_t, uint32_t, uintptr_t
 from libc.stdlib cimport calloc, free
-from libc.string cimport memcpy, memset
+from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport (
     BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
@@ -65,6 +65,8 @@ cdef class Devices:
             self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
             self.devices[index].asked = -1
             self.devices[index].owed, self.devices[index].missed = False, 0
+            self.devices[index].answered = self.devices[index].doubtful = False
+            memset(self.devices[index].malformed, 0, sizeof(self.devices[index].malformed))
             if self.devices[index].latency != NULL:
                 memset(self.devices[index].latency, 0, sizeof(Histogram))
         self.failed.device = self.failed.bus = -1
@@ -98,6 +100,16 @@ cdef class Devices:
         """{path: commands that had not been answered when the next was sent, from tick `counted_from` on} of those that are commanded."""
         return {
             self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
+
+    @property
+    def malformed(self):
+        """{path: ({length: frames}, first byte of the newest)} of the devices that have rejected frames of their own id."""
+        found = {}
+        for index in range(self.count):
+            lengths = {length: self.devices[index].malformed[length] for length in range(FRAME_BYTES + 1) if self.devices[index].malformed[length]}
+            if lengths:
+                found[self.schedule.devices[index].name] = lengths, self.devices[index].rejected_id
+        return found
 
     cdef int time_replies(self) except -1:
         """Time from now on how long every device takes to answer a command."""
@@ -196,18 +208,27 @@ cdef class Devices:
                     status = ESTOP
                     answer = TAKEN
                 if answer == TAKEN or answer == MOVING:
-                    device.owed = False
+                    if device.doubtful and self.alone:         # it answers under its own id: the other frame was a command
+                        self.failed.device = number
+                        status = FOREIGN_COMMAND
+                    device.owed = device.doubtful = False
+                    device.answered = True
                     device.heard = frame.time
                     device.replies += answer == TAKEN or not self.stopping
                     if device.asked >= 0:
                         add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
                         device.asked = -1
+                if answer == MALFORMED:
+                    device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
+                    device.rejected_id = frame.data[0] if frame.length > 0 else -1
                 if answer != FOREIGN:
                     break
-            if self.alone and answer != TAKEN:
+            if self.alone and (answer == FOREIGN or answer == COMMANDED or answer == MALFORMED):
                 if answer != COMMANDED:                        # else the device itself has seen it
                     number = self.commanded(frame)
-                if number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
+                if number >= 0 and answer == MALFORMED and self.may_be_reply(&self.devices[number], frame):
+                    self.devices[number].doubtful = True
+                elif number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
                     self.failed.device = number
                     status = FOREIGN_COMMAND
             if page != NULL:
@@ -226,6 +247,17 @@ cdef class Devices:
                     or is_like(&self.devices[number].enable, frame)):
                 return number
         return -1
+
+    cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil:
+        """Whether a frame with the id and the length of our commands may be the drive's own reply under another id or of another length.
+
+        Principle: 1. replies and commands of MIT mode share id and length, and the first byte alone tells them apart; 2. a drive answers every
+        command, also those of another controller, so where one commands it, replies under its own id arrive as well: then the next of these
+        tells that this frame was a command; 3. until that arrives, a frame may be a reply where one is owed; where none is owed, or where the
+        frame is one that we send, it is a command.
+        """
+        return (device.owed or not device.answered) and not (
+            is_same(&device.zero, frame) or is_same(&device.disable, frame) or is_same(&device.enable, frame))
 
     cdef int watch(self, int64_t now) noexcept nogil:
         """A device that is silent past its timeout, reports a fault or is too hot ends the run."""
@@ -377,6 +409,15 @@ cdef inline bint is_like(const Batch *batch, const Frame *frame) noexcept nogil:
     cdef int index
     for index in range(batch.count):
         if batch.frames[index].id == frame.id and batch.frames[index].length == frame.length:
+            return True
+    return False
+
+
+cdef inline bint is_same(const Batch *batch, const Frame *frame) noexcept nogil:
+    cdef int index
+    for index in range(batch.count):
+        if (batch.frames[index].id == frame.id and batch.frames[index].length == frame.length
+                and memcmp(batch.frames[index].data, frame.data, frame.length) == 0):
             return True
     return False
 

@@ -156,6 +156,11 @@ cdef class Program:
         """Commands that were not answered in time, as cext.devices.Devices.missed has it."""
         return self.devices.missed
 
+    @property
+    def malformed(self):
+        """Frames that devices have rejected, as cext.devices.Devices.malformed has it."""
+        return self.devices.malformed
+
     def count_from(self, int64_t tick):
         """What is not answered in time before this tick, when arming may still fill the bus, is not counted."""
         self.devices.counted_from = tick

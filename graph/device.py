@@ -90,6 +90,10 @@ class Device(Block):
         """
         return None
 
+    def malformed_in_words(self, lengths, first_byte):
+        """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the newest"""
+        return "; ".join(f"{frames} frame{'s' * (frames != 1)} of {length} bytes that it rejects" for length, frames in lengths.items())
+
     def replies(self):
         """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended, first bytes).
 

@@ -43,6 +43,8 @@ class Preflight:
             return None if place is None or place.size != 1 else float(values[place.slot])
 
         found = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
+        if found["temperature"] is not None and found["temperature"] != found["temperature"]:
+            found["temperature"] = None         # replies of this drive carry none
         span = position_range(block)
         row = {
             "device": block.path, "bus": block.bus, "ids": block.told_addresses(), "answered": True, **found,

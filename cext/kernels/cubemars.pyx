@@ -4,20 +4,25 @@
     command    p16 v12 kp12 kd12 t12, most significant bit first, to the drive's id
     special    FF FF FF FF FF FF FF FC enable, FD disable, FE this position is zero
     reply      id p16 v12 t12 temperature error, from the drive's id or from 0; temperature in °C + 40
+               of other firmware 6 bytes, id p16 v12 t12; or 7, of which the last is a voltage: then neither temperature nor error is known
 
 AK Series Module Driver Manual V1.0.18, pages 64 to 68. A code is (x - low) (2^n - 1) / (high - low), truncated and
 clamped: the manual's 2^n wraps at the top, where +12.5 rad would become -12.5 rad.
 """
 
+from libc.math cimport NAN
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport FOREIGN, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, export, export_decode, export_encode
 from cext.kernels cimport drives
-from cext.kernels.mit cimport CAN_ID, FAULT, TEMPERATURE, all_ones, decode_motion, encode_command, pack_motion, unpack
+from cext.kernels.mit cimport CAN_ID, FAULT, OWN, TEMPERATURE, all_ones, decode_motion, encode_command, pack_motion, unpack
 
 cdef enum:
     TOO_HOT = 1                 # error code
+    REPLY = OWN                 # parameter of CubeMars: bytes of a reply
+    VOLTAGE = 48                # V, in a reply of 7 bytes
+    E_REPLY = drives.FIRST_OWN  # the same of EmulatedCubeMars
 
 
 cdef bint is_special(const uint8_t *data) noexcept nogil:
@@ -29,11 +34,14 @@ cdef int cubemars_decode(double *arena, const int32_t *slots, const int32_t *siz
     cdef const uint8_t *data = &frame.data[0]
     if frame.id != id and (frame.id != 0 or frame.length == 0 or data[0] != id):
         return FOREIGN          # an extended, remote or error frame differs in its high bits
-    if frame.length != 8 or data[0] != id:
+    if frame.length != arena[slots[REPLY]] or data[0] != id:
         return MALFORMED
     decode_motion(arena, slots, data)
-    arena[slots[TEMPERATURE]] = <double>data[6] - 40.0
-    arena[slots[FAULT]] = data[7]
+    if frame.length == 8:
+        arena[slots[TEMPERATURE]] = <double>data[6] - 40.0
+        arena[slots[FAULT]] = data[7]
+    else:
+        arena[slots[TEMPERATURE]] = NAN
     return TAKEN
 
 
@@ -103,10 +111,12 @@ cdef int emulated_encode(double *arena, const int32_t *slots, const int32_t *siz
                 motor_torque(arena, slots))
     data[6] = 0 if not raw > 0.0 else 255 if raw > 255.0 else <uint8_t>raw
     data[7] = error_code(arena, slots)
+    if arena[slots[E_REPLY]] == 7.0:
+        data[6] = VOLTAGE
     for index in range(<int>drives.kept(arena, slots, drives.OUTBOX)[1]):
         answer = drives.unwritten(arena, slots, index)
         if answer != NULL:
-            answer[1], answer[2] = id, 8.0
+            answer[1], answer[2] = id, arena[slots[E_REPLY]]
             memcpy(&answer[3], data, 8)
     return drives.deliver(arena, slots, frames)
 

@@ -31,6 +31,12 @@ def ticks(result, block):
     return ["the last ticks before it:", *aligned(table)]
 
 
+def rejected(result, block):
+    """Frames of a device's own id that it could not read, in words; '' for none."""
+    found = result.control.malformed.get(block.path)
+    return block.malformed_in_words(*found) if found else ""
+
+
 def nearby(diagram, block):
     """Paths of the scalar signals that a block takes and gives; of what is asked of every actuator and heard from it if there is no block."""
     wanted = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
@@ -66,7 +72,7 @@ def meaning(block, heard, result):
     """What an actuator's state says, in words."""
     words = []
     if block.path in result.outcome.unanswered:
-        return "it never answered"
+        return rejected(result, block) or "it never answered"
     if heard.get("fault"):
         words.append(f"fault: {block.fault_in_words(int(heard['fault']))}")
     age = heard.get("age", 0.0)

@@ -49,7 +49,7 @@ def what(result, block, program):
         "out of limits": "a command has left the interval that was proved",
         "exception": raised(outcome),
         "no answer": unanswered(result),
-        "silent": f"no reply for longer than its timeout{timeout}",
+        "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
         "device fault": "the device reports a fault",
         "bus error": "the bus can neither send nor receive",
         "overrun": overran(result),
@@ -78,9 +78,18 @@ def unanswered(result):
     """Who did not answer, and what was heard instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
+    instead = [f"{block.path}: {words}" for block in silent if (words := aftermath.rejected(result, block))]
+    if instead:
+        return f"no answer from {names}; {'; '.join(instead)}"
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
     return f"no answer from {names}; {frames}" + (on_the_rig(result.rig) if result.rig is not None else "")
+
+
+def read_instead(result, block):
+    """'; 20 replies of 7 bytes' of a device that fell silent."""
+    words = aftermath.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
+    return f"; {words}" if words else ""
 
 
 def where_it_is(block, rig):

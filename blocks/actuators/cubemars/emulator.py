@@ -3,7 +3,8 @@
 from blocks.actuators.cubemars import models
 from blocks.actuators.emulated import Emulated
 from cext.kernels import cubemars as kernels
-from graph import Device
+from blocks.actuators.cubemars.mit import REPLIES
+from graph import Device, Param
 
 
 class EmulatedCubeMars(Emulated, Device):
@@ -13,10 +14,16 @@ class EmulatedCubeMars(Emulated, Device):
     while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` plays the drive that a robot's block commands.
     """
 
+    reply = Param(8, "1", "bytes of its replies: 7 and 6 have no temperature and no error", choices=REPLIES, fixed=True)
+
     find = staticmethod(models.find)
     kernel = kernels.drive
     decode = kernels.drive_decode
     encode = kernels.drive_encode
+
+    @classmethod
+    def of(cls, actuator, **parameters):
+        return super().of(actuator, **{"reply": actuator.reply} | parameters)
 
     def addresses(self):
         return [(self.can_id, False)]

@@ -4,8 +4,10 @@ from blocks.actuators.cubemars import models
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels import cubemars as kernels
-from graph import Actuator
+from graph import Actuator, Param
 
+
+REPLIES = (8, 7, 6)             # bytes: position, velocity and torque are in all of them, temperature and error in 8 alone
 
 FAULTS = {
     0: "none", 1: "motor too hot", 2: "over-current", 3: "over-voltage", 4: "under-voltage", 5: "encoder", 6: "transistors too hot",
@@ -19,14 +21,35 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end. Without
     stiffness and damping the drive gives `torque_command` alone; with them both are scaled so that the whole law, over every position that
     the joint can reach before the next frame, stays inside `limit`, and are zero where the feedback is older than two ticks.
+    Replies of 7 or 6 bytes carry neither temperature nor error: `temperature` is NaN, and `fault` stays 0 whatever the drive's state.
     """
 
+    reply = Param(8, "1", "bytes of the drive's replies: 8, or 7 or 6 of Katz firmware and early boards", choices=REPLIES, fixed=True)
+
+    hardware = (*Joint.hardware, "reply")
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode
 
     def fault_in_words(self, code):
+        if self.reply != 8 and not code:
+            return "not reported"
         return FAULTS.get(code, f"code {code}, which the manual does not know")
+
+    def malformed_in_words(self, lengths, first_byte):
+        return "; ".join(self.rejected_in_words(length, frames, first_byte) for length, frames in lengths.items())
+
+    def rejected_in_words(self, length, frames, first_byte):
+        replies = f"{frames} repl{'y' if frames == 1 else 'ies'}"
+        if length == self.reply:
+            return (f"{replies} from id {self.can_id} with id {first_byte} in byte 0: the drive is configured to answer with another id, or "
+                    f"another controller commands it")
+        if length in REPLIES:
+            return f"{replies} of {length} bytes from id {self.can_id}: set reply={length}"
+        return f"{frames} frame{'s' * (frames != 1)} of {length} bytes from id {self.can_id}, which no drive in MIT mode sends"
+
+    def traffic(self):
+        return [(8, False), (self.reply, False)]
 
     def addresses(self):
         return [(self.can_id, False)]
