@@ -18,6 +18,7 @@ from graph.diagram import Signal
 from graph.inference import infer_shapes, infer_units
 from graph.order import cluster, computes, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
+from graph.reach import ReachCheck
 from graph.schedule import Proof
 
 NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before it
@@ -66,6 +67,7 @@ def examine(diagram):
         compilation.sort,
         compilation.prepare,
         compilation.prove,
+        compilation.check_reach,
         compilation.check_use,
     ):
         check()
@@ -84,6 +86,7 @@ class Compilation:
         self.taps = {}              # sink: [(label, Signal)]
         self.shapes = {}            # (block, port name): shape
         self.units = {}             # (block, port name): unit
+        self.shared_units = {}      # block: unit of its ports declared "any"
         self.ranges = {}            # Signal: Interval
         self.order = []
         self.failed = set()         # (block, hook) that have raised
@@ -189,7 +192,7 @@ class Compilation:
                 self.report("TW003", f"expected shape {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name))
 
     def check_units(self):
-        self.units, shared = infer_units(self.blocks, self.sources, self.attempt)
+        self.units, shared = self.units, self.shared_units = infer_units(self.blocks, self.sources, self.attempt)
         for (block, name), source in self.wired_inputs():
             unit = block.inputs[name].unit
             if unit == units.ANY:
@@ -370,6 +373,10 @@ class Compilation:
             self.report("TW007", f"{what}, and the limit is {limit} {unit} ({block.rating()})", block, name,
                         self.where(block, name), f"put a limiter last, as in {block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
                         if unit == "N·m" else "put a Saturation last, in front of the actuator")
+
+    def check_reach(self):
+        """Constants, parameters and courses that lie outside what the joint, its range or the drive can reach."""
+        ReachCheck(self, lambda message, block, port, where, hint, severity: self.report("TW026", message, block, port, where, hint, severity))
 
     def check_use(self):
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}

@@ -147,6 +147,10 @@ class Actuator(Device):
         """Interval by name of input: what each command must provably stay inside, or {}."""
         return {}
 
+    def reach(self):
+        """What its joint can do, as graph.reach.Reach by name of output: what is set outside that cannot be meant. {} where it is not known."""
+        return {}
+
     def rating(self):
         """In words, where the limits come from, for the proof: 'rated torque of AK80-9'."""
         return ""

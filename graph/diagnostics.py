@@ -29,6 +29,7 @@ CODES = {
     "TW023": "not compiled",
     "TW024": "actuator whose heat nobody knows",
     "TW025": "two bitrates on one bus",
+    "TW026": "setpoint out of reach",
     "TW030": "format of a newer Tickwork",
     "TW031": "missing library",
     "TW032": "block of a local file",

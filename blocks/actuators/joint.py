@@ -4,6 +4,7 @@ import math
 from numbers import Real
 
 from graph import Input, Interval, Memory, Output, Param, Watch
+from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 
@@ -155,6 +156,16 @@ class Joint:
             "velocity_command": Interval(-velocity, velocity),
             "stiffness_command": Interval(0.0, stiffness),
             "damping_command": Interval(0.0, damping),
+        }
+
+    def reach(self):
+        """Angle, velocity and torque that setpoints may ask for, as graph.reach.Reach: of the drive, and of the joint where `range` is given."""
+        position, name = self.wire[0] + abs(self.offset), self.found.name
+        peak = self.wire[4] if self.found.peak is None else min(self.found.peak * self.gear_ratio, self.wire[4])
+        return {
+            "position": Reach(Interval(-position, position), f"what {name} can be commanded", Interval(*self.range) if self.range else None),
+            "velocity": Reach(Interval(-self.wire[1], self.wire[1]), f"what {name} can be commanded"),
+            "torque": Reach(Interval(-peak, peak), f"peak torque of {name}"),
         }
 
     def rating(self):

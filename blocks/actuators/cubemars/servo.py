@@ -73,7 +73,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     unanswered_frames = 1       # of the stop's two: nothing is answered, and one report may confirm it
     watched, find_limit, given_limit, rated_torque = Joint.watched, Joint.find_limit, Joint.given_limit, Joint.rated_torque
     check_reports, prepare, feedback_range = Reporting.check_reports, Reporting.prepare, Reporting.feedback_range
-    check_temperatures = Joint.check_temperatures
+    check_temperatures, reach = Joint.check_temperatures, Joint.reach
 
     def configure(self):
         self.inputs, self.outputs = type(self).inputs, type(self).outputs

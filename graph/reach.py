@@ -1,0 +1,324 @@
+"""Setpoints that cannot be meant: constants, parameters and courses in rad, rad/s or N·m outside what the joint or its drive can reach.
+
+Two ways lead from such a value to a joint. It stands beside what the joint measures, as the equilibrium of an impedance stands beside the
+position; or it goes on as it is, along wires of one unit, to a command. Values are compared where they end: at that input, at the command, or at
+a limiter in front of it. A factor on the way scales them.
+
+What is compared with the joint's own `range` has a unit of its own in its declaration, or is turned into a torque: a threshold, an offset or
+a sum in any unit may lie outside the range for a reason, and is compared with what the drive can reach.
+"""
+
+import copy
+import math
+from collections import deque
+from typing import NamedTuple
+
+from graph import units
+from graph.block import Sink, range_of
+from graph.device import Actuator, Device
+from graph.diagram import Signal
+from graph.interval import EVERYTHING, Interval
+from graph.ranges import find_ranges, interval_of, interval_of_numbers
+
+POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
+TURN = 2.0 * math.pi
+HALF_TURN = math.pi             # rad from which on an angle may be meant in degrees
+SLACK = 1e-6                    # share of a reach by which a value may leave it: intervals are rounded outward
+ZERO = Interval.point(0.0)
+
+
+class Reach(NamedTuple):
+    """What one measurement of an actuator can be: of the drive, in words, and of the joint, None where its range is not known."""
+
+    drive: Interval
+    words: str
+    joint: Interval | None = None
+
+
+class Value(NamedTuple):
+    """A value that is looked at. certain : it is taken on by itself; chosen : by a live change alone"""
+
+    words: str
+    interval: Interval
+    certain: bool = True
+    chosen: bool = False
+
+
+class ReachCheck:
+    """compilation : of graph.compiler, behind its proof; report(message, block, port, where, hint, severity)"""
+
+    def __init__(self, compilation, report):
+        self.blocks, self.sources, self.wires = compilation.blocks, compilation.sources, compilation.wires
+        self.units, self.shared_units, self.ranges = compilation.units, compilation.shared_units, compilation.ranges
+        self.attempt = compilation.attempt
+        self.unproved = {(proof.path, proof.port) for proof in compilation.proofs if not proof.holds}
+        self.report = report
+        self.reaches = {block: reach for block in self.blocks if isinstance(block, Actuator) and (reach := self.attempt(block, block.reach))}
+        if not self.reaches:
+            return
+        self.followers = {}
+        for (block, name), source in self.sources.items():
+            if isinstance(source, Signal):
+                self.followers.setdefault(source, []).append((block, name))
+        self.in_drive = self.while_measuring(compilation.order, lambda reach: reach.drive)
+        self.in_joint = self.while_measuring(compilation.order, lambda reach: reach.joint or reach.drive)
+        self.fed = self.find_fed()
+        self.leads = self.find_leads()
+        self.told = set()
+        for block in self.blocks:
+            if not isinstance(block, (Device, Sink)):
+                self.look_beside_measurements(block)
+        for block, name, value, start in self.seeds():
+            self.follow(block, name, value, start)
+
+    def while_measuring(self, order, limits):
+        """Intervals of all signals while each position and velocity stays inside limits(Reach)."""
+        narrow = {
+            block: {name: limits(found) for name, found in reach.items() if self.units.get((block, name)) in (POSITION, VELOCITY)}
+            for block, reach in self.reaches.items()}
+        if all(self.ranges[Signal(block, name)] in limits for block, limited in narrow.items() for name, limits in limited.items()):
+            return self.ranges
+
+        def attempt(block, hook, **intervals):
+            said = self.attempt(block, hook, **intervals)
+            return (said if isinstance(said, dict) else {}) | narrow[block] if narrow.get(block) else said
+
+        return find_ranges(self.blocks, order, self.sources, attempt)
+
+    def unit_of(self, block, name):
+        """The unit of an input, also where a number is wired to one in any unit."""
+        unit = self.units[block, name]
+        return self.shared_units.get(block, unit) if unit == units.ANY and name not in block.free_units else unit
+
+    # Where values meet joints
+
+    def find_fed(self):
+        """{(block, input): {(actuator, output)}} of what a joint's measurements reach along wires of one unit."""
+        fed = {}
+        for actuator, reach in self.reaches.items():
+            for output in reach.keys() & actuator.outputs.keys():
+                waiting, seen = deque([Signal(actuator, output)]), set()
+                while waiting:
+                    signal = waiting.popleft()
+                    for block, name in self.followers.get(signal, ()):
+                        if isinstance(block, (Device, Sink)):
+                            continue
+                        fed.setdefault((block, name), {})[actuator, output] = None
+                        for onward in self.outputs_in(block, self.units[signal.block, signal.port]):
+                            if onward not in seen:
+                                seen.add(onward)
+                                waiting.append(onward)
+        return fed
+
+    def find_leads(self):
+        """{Signal: {(actuator, input)}} of what reaches a joint's commands along wires of one unit."""
+        leads = {}
+        for actuator, reach in self.reaches.items():
+            for name in actuator.inputs:
+                unit = self.units[actuator, name]
+                waiting, seen = deque([(actuator, name)]), set()
+                while waiting and self.reach_of(actuator, unit) is not None:
+                    source = self.sources[waiting.popleft()]
+                    if not isinstance(source, Signal) or isinstance(source.block, Device) or source in seen:
+                        continue
+                    seen.add(source)
+                    leads.setdefault(source, {})[actuator, name] = None
+                    waiting.extend((source.block, before) for before in source.block.inputs if self.unit_of(source.block, before) == unit)
+        return leads
+
+    def outputs_in(self, block, unit):
+        return [Signal(block, name) for name in block.outputs if self.units[block, name] == unit]
+
+    def reach_of(self, actuator, unit):
+        return next((found for name, found in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None)
+
+    # Beside a measurement
+
+    def look_beside_measurements(self, block):
+        for unit in (POSITION, VELOCITY):
+            measured = {
+                (actuator, name): None for name in block.inputs if self.unit_of(block, name) == unit for actuator, _ in self.fed.get((block, name), ())}
+            if not measured:
+                continue
+            to_torque = any(self.units[block, name] == TORQUE for name in block.outputs)
+            for name, port in block.inputs.items():
+                if self.unit_of(block, name) == unit and (block, name) in self.wires and (block, name) not in self.fed:
+                    source = self.sources[block, name]
+                    for actuator, other in measured:
+                        strict = port.unit != units.ANY or to_torque
+                        self.judge(actuator, unit, self.values(source), block, name, self.sources[block, other], strict)
+            for name, param in block.parameters.items():
+                if param.unit == unit and param.numeric and math.isfinite(getattr(block, name)):
+                    for actuator, other in measured:
+                        self.judge(actuator, unit, self.values_of(block, name), block, name, self.sources[block, other], True)
+
+    def values(self, source):
+        """The Values of what is wired to an input."""
+        if not isinstance(source, Signal):
+            return [Value("", interval_of_numbers(source))]
+        interval = interval_of(source, self.ranges)
+        if source.block.inputs or isinstance(source.block, Device):
+            return [Value(f"{source.path} can reach ", interval, certain=False)]
+        built = self.as_built(source)
+        found = [Value("" if is_point(built) else f"{source.path} goes through ", built)]
+        return found if interval == built else [*found, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
+
+    def as_built(self, source):
+        """The interval of a block without inputs, with the values that its live parameters start with."""
+        block = copy.copy(source.block)
+        block.live = lambda name: None
+        return range_of(block, source.port, promised(block))
+
+    def values_of(self, block, name):
+        built, span = Interval.point(float(getattr(block, name))), block.span(name)
+        found = [Value("", built, certain=False)]
+        return found if span == built else [*found, Value(f"the live bounds of {name} allow ", span, chosen=True)]
+
+    def judge(self, actuator, unit, values, block, name, measured, strict):
+        """Compare Values with what a measurement at another input of the same block can be. strict : with the joint's range, too"""
+        reach = self.reach_of(actuator, unit)
+        drive, joint = interval_of(measured, self.in_drive), interval_of(measured, self.in_joint)
+        if not drive.bounded:
+            return
+        if not strict:
+            drive, joint = (drive | Interval(-TURN, TURN) if unit == POSITION else drive), None
+        self.compare(actuator, unit, reach, values, block, name, drive, joint if reach.joint is not None else None)
+
+    def compare(self, actuator, unit, reach, values, block, name, drive, joint):
+        """Report the first of the Values that is out of reach. drive, joint : what can be reached there"""
+        for value in values:
+            severity, bound = self.severity(value, drive, joint, unit)
+            if severity is None:
+                continue
+            limits, words = (reach.joint, "its range") if bound is joint and joint is not None else (reach.drive, reach.words)
+            self.tell(actuator, unit, value, block, name, limits, words, severity)
+            return
+
+    def severity(self, value, drive, joint, unit):
+        """("error" or "warning", the Interval that is left), or (None, None)."""
+        interval = value.interval
+        alone = is_point(interval)
+        for bound in filter(None, (drive, joint)):
+            if apart(interval, bound) and not value.chosen:
+                return "error" if bound is drive or value.certain else "warning", bound
+        if interval.bounded and not inside(interval, drive):
+            return "error" if value.certain and not value.chosen else "warning", drive
+        if joint is not None and value.certain and not inside(interval, joint):
+            return "warning", joint
+        if alone and unit == POSITION and abs(interval.low) > TURN and math.radians(interval.low) in (joint or drive):
+            return "warning", joint or drive
+        return None, None
+
+    # Along the wires to a command
+
+    def seeds(self):
+        """(block, input, Value, whose fault it is) of values from which wires of one unit lead to a command."""
+        for (block, name), source in self.sources.items():
+            unit = self.unit_of(block, name)
+            if unit not in (POSITION, VELOCITY, TORQUE) or (block, name) not in self.wires or isinstance(block, Sink):
+                continue
+            if not isinstance(source, Signal):
+                yield block, name, self.values(source)[0], (block, name, unit)
+            elif source in self.leads:
+                for value in self.own_values(source, unit):
+                    yield block, name, value, (source.block, "", unit)
+
+    def own_values(self, source, unit):
+        """Values that a block sets by itself, whatever it is given: a source, a table, a limiter, a parameter in N·m."""
+        if not source.block.inputs:
+            yield from self.values(source)
+            return
+        if source.block.outputs[source.port].range is None:
+            own = range_of(source.block, source.port, promised(source.block, **dict.fromkeys(source.block.inputs, EVERYTHING)))
+            if own.bounded:
+                yield Value(f"{source.path} can reach ", own, certain=False)
+        for name, param in source.block.parameters.items():
+            if unit == TORQUE and param.unit == unit and param.numeric and math.isfinite(getattr(source.block, name)):
+                yield Value(f"{name} is ", Interval.point(float(getattr(source.block, name))), certain=False)
+
+    def follow(self, block, name, value, start):
+        """Take a Value along the wires, and compare it where it ends."""
+        whose, port, unit = start
+        waiting, seen = deque([(block, name, value.interval)]), set()
+        while waiting:
+            block, name, interval = waiting.popleft()
+            if (block, name) in seen:
+                continue
+            seen.add((block, name))
+            if block in self.reaches:
+                self.at_command({(block, name): None}, unit, value._replace(interval=interval), whose, port)
+                continue
+            if isinstance(block, (Device, Sink)):
+                continue
+            for onward in self.outputs_in(block, unit):
+                if onward in self.leads:
+                    passed = self.passed(block, name, onward, interval)
+                    if passed is None:
+                        self.at_command(self.leads[onward], unit, value._replace(interval=interval), whose, port)
+                    else:
+                        waiting.extend((*follower, passed) for follower in self.followers.get(onward, ()))
+
+    def passed(self, block, name, onward, interval):
+        """What a block makes of an interval at one input, the others at 0: itself where it lets that through, None where it clips it."""
+        def of(given):
+            return range_of(block, onward.port, promised(block, **dict.fromkeys(block.inputs, ZERO) | {name: given}))
+
+        made = of(interval)
+        if interval in made or -interval in made:
+            return interval
+        return None if of(interval * Interval.point(10.0)) == made else made
+
+    def at_command(self, commands, unit, value, block, port):
+        for actuator, name in commands:
+            reach = self.reach_of(actuator, unit)
+            if (actuator.path, name) in self.unproved or unit == TORQUE and inside(value.interval, reach.drive):
+                continue
+            if unit == TORQUE:
+                self.tell(actuator, unit, value, block, port, reach.drive, reach.words, "warning")
+            else:
+                self.compare(actuator, unit, reach, [value], block, port, reach.drive, reach.joint)
+
+    # Words
+
+    def tell(self, actuator, unit, value, block, name, limits, words, severity):
+        if (block, name, unit) in self.told:
+            return
+        self.told.add((block, name, unit))
+        interval = value.interval
+        number = interval.low if abs(interval.low) > abs(interval.high) else interval.high
+        what = f"{number:g} {unit}" if is_point(interval) else f"{interval.low:g} to {interval.high:g} {unit}"
+        bounds = f"{limits.low:.4g} to {limits.high:.4g} {unit}"
+        if unit != TORQUE and abs(number) > HALF_TURN and math.radians(number) in limits:
+            per = "" if unit == POSITION else "/s"
+            hint = f"{number:g} {unit} is {math.degrees(number):.0f}°{per}: did you mean deg({number:g})?"
+        elif unit == TORQUE:
+            hint = f"give at most {limits.high:.4g} N·m; what is scaled down belongs in front of the Gain that does it"
+        else:
+            hint = f"give {bounds}" + (f", or correct `range` of {actuator.path}" if words == "its range" else "")
+        problem = "is more than one turn of" if inside(interval, limits) else "is out of reach of"
+        where = self.wires[block, name].where if (block, name) in self.wires else None
+        self.report(f"{value.words}{what}, which {problem} {actuator.path}: {bounds} ({words})" if value.words else
+                    f"{what} {problem} {actuator.path}: {bounds} ({words})", block, name, where, hint, severity)
+
+
+def promised(block, **inputs):
+    """What a block promises of its outputs, {} where it promises nothing."""
+    try:
+        said = block.output_range(**inputs)
+    except ValueError:                          # of a combination that does not occur: what it promises in the diagram is asked elsewhere
+        return {}
+    return {} if said is None else said
+
+
+def inside(interval, bound):
+    slack = SLACK * (bound.high - bound.low)
+    return bound.low - slack <= interval.low and interval.high <= bound.high + slack
+
+
+def apart(interval, bound):
+    slack = SLACK * (bound.high - bound.low)
+    return interval.high < bound.low - slack or interval.low > bound.high + slack
+
+
+def is_point(interval):
+    return interval.high - interval.low <= SLACK * abs(interval.high)
