@@ -37,8 +37,9 @@ cdef class Arming:
         self.layout.first_tick = 0
 
     cdef int arm(self, double timeout) noexcept nogil:
-        """Zero-torque frames, one round a period, until every device has answered."""
-        cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        """Zero-torque frames, one round a period, until every device has answered. First relays pull in, and the drives behind them start."""
+        cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.start_time * self.pace.rate)
+        cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int64_t round, now
         cdef int status = OK
         self.journal.attend(monotonic())
@@ -57,7 +58,7 @@ cdef class Arming:
                 status = self.control.devices.receive(now, self.layout)
             if status != OK:
                 return status
-            if self.control.devices.all_answered():
+            if round >= starting and self.control.devices.all_answered():
                 if self.answered is not None:
                     status = self.look_over(timeout)
                     if status != OK or self.signals.caught[0]:
@@ -73,7 +74,10 @@ cdef class Arming:
                     self.layout.first_tick = now
                 self.body.set_clock(0, -1, 0)
                 return self.start_from_here()
-            status = self.control.devices.send_batches(True, True, False, now, self.layout)
+            if round < starting:
+                status = self.control.devices.pump_all(now, self.layout)
+            else:
+                status = self.control.devices.send_batches(True, True, False, now, self.layout)
             if status == OK:
                 status = self.body.advance_plant(now)
             if status != OK:

@@ -29,6 +29,8 @@ cdef struct Device:
     Batch damp                   # a safe stop begins with these,
     int64_t damping              # for so many ns
     int unanswered               # of the frames of disable
+    int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
+    int64_t pumped               # ns, when it was last sent a frame
     int64_t heard                # ns, when the newest sample arrived
     int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
     Histogram *latency           # from a command to its answer; NULL where time is not real
@@ -68,12 +70,13 @@ cdef class Devices:
     cdef bint stopping           # replies are wanted to a safe stop
     cdef bint alone              # nobody else may command them
     cdef int64_t longest_damping # ns
+    cdef int64_t start_time      # ns of arming in which nothing but relays is sent frames
     cdef public double counted_from     # tick from which on answers that are missing are counted
 
     cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
     cdef int load(self) except -1
     cdef int time_replies(self) except -1
-    cdef void note_asked(self, int bus) noexcept nogil
+    cdef void note_asked(self, int bus, int64_t at) noexcept nogil
     cdef void reset(self)
     cdef void begin(self, int64_t began) noexcept nogil
     cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
@@ -85,6 +88,8 @@ cdef class Devices:
     cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
     cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
+    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil
+    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil
     cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil

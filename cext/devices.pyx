@@ -145,6 +145,8 @@ cdef class Devices:
             device.damping = round(entry.damp_time * 1e9) if entry.damp else 0
             self.longest_damping = max(self.longest_damping, device.damping)
             device.unanswered = entry.unanswered
+            device.relay = round(entry.relay_time * 1e9)
+            self.start_time = max(self.start_time, round(entry.start_time * 1e9))
         return 0
 
     cdef void begin(self, int64_t began) noexcept nogil:
@@ -306,14 +308,16 @@ cdef class Devices:
             if status != OK:
                 return status
             first += self.outgoing_count[bus]
-            self.note_asked(bus)
+            self.note_asked(bus, now)
         return OK
 
-    cdef void note_asked(self, int bus) noexcept nogil:
+    cdef void note_asked(self, int bus, int64_t at) noexcept nogil:
         """The devices of a bus have been sent a command: from now on their answer is timed, where that of the one before has come or not."""
         cdef int number
         cdef int64_t now = -1
         for number in range(self.count):
+            if self.devices[number].bus == bus:
+                self.devices[number].pumped = at
             if self.devices[number].bus == bus and self.devices[number].zero.count:
                 if self.devices[number].owed and self.arena[TICK] >= self.counted_from:
                     self.devices[number].missed += 1
@@ -359,17 +363,43 @@ cdef class Devices:
                 device.rounds += 1
             if zero:
                 status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+            if not disable and device.relay > 0:
+                status |= self.pump(device, now, page)
             if disable:
                 status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
         return BUS_ERROR if status != OK else OK
 
+    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil:
+        """The next frame of a device that holds a relay, outside of a tick."""
+        cdef Frame[FRAMES_PER_DEVICE] frames
+        cdef int count = device.encode(self.arena, device.slots, device.sizes, frames)
+        device.pumped = now
+        return self.send(device.bus, frames, max(count, 0), now, page)
+
+    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil:
+        """Frames to those that hold a relay, and to no other: what is behind the relays starts."""
+        cdef int number
+        cdef int status = OK
+        for number in range(self.count):
+            if page != NULL and load_i32(&page.fence):
+                return FENCED
+            if self.devices[number].relay > 0:
+                status |= self.pump(&self.devices[number], now, page)
+        return BUS_ERROR if status != OK else OK
+
     cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil:
-        """One round of the safe stop, `since` ns after it began: damping to who is damped first, zero torque and disable to all others."""
+        """One round of the safe stop, `since` ns after it began: damping to who is damped first, zero torque and disable to all others.
+
+        A relay is held while anything is damped, unless it may have dropped: a safe stop gives no drive its power back.
+        """
         cdef int number
         cdef Device *device
         for number in range(self.count):
             device = &self.devices[number]
-            if since < device.damping:
+            if device.relay > 0:
+                if since < self.longest_damping and now - device.pumped < device.relay:
+                    self.pump(device, now, page)
+            elif since < device.damping:
                 self.send(device.bus, device.damp.frames, device.damp.count, now, page)
             else:
                 self.send(device.bus, device.zero.frames, device.zero.count, now, page)

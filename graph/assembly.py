@@ -157,9 +157,10 @@ class Assembly:
 
         return DeviceSteps(
             name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
-            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) else -1, timeout=block.timeout,
+            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1, timeout=block.timeout,
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
             damp=tuple(block.damp_frames()), damp_time=block.damp_time, unanswered=block.unanswered_frames,
+            relay_time=block.relay_time, start_time=block.start_time,
             watch=self.watch_steps(block, slot))
 
     def watch_steps(self, block, slot):

@@ -10,7 +10,7 @@ import numpy as np
 
 from graph import units
 from graph.assembly import assemble
-from graph.block import Sink, size_of
+from graph.block import Sink, size_of, suggestion
 from graph.budget import bus_loads, line_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
@@ -58,6 +58,7 @@ def examine(diagram):
         compilation.check_units,
         compilation.check_actuators,
         compilation.check_heat,
+        compilation.check_relays,
         compilation.check_timeouts,
         compilation.check_addresses,
         compilation.check_bitrates,
@@ -237,6 +238,15 @@ class Compilation:
             if isinstance(block, Actuator) and "temperature" not in block.outputs and block not in modelled:
                 self.report("TW024", "it reports no temperature, and no model of its heat is wired to it", block,
                             hint="wire a ThermalModel to its torque, and a TemperatureDerating behind that", severity="warning")
+
+    def check_relays(self):
+        """A device that holds a relay names actuators, or buses of actuators, that the diagram has."""
+        actuators = [block for block in self.blocks if isinstance(block, Actuator)]
+        known = {name for block in actuators for name in (block.path, block.bus)}
+        for block in self.blocks:
+            for name in sorted(set(block.protects) - known) if isinstance(block, Device) else ():
+                self.report("TW010", f"protects: there is no actuator and no bus of actuators named {name!r}", block,
+                            hint=suggestion(name, known) or f"name one of {', '.join(sorted(known))}" if known else "add an actuator, or leave the block out")
 
     def check_timeouts(self):
         for block in self.blocks:

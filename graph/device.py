@@ -47,6 +47,9 @@ class Device(Block):
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
     damp_time : s for which a safe stop keeps it damped before it is disabled
+    relay_time : s without a frame of its own after which the relay that this device holds drops; 0 for a device without a relay. Above 0 `encode` is also
+        called in every round of arming, and in the damped part of a safe stop as long as the relay cannot have dropped
+    start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start meanwhile
     hot : °C from which on a person should look at it before it is armed; None for never
     hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
@@ -57,6 +60,8 @@ class Device(Block):
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
     damp_time = 0.0
+    relay_time = start_time = 0.0
+    protects = ()               # paths or buses of the devices whose power its relay switches
     own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
     unanswered_frames = 0       # how many of its disable_frames have no answer
     hot = None

@@ -56,6 +56,8 @@ class DeviceSteps:
     damp: tuple = ()           # instead of both for so many s, first
     damp_time: float = 0.0
     unanswered: int = 0         # of the frames of disable
+    relay_time: float = 0.0     # s without a frame after which its relay drops; 0: it holds none
+    start_time: float = 0.0     # s of arming in which others are sent nothing
     watch: WatchSteps | None = None
 
 

@@ -1,0 +1,101 @@
+"""A charge pump: an output that has to toggle for a relay to hold the power of the motors. Whatever ends the toggling ends the power."""
+
+from blocks.gpio import GpioLine
+from blocks.serial_lines import speed_of
+from cext.kernels import charge_pump as kernels
+from cext.kernels import quiet
+from graph import Input, Interval, Memory, Output, Param, StreamDevice
+
+MESSAGE = 5                     # bytes of a counter and its checksum, stuffed
+
+
+class ChargePump(GpioLine, StreamDevice):
+    """Toggles an output of the computer or of a microcontroller, behind which a circuit holds the motors' relay only while it changes.
+
+    level(k) = not level(k − 1), once a tick. The level changes in every round of arming, in every tick that is sent, and in the damped part of a safe stop.
+    It stops at the fence: after a fault, an emergency stop, an exception, a hung block, kill -9 of every process, and when the computer dies. It
+    needs no process to notice. A safe stop never makes a relay pull in that may have dropped.
+
+    With `pin` the output is a GPIO line; with `port` or `serial` a microcontroller gets a message a tick and toggles its pin by it. The rig says which.
+    The circuit is the user's: a retriggerable monostable or a missing-pulse detector that drops the relay `hold` after the last edge, whatever the
+    level is then. docs/rigs.md has the circuit's requirements and the sketch of the microcontroller.
+    """
+
+    protects = Param((), "1", "paths or buses of the devices whose power the relay switches; () for every device of the diagram")
+    hold = Param(0.1, "s", "time after the last change of the level after which the circuit drops the relay", min=0.05, max=1.0, fixed=True, kernel=False)
+    start_up = Param(1.0, "s", "beginning of arming in which nothing but the level is sent, so that the drives behind the relay can start", min=0.0,
+                     max=30.0, fixed=True, kernel=False)
+    port = Param("", "1", "path of the microcontroller's serial port, such as /dev/ttyACM0; a rig says which", dtype=str)
+    serial = Param("", "1", "last characters of the microcontroller's USB serial number, instead of a port", dtype=str)
+    baudrate = Param(115200, "1/s", "bit/s of that port; USB ports that are no adapters do not care", min=50, max=4_000_000, fixed=True, kernel=False)
+
+    changes = Output("1", "changes of the level so far, those of arming included", dtype=int)
+    fault = Output("1", "1 where the line to the circuit is gone, else 0", dtype=int)
+    messages = Memory(0.0, "whether the level goes out as messages of a microcontroller")
+
+    decode = kernels.decode
+    encode = kernels.encode
+    sent_outputs = ("changes",)
+    hardware = (*GpioLine.hardware[:3], "hold", "start_up", "port", "serial", "baudrate")
+
+    def configure(self):
+        super().configure()
+        if isinstance(self.protects, str):
+            self.protects = (self.protects,)
+        if self.pin and (self.port or self.serial):
+            raise ValueError(f"pin = {self.pin!r} and port = {self.port or self.serial!r}: the output is a GPIO line or a microcontroller, give one of them")
+        self.line = "serial" if self.port or self.serial else "gpio"
+        self.messages = float(self.line == "serial")
+        self.relay_time, self.start_time = self.hold, self.start_up
+
+    def prepare(self, dt):
+        if self.hold < 5.0 * dt:
+            raise ValueError(f"hold {self.hold:g} s is shorter than five ticks of {dt:g} s: the relay would drop in a run that is late")
+        speed = speed_of(self.port, self.baudrate)
+        if speed and 10 * MESSAGE / dt > 0.7 * speed:
+            raise ValueError(
+                f"baudrate {self.baudrate:g}: a message of {MESSAGE} bytes every {dt:g} s takes {10 * MESSAGE / dt / speed:.0%} of the line. What waits "
+                f"in its queue would hold the relay after the run has died; set baudrate to {10 * MESSAGE / dt / 0.7:.0f} or more")
+
+    def opening(self):
+        if self.line == "serial":
+            return {"port": self.port, "serial": self.serial, "baudrate": self.baudrate}
+        return super().opening()
+
+    def holds_power_of(self, device):
+        return not self.protects or device.path in self.protects or device.bus in self.protects
+
+    def fault_in_words(self, code):
+        return "its line is gone, so that the relay drops" if code else ""
+
+    def output_range(self):
+        return {"changes": Interval(0.0), "fault": Interval(0.0, 1.0)}
+
+    def emulator(self, **parameters):
+        return EmulatedChargePump.of(self, **parameters)
+
+
+class EmulatedChargePump(StreamDevice):
+    """Relay and circuit behind a ChargePump, for a plant: the relay holds for `hold` after each change of the level."""
+
+    hold = Param(0.1, "s", "time after the last change of the level after which the relay drops", above=0.0, max=1.0, fixed=True)
+    messages = Param(0, "1", "1 where the level comes as messages of a microcontroller, 0 where as a GPIO line", min=0, max=1, fixed=True)
+
+    lost = Input("1", "whether the line is gone", default=False, dtype=bool)
+    holds = Output("1", "whether the relay holds", dtype=bool)
+    changes = Output("1", "changes of the level so far", dtype=int)
+    state = Memory((0.0,) * 4, "newest level or number + 1, time of the newest change in s, whether the loss of the line was reported, bytes in the buffer")
+    buffer = Memory((0.0,) * 2, "bytes of the message that is coming")
+
+    decode = kernels.relay_decode
+    encode = kernels.relay_encode
+    kernel = kernels.relay
+    feedthrough = ()
+
+    @classmethod
+    def of(cls, pump, **parameters):
+        """Return the emulator of one ChargePump of a robot."""
+        return cls(**{"bus": pump.bus, "hold": pump.hold, "messages": int(pump.line == "serial")} | parameters)
+
+    def output_range(self, **inputs):
+        return {"holds": Interval(0.0, 1.0), "changes": Interval(0.0)}

@@ -1,0 +1,302 @@
+"""The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them. In virtual time unless it is said otherwise."""
+
+import binascii
+import time
+
+import pytest
+
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.actuators.mit_frames import ENABLE
+from blocks.charge_pump import ChargePump, EmulatedChargePump
+from blocks.limiters import TorqueLimiter
+from blocks.logic import Not
+from blocks.models import Limb
+from blocks.safety import EmergencyStop, Rearm
+from cext.page import Page
+from graph import Block, Diagram, DiagramError, Output, compile
+from runtime.check import check, told
+from runtime.coverage import coverage, in_words
+from tests.blocks.actuators.wire import MALFORMED, Wired
+from tests.blocks.running import player
+from tests.cext.rigs import STOP, Rig
+from tests.runtime.runs import write
+
+RATE, PERIOD = 200, 5_000_000       # Hz, ns
+HOLD, START_UP = 0.1, 0.2           # s
+NOTED, BYTES, LOST, BACK = 2, 0, 1, 2
+
+
+def message(number):
+    """What goes to a microcontroller, made independently of the kernel: counter, CRC-16/CCITT-FALSE, stuffed by COBS."""
+    plain = bytes([number]) + binascii.crc_hqx(bytes([number]), 0xFFFF).to_bytes(2, "little")
+    return b"".join(bytes([len(part) + 1]) + part for part in plain.split(b"\0")) + b"\0"
+
+
+# Frames
+
+def test_on_a_gpio_line_every_frame_is_the_other_level():
+    pump = Wired(ChargePump)
+    said = []
+    for _ in range(600):
+        said += pump.say()
+    assert said == [(BYTES, b"\1"), (BYTES, b"\0")] * 300 and pump["changes"] == 600.0
+
+
+def test_to_a_microcontroller_every_message_has_the_next_number():
+    pump = Wired(ChargePump, port="/dev/ttyACM0")
+    assert [pump.say() for _ in range(600)] == [[(BYTES, message(number % 256))] for number in range(1, 601)]
+    assert all(len(message(number)) == 5 for number in range(256))
+
+
+@pytest.mark.parametrize("parameters, line", [({}, "gpio"), ({"pin": "GPIO4"}, "gpio"), ({"port": "/dev/ttyACM0"}, "serial"), ({"serial": "12"}, "serial")])
+def test_the_rig_says_which_kind_of_line_it_is(parameters, line):
+    assert ChargePump(name="pump", **parameters).line == line
+
+
+def test_a_gpio_line_and_a_microcontroller_at_once_are_refused():
+    with pytest.raises(DiagramError, match="the output is a GPIO line or a microcontroller, give one of them"):
+        ChargePump(name="pump", pin="GPIO4", port="/dev/ttyACM0")
+
+
+def pump_diagram(rate=RATE, **parameters):
+    with Diagram("robot", rate=rate) as robot:
+        CubeMars("AK80-9", bus="legs", can_id=7, name="knee")(torque_command=0.0)
+        ChargePump(name="pump", **parameters)
+    return robot
+
+
+@pytest.mark.parametrize("rate, parameters, words", [
+    (20, {"hold": 0.2}, "hold 0.2 s is shorter than five ticks of 0.05 s"),
+    (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "takes 87% of the line"),
+    (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
+    (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
+])
+def test_what_cannot_hold_a_relay_or_protects_nothing_is_refused(rate, parameters, words):
+    with pytest.raises(DiagramError) as caught:
+        compile(pump_diagram(rate, **parameters))
+    assert words in str(caught.value)
+
+
+# The relay
+
+def test_the_relay_holds_for_its_time_after_each_change_and_no_level_alone_holds_it():
+    relay = Wired(EmulatedChargePump, hold=0.1)
+
+    def holds_after(seconds, data=None):
+        relay.arena[0] += seconds
+        if data is not None:
+            assert relay.hear(BYTES, data) == NOTED
+        relay.step()
+        return relay["holds"]
+
+    assert [holds_after(0.01, b"\1") for _ in range(30)] == [0.0] * 30            # a level that never changes
+    assert [holds_after(0.09, level) for level in (b"\0", b"\1")] == [1.0, 1.0]
+    assert (holds_after(0.09), holds_after(0.02), relay["changes"]) == (1.0, 0.0, 2.0)
+
+
+def test_a_message_counts_once_however_it_is_cut_and_a_broken_one_does_not():
+    relay = Wired(EmulatedChargePump, messages=1)
+    stream = b"".join(map(message, (255, 0, 0, 1)))
+    for byte in stream:
+        relay.hear(BYTES, bytes([byte]))
+    assert relay["changes"] == 2.0                                                 # 0 follows 255, its repetition is none, 1 follows
+    broken = bytearray(message(2))
+    broken[1] ^= 1
+    assert relay.hear(BYTES, bytes(broken)) == MALFORMED and relay.hear(BYTES, bytes([7] * 40 + [0])) == MALFORMED
+    assert relay["changes"] == 2.0 and relay.hear(BYTES, message(9)) == NOTED and relay["changes"] == 3.0
+
+
+# What ends the toggling
+
+class Then(Block):
+    """2 N·m; calls something at a tick."""
+
+    y = Output("N·m")
+
+    def __init__(self, action, tick=40, **options):
+        self.action, self.when = action, tick
+        super().__init__(**options)
+
+    def step(self, tick):
+        if tick == self.when:
+            self.action()
+        return 2.0
+
+
+def torn():
+    raise RuntimeError("torn")
+
+
+def robot_with_pump(action=lambda: None, more=lambda: None, **knee):
+    """A knee whose power goes through the relay of a charge pump, and what happens in tick 40."""
+    with Diagram("robot", rate=RATE) as robot:
+        drive = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, name="knee", **knee)
+        drive(torque_command=TorqueLimiter(limit=5.0)(Then(action, name="law").y))
+        ChargePump(name="pump", hold=HOLD, start_up=START_UP)
+        more()
+    return robot
+
+
+def plant_with_relay(robot, lost=(False,), booting=0.0):
+    """The drive has power while the relay holds."""
+    with Diagram("plant", rate=5 * RATE) as plant:
+        relay = robot["pump"].emulator(name="relay")
+        relay(lost=player(lost, "1", bool))
+        drive = EmulatedCubeMars.of(robot["knee"], name="drive")
+        limb = Limb(inertia=0.1, damping=0.5, stiffness=0.0, reflex=0.0, name="limb")
+        limb(torque=drive.torque)
+        drive(position=limb.position, velocity=limb.velocity, power_lost=Not()(relay.holds))
+    return plant
+
+
+def rig_of(action=lambda: None, more=lambda: None, plant=True, options=None, **knee):
+    robot = robot_with_pump(action, more, **knee)
+    return Rig(robot, plant_with_relay(robot) if plant else None, **(options or {}))
+
+
+def pulses(rig):
+    """(time in ns, level) of every frame of the pump."""
+    bus = rig.schedule.buses.index("pump")
+    return [(frame.time, frame.data[0]) for frame in rig.frames if frame.sent and frame.bus == bus]
+
+
+def stop_of(rig):
+    """ns of the first frame of the safe stop."""
+    return next(frame.time for frame in rig.frames if frame.sent and frame.id == 1 and frame.data == STOP[-1])
+
+
+def assert_toggled(found, missing=0):
+    """One change in every period; `missing` periods have none, never two in a row."""
+    assert [level for _, level in found] == [(found[0][1] + place) % 2 for place in range(len(found))]
+    gaps = [after - before for (before, _), (after, _) in zip(found, found[1:])]
+    assert gaps.count(2 * PERIOD) == missing and gaps.count(PERIOD) == len(gaps) - missing
+
+
+def test_drives_behind_the_relay_get_power_first_and_are_armed_then():
+    rig = rig_of()
+    assert rig.run(100).status == "ok"
+    first_command = next(frame for frame in rig.frames if frame.sent and frame.id == 1)
+    assert first_command.data == ENABLE and first_command.time == round(START_UP * 1e9)
+    found = pulses(rig)
+    assert found[0][0] == 0 and found[-1][0] == rig.page.first_tick + 99 * PERIOD
+    assert_toggled(found)
+    assert list(rig["pump.changes"]) == [*range(len(found) - 99, len(found) + 1)] and not any(rig["pump.fault"])
+    assert len(rig.commands()) == 100
+
+
+def test_while_the_operator_reads_the_table_the_relay_holds():
+    rig = rig_of()
+    seen = []
+    outcome = rig.run(20, answered=lambda: seen.append(rig.page.state), confirm=False)
+    assert outcome.status == "ok" and seen
+    assert_toggled(pulses(rig), missing=1)                          # the round in which the last device has answered
+
+
+@pytest.mark.parametrize("what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"])
+def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
+    page = Page(1 << 24)
+    law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
+
+    def more():
+        if what == "an emergency stop":
+            EmergencyStop()(player([False] * 40 + [True], "1", bool))
+
+    rig = rig_of(law, more, options={"page": page})
+    if what == "NaN":
+        robot = robot_with_pump()
+        with robot:
+            robot.rewired = CubeMars("AK10-9-V2.0", bus="legs", can_id=2, name="hip")
+            robot.rewired(torque_command=TorqueLimiter(limit=5.0)(player([0.0] * 40 + [float("nan")], "N·m")))
+        plant = plant_with_relay(robot)
+        with plant:
+            EmulatedCubeMars.of(robot["hip"], name="hip")(position=0.0, velocity=0.0)
+        rig = Rig(robot, plant)
+    outcome = rig.run(41 if what == "the end" else 100)
+    assert (outcome.status == "ok") == (what == "the end") and (outcome.tick == 40)
+    found = pulses(rig)
+    assert_toggled(found)
+    last = 40 if what == "the end" else 39
+    assert found[-1][0] == rig.page.first_tick + last * PERIOD < stop_of(rig)
+    assert rig.page.fenced and rig.page.state == "safe"
+
+
+def test_a_device_that_does_not_answer_ends_the_toggling_with_the_arming():
+    rig = rig_of(plant=False)
+    outcome = rig.run(10, arming_timeout=0.1)
+    assert outcome.status == "no answer"
+    found = pulses(rig)
+    assert_toggled(found)
+    assert found[-1][0] < stop_of(rig) and round(found[-1][0] * 1e-9, 3) == pytest.approx(START_UP + 0.1, abs=0.006)
+
+
+def test_a_damped_joint_keeps_its_power_until_it_is_disabled_and_no_longer():
+    rig = rig_of(torn, safe_stop="damp", stop_time=0.3)
+    outcome = rig.run(100)
+    assert outcome.status == "exception" and outcome.unconfirmed == ()
+    found = pulses(rig)
+    assert stop_of(rig) - (rig.page.first_tick + 40 * PERIOD) == pytest.approx(0.3e9, abs=2 * PERIOD)
+    assert 0 < stop_of(rig) - found[-1][0] <= 2 * PERIOD
+    assert_toggled(found, missing=1)                                # the tick that raised
+
+
+def test_a_safe_stop_pulls_no_relay_in_that_may_have_dropped():
+    """In real time: a tick takes longer than the relay holds, and then raises."""
+    def late():
+        time.sleep(HOLD + 0.03)
+        torn()
+
+    rig = rig_of(late, plant=True, options={"virtual": False}, safe_stop="damp", stop_time=0.2, timeout=0.0)
+    outcome = rig.run(100)
+    assert outcome.status == "exception"
+    assert pulses(rig)[-1][0] < rig.page.first_tick + 40 * PERIOD
+
+
+def test_a_run_that_waits_to_be_armed_again_sends_no_pulse():
+    rig = rig_of(torn, lambda: Rearm()(player([False], "1", bool)))
+    outcome = rig.run(120, rearm=[])
+    assert outcome.status == "exception" and len(rig.tick) > 100
+    found = pulses(rig)
+    assert found[-1][0] == rig.page.first_tick + 39 * PERIOD
+
+
+def test_a_line_that_is_gone_ends_the_run_at_once():
+    robot = robot_with_pump()
+    rig = Rig(robot, plant_with_relay(robot, [False] * 500 + [True]))
+    outcome = rig.run(400)
+    assert (outcome.status, outcome.culprit) == ("device fault", "pump") and outcome.tick < 100
+    assert robot["pump"].fault_in_words(1) == "its line is gone, so that the relay drops"
+
+
+# What it covers
+
+def test_the_drives_that_it_protects_are_covered_when_both_processes_or_the_power_go(tmp_path):
+    with Diagram("robot", rate=RATE) as robot:
+        left, right = (CubeMars("AK80-9", bus=f"{side}_leg", can_id=1, name=f"{side}_knee") for side in ("left", "right"))
+        left(torque_command=0.0), right(torque_command=0.0)
+        pump = ChargePump(protects=("left_knee",), name="pump")
+    everything = [left, right, pump]
+    both = "kill -9 of guardian and control process together, loss of power of the computer"
+    assert f"{both} (the charge pump 'pump')" in in_words(coverage([left], everything))[0] and in_words(coverage([left], everything))[1] == ""
+    assert in_words(coverage([right], everything))[1].startswith(f"{both} (nothing stops right_knee once both processes are gone")
+    assert coverage([pump], everything) == []
+    pump.protects = ("right_leg",)
+    assert in_words(coverage([left], everything))[1] and not in_words(coverage([right], everything))[1]
+    pump.protects = ()
+    assert not in_words(coverage([left], everything))[1] and not in_words(coverage([right], everything))[1]
+    file = write(tmp_path, '''
+from blocks.actuators import CubeMars
+from blocks.charge_pump import ChargePump
+from graph import Diagram
+
+with Diagram("robot", rate=200) as diagram:
+    CubeMars("AK80-9", name="knee")(torque_command=0.0)
+    ChargePump(name="pump")
+''')
+    out = " ".join(" ".join(told(check(file), False)).split())
+    assert f"{both} (the charge pump 'pump')" in out and "not covered" not in out
+
+
+def test_the_loss_and_the_return_of_the_line():
+    pump = Wired(ChargePump)
+    assert pump.hear(LOST, b"") == NOTED and pump["fault"] == 1.0
+    assert pump.hear(BACK, b"") == NOTED and pump["fault"] == 0.0
