@@ -10,7 +10,7 @@ class Answer:
     position in rad, velocity in rad/s, torque in N·m, current in A, temperature in °C, voltage in V: None where it does not say
     fault : in words, "" for none, None where it does not say; enabled : whether it says that it is, None where it does not say
     unique : what tells it from every other drive, "" where it does not say; firmware likewise
-    remarks : what is amiss; notes : what is good to know
+    remarks : what is amiss; notes : what is good to know; settings : {parameter: value} that its block needs and that differ from the defaults
     """
 
     family: str
@@ -27,6 +27,7 @@ class Answer:
     firmware: str = ""
     remarks: list = field(default_factory=list)
     notes: list = field(default_factory=list)
+    settings: dict = field(default_factory=dict)
 
 
 def symmetric(code, half, bits):

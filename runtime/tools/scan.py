@@ -180,6 +180,11 @@ def mit_drives(bus, ids, before):
                 found.append(same[0])
         if len({answer.family for answer in answers}) > 1:
             found[-1].remarks.append(two(len(answers), can_id))
+        named = {name for frame in heard if (name := cubemars.other_id(*frame, can_id)) is not None}
+        if named and not answers:
+            found.append(Answer(cubemars.MIT, can_id, fault=None, remarks=[
+                f"replies with id {' and '.join(map(str, sorted(named)))} in byte 0: the drive is configured to answer with another id, and no "
+                f"block reads it"]))
     return found
 
 

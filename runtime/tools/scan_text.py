@@ -51,7 +51,7 @@ def state(drive):
 
 
 def fault(drive):
-    return "faults are not told" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
+    return "faults not reported" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
 
 
 def sent(report, verbose):
@@ -78,7 +78,8 @@ def rig(reports, buses, when):
         for drive in report.drives:
             block = BLOCKS.get(drive.family)
             lines += [f"# {drive.family}{state(drive)}", *(f"# ! {remark}" for remark in drive.remarks)]
-            lines += [f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]', f"# can_id = {drive.can_id}", ""]
+            settings = [f"# {name} = {value}" for name, value in drive.settings.items()]
+            lines += [f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]', f"# can_id = {drive.can_id}", *settings, ""]
         for node in report.nodes:
             lines += [f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")]
             lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']

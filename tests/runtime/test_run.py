@@ -374,3 +374,20 @@ def plant(robot):
     assert "safe stop   zero torque, then disable: NOT confirmed by knee" in process.stdout
     assert set(files.sent(1)) == {ENABLE, NOTHING, DISABLE} and files.sent(1)[-2:] == [NOTHING, DISABLE]
     assert len(files.table["tick"]) == 0
+
+
+def test_replies_of_another_length_are_named_with_their_remedy(tmp_path):
+    path = knee(tmp_path, law="return 1.0")
+    path.write_text(path.read_text() + """
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as plant:
+        robot["knee"].emulator(reply=7)(position=0.0, velocity=0.0)
+    return plant
+""")
+    process = finished(path, "--fast", "--duration", "1", cwd=tmp_path)
+    assert process.returncode == 3
+    first, *rest = process.stderr.splitlines()
+    assert re.fullmatch(
+        r"FAULT at knee, while arming: no answer from knee \(id 1 on bus legs\); knee: \d+ replies of 7 bytes from id 1: set reply=7", first)
+    assert any(re.search(r"\d+ replies of 7 bytes from id 1: set reply=7", line) for line in rest) and "never answered" not in process.stderr

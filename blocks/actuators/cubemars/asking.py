@@ -15,7 +15,7 @@ import struct
 
 from blocks.actuators.asking import Answer, symmetric
 from blocks.actuators.cubemars import frames
-from blocks.actuators.cubemars.mit import FAULTS
+from blocks.actuators.cubemars.mit import FAULTS, REPLIES
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
 
@@ -34,7 +34,7 @@ def answer(identifier, extended, data, can_id, model=None):
 
     model : of blocks.actuators.cubemars.models or robstride.models, without which velocity and torque cannot be told
     """
-    if extended or len(data) < 6 or data[0] != can_id or bytes(data) == DISABLE:
+    if extended or len(data) not in REPLIES or data[0] != can_id or bytes(data) == DISABLE:
         return None
     family = MIT if identifier in (0, can_id) else ROBSTRIDE_MIT          # which answers from its host's id
     half = model.wire_position if model is not None else POSITION if family == MIT else ROBSTRIDE_POSITION
@@ -42,13 +42,25 @@ def answer(identifier, extended, data, can_id, model=None):
     if model is not None:
         found.velocity = symmetric(data[3] << 4 | data[4] >> 4, model.wire_velocity, 12)
         found.torque = symmetric((data[4] & 15) << 8 | data[5], model.wire_torque, 12)
-    if family == ROBSTRIDE_MIT and len(data) == 8:
+    if len(data) != 8:
+        found.fault = None
+    if len(data) != 8 and family == MIT:
+        found.notes.append(f"replies of {len(data)} bytes, without temperature and error: its block needs reply={len(data)}")
+        found.settings["reply"] = len(data)
+    if len(data) == 8 and family == ROBSTRIDE_MIT:
         found.temperature = struct.unpack_from(">h", data, 6)[0] / 10.0
         found.fault = None
     elif len(data) == 8:
         found.temperature = data[6] - 40.0
         found.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not know") if data[7] else ""
     return found
+
+
+def other_id(identifier, extended, data, can_id):
+    """The id in byte 0 of a reply from `can_id` that names another one, None for another frame."""
+    if extended or identifier != can_id or len(data) not in REPLIES or data[0] == can_id or bytes(data) == DISABLE:
+        return None
+    return data[0]
 
 
 def question_of_v3(can_id):

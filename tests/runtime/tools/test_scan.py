@@ -61,6 +61,32 @@ def test_what_is_sent_arms_nothing_frame_by_frame(command_line):
     assert {identifier & 0xFF for identifier, extended, _ in heard if extended and identifier >> 24 == 0x18} == {0xF9}     # for no drive
 
 
+class Odd(Mit):
+    """Replies cut to `length` bytes, with `name` in byte 0."""
+
+    def __init__(self, can_id, length=8, name=None):
+        super().__init__(can_id)
+        self.length, self.name = length, can_id if name is None else name
+
+    def hear(self, *frame):
+        return [(identifier, extended, bytes([self.name]) + data[1 : self.length]) for identifier, extended, data in super().hear(*frame)]
+
+
+def test_a_drive_with_short_replies_is_found_with_what_its_block_needs(command_line, tmp_path):
+    rig = tmp_path / "lab.toml"
+    with Nodes(12, Odd(3, 7), Odd(4, 6), Mit(5)) as nodes:
+        code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10", "--write-rig", str(rig))
+    assert code == OK and out.count("faults not reported") == 2 and "id 3: replies of 7 bytes" in out
+    assert "# can_id = 3\n# reply = 7\n" in rig.read_text() and "# can_id = 4\n# reply = 6\n" in rig.read_text()
+    assert rig.read_text().count("reply =") == 2
+
+
+def test_a_drive_that_answers_with_another_id_is_named(command_line):
+    with Nodes(13, Odd(3, name=6)) as nodes:
+        code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
+    assert code == CHECK_FAILED and "! id 3: replies with id 6 in byte 0" in out and "commands" not in out
+
+
 def test_two_drives_with_one_id_are_told(command_line):
     with Nodes(3, Mit(3, position=0.5), Mit(3, position=-0.2), Private(9), Private(9, unique=5)) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-10")
