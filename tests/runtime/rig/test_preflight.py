@@ -193,3 +193,16 @@ def test_check_tells_what_is_covered(command_line):
     assert {entry["failure"]: entry["covered"] for entry in bus["coverage"]} == {
         "exception": True, "kill -9": True, "kill -STOP": True, "hung block": True, "loss of the guardian": True,
         "kill -9 of guardian and control process together": False, "loss of power of the computer": False}
+
+
+def test_a_drive_whose_replies_carry_no_temperature_and_no_error_is_shown_so():
+    with Diagram("robot", rate=200) as diagram:
+        CubeMars("AK80-9", can_id=1, name="knee", reply=6)(torque_command=0.0)
+    schedule = compile(diagram)
+    arena = schedule.arena.copy()
+    for name, value in (("temperature", float("nan")), ("age", 0.001)):
+        arena[schedule.signals[f"knee.{name}"].slot] = value
+    event = Preflight(diagram, schedule, {}, True).event(arena)
+    row, = event["devices"]
+    assert row["temperature"] is None and row["fault_words"] == "not reported" and row["marks"] == {}
+    assert json.loads(json.dumps(event, allow_nan=False)) and "not reported" in "\n".join(text(event, WIDE))
