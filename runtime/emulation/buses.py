@@ -7,11 +7,12 @@ from contextlib import suppress
 from cext.buses import MemoryBus
 from cext.rings import Line, Lines
 from cext.socketcan import SocketCan
+from cext.thresholds import TX_QUEUE_FULL_LIMIT
 from runtime.child import ChildProcess
 from runtime.doctor.machine import Machine
 from runtime.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
-from runtime.rig.buses import ONE_PROCESS, PATIENCE, SEE_PYTHON_CAN
+from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
 from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
@@ -74,7 +75,7 @@ class PlantBuses:
         interface = self.interfaces[bus.name] = Interface(bus, None, [], machine)
         self.remarks += [f"{self.rig.path}: {remark}" for remark in interface.remarks]
         self.real += [bus.channel] * (not interface.virtual)
-        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=PATIENCE)
+        return SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
 
     def carry(self):
         """Start the process that has python-can's interfaces. Returns a Trouble for each that cannot be opened."""
