@@ -1,5 +1,7 @@
 """A charge pump: an output that has to toggle for a relay to hold the power of the motors. Whatever ends the toggling ends the power."""
 
+import binascii
+
 from blocks.gpio import GpioLine
 from blocks.serial_lines import speed_of
 from cext.kernels import charge_pump as kernels
@@ -7,6 +9,12 @@ from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 MESSAGE = 5                     # bytes of a counter and its checksum, stuffed
+
+
+def message(number):
+    """One message to the microcontroller, as cext/kernels/charge_pump.pyx has it."""
+    plain = bytes([number]) + binascii.crc_hqx(bytes([number]), 0xFFFF).to_bytes(2, "little")
+    return b"".join(bytes([len(part) + 1]) + part for part in plain.split(b"\0")) + b"\0"
 
 
 class ChargePump(GpioLine, StreamDevice):
@@ -61,6 +69,9 @@ class ChargePump(GpioLine, StreamDevice):
         if self.line == "serial":
             return {"port": self.port, "serial": self.serial, "baudrate": self.baudrate}
         return super().opening()
+
+    def relay_frames(self):
+        return [message(0), message(1)] if self.line == "serial" else [b"\0", b"\1"]
 
     def holds_power_of(self, device):
         return not self.protects or device.path in self.protects or device.bus in self.protects

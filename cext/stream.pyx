@@ -121,6 +121,10 @@ cdef class Stream:
             close(self.source.attempt)
         self.own, self.source.attempt = -1, 0
 
+    def fileno(self):
+        """The descriptor of the line, which stays this stream's."""
+        return self.own
+
     def begin(self, int64_t began):
         """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
         stream_begin(self.source, began)

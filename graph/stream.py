@@ -35,6 +35,10 @@ class StreamDevice(Device):
         """What a rig needs to know to open its line, by name; runtime.rig.streams.KINDS says which kind takes what."""
         return {}
 
+    def relay_frames(self):
+        """Two frames that hold its relay when they are sent in turn, for the guardian; a device with a `relay_time` has them."""
+        return []
+
     def sends(self):
         """What it sends by itself, as (how many a second, bytes at least) pairs, where that is known."""
         return []

@@ -11,6 +11,7 @@ The plan is a dict that JSON can carry:
                 the bus itself)
     devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
                 replies as [id, mask, first digits]; data in hex digits, ids with the flag bits of struct can_frame
+    relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex digits, sent in turn), hold in s
     items       what a tick can hang with, by the numbers that the watchdog of the loop puts on the page
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
@@ -52,15 +53,17 @@ class GuardianProcess(ChildProcess):
     lines : cext.rings.Lines, or None where the loop drives every bus itself
     bell : file descriptor of the eventfd that the loop rings, or -1
     locks : runtime.guardian.lock.BusLock of every bus, which it holds as long as it lives
+    lines_of_relays : file descriptors of the plan's relays
 
     pid : number of the process
     granted : what the system has granted it, in words
     """
 
-    def __init__(self, page, lines, bell, locks):
+    def __init__(self, page, lines, bell, locks, lines_of_relays=()):
         page.take_hold()                                # before anybody waits for it
         self._page = page
-        inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks))
+        inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks),
+                     *lines_of_relays)
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted, self._group = [], None
         self._plan = None
@@ -123,6 +126,7 @@ class GuardianProcess(ChildProcess):
         Returns (how the guardian ended, {bus: why it could not be opened}, the report of the stop).
         """
         from runtime.guardian.process import decoded
+        from runtime.guardian.relay import Relay
 
         how = self.kill()
         wires, troubles = {}, {}
@@ -132,7 +136,8 @@ class GuardianProcess(ChildProcess):
                 wires[index] = open_wire(bus)
             except CannotOpen as error:
                 troubles[bus["name"]] = str(error)
-        stop = SafeStop(devices, wires, time.monotonic_ns())
+        now = time.monotonic_ns()
+        stop = SafeStop(devices, wires, now, relays=[Relay(relay, now) for relay in self._plan["relays"]])
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
                 wire.listen([reply for device in devices if device["bus"] == index for reply in device["replies"]])
@@ -151,8 +156,8 @@ def ending(code):
     return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
-def plan(buses, schedule, diagram, priority):
-    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None"""
+def plan(buses, schedule, diagram, priority, relays=()):
+    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None; relays : as above"""
     place = {bus: number for number, bus in enumerate(index for index, medium in enumerate(schedule.media) if medium == "can")}
     return {
         "buses": buses,
@@ -166,6 +171,7 @@ def plan(buses, schedule, diagram, priority):
             }
             for device in schedule.devices if device.bus in place
         ],
+        "relays": list(relays),
         "items": names(schedule),
         "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
         "priority": None if priority is None else priority + 1,

@@ -26,6 +26,7 @@ from cext.rings import Lines
 from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 
 from runtime.guardian import control_group
+from runtime.guardian.relay import Relay
 from runtime.guardian.stopping import SafeStop
 from runtime.guardian.wires import CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
@@ -53,7 +54,7 @@ class Guardian:
         self.released = self.dead = self.gone = self.told = False   # dead: its loop; gone: all of the process, which may take it 20 ms more
         self.stop = self.verdict = self.mourner = self.groups = None
         self.stuck_at = None            # ns at which to look whether what hangs still does
-        self.wires, self.carried, self.places = {}, [], {}
+        self.wires, self.carried, self.places, self.relays = {}, [], {}, []
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
@@ -67,7 +68,7 @@ class Guardian:
         line, _, self.heard = self.heard.partition(b"\n")
         plan = json.loads(line)
         self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
-        self.items = plan["items"]
+        self.items, self.relays = plan["items"], plan["relays"]
         self.harmless = {
             (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"] + device["damp"]}
         troubles = {}
@@ -173,7 +174,8 @@ class Guardian:
                 wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
             else:
                 self.receive(index)                     # answers to what came before confirm nothing
-        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0)
+        relays = [Relay(relay, now - silent) for relay in self.relays]
+        self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
         self.stop.step(now)
 
     def block(self):

@@ -17,11 +17,13 @@ class SafeStop:
     wires : {index of the bus: wire}, as runtime.guardian.wires has them
     now : ns, CLOCK_MONOTONIC at which it begins
     moving : whether they may have been under torque, and are damped where they should be
+    relays : runtime.guardian.relay.Relay, which hold the power of the drives while any is damped
 
     due : ns at which `step` has something to do next
     """
 
-    def __init__(self, devices, wires, now, moving=True):
+    def __init__(self, devices, wires, now, moving=True, relays=()):
+        self.relays = relays
         self.wires, self.began, self.due, self.ended = wires, now, now, None
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
         self.damping = {name: round(device["damp_time"] * 1e9) * moving for name, device in self.waiting.items()}
@@ -45,6 +47,8 @@ class SafeStop:
             return
         self.due = now + STOP_ROUND
         damped = {name for name in self.waiting if now - self.began < self.damping[name]}
+        for relay in self.relays if damped else ():
+            relay.change(now)
         self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
         self.asked |= self.waiting.keys() - damped
         for name, device in self.waiting.items():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from cext.rings import Line, Lines
 from cext.socketcan import SocketCan
 from cext.thresholds import TX_QUEUE_FULL_LIMIT
-from graph import Device
+from graph import Device, StreamDevice
 from runtime.doctor.machine import Machine
 from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
@@ -127,7 +127,11 @@ class RigBuses:
 
         page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
         """
-        self.guardian = GuardianProcess(page, self.lines, self.bell, self.locks)
+        relays = [
+            {"descriptor": self.buses[block.bus].can.fileno(), "gpio": block.line == "gpio", "frames": [frame.hex() for frame in block.relay_frames()],
+             "hold": block.relay_time}
+            for block in robot if isinstance(block, StreamDevice) and block.relay_time]
+        self.guardian = GuardianProcess(page, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays])
         buses = [
             {
                 "name": name, "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel,
@@ -138,7 +142,7 @@ class RigBuses:
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
-            self.guardian.configure(guardians_plan(buses, schedule, robot, priority))
+            self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
         except GuardianError as error:
             troubles = [
                 Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
