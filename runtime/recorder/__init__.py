@@ -19,10 +19,9 @@ The plan is a dict that JSON can carry:
     sinks           of each: service ("module:class"), path, parameters, columns (index, path, dtype, unit)
     status_line     whether the terminal may be used; keys : whether it is asked for keys, too (by default it is)
     limits          {path: (lowest, highest)} of what is recorded, where that is known
-    logs            paths of the flight logs of the parts before, where recorders have died
     metadata        what else the sidecar file shall carry
 
-Page(fd) -> rows, frames and events -> runtime.recorder.recording -> services (runtime.recorder.service) and files.
+Page(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services (runtime.recorder.service) and files.
 """
 
 import json
@@ -144,8 +143,8 @@ class RecorderProcess(ChildProcess):
     def _lost(self, problem):
         return {"files": self._files, "problems": [problem], "strides": [], "sinks": {}, "ended": "unknown"}
 
-    def _await_heirs(self, timeout):
-        """Until the last process that could take over has ended, too."""
+    def _await_writer(self, timeout):
+        """Wait until the writer has ended, too, where the process that started it was killed."""
         poll = select.poll()
         poll.register(self._answers, 0)
         poll.poll(timeout * 1e3)
@@ -163,7 +162,7 @@ class RecorderProcess(ChildProcess):
             except subprocess.TimeoutExpired:
                 self._child.kill()
                 self._child.wait()
-            self._await_heirs(timeout)
+            self._await_writer(timeout)
             os.close(self._answers)
             self._give_terminal_back()
         code = self._child.returncode

@@ -1,39 +1,36 @@
-"""The recorder process itself: gets its plan, drains the ring until the run is over, finishes the files, reports, ends.
+"""The recorder process: starts a writer (runtime.recorder.writer), and another one where a writer dies.
 
-It outlives the control process: whatever had reached the ring when that died is written. Signals do not end it; the end of
-the control process does.
+    start     the writer opens part 1 of the recording and drains the ring into it
+    death     the cause is printed once; a new writer records part 2, 3, ... into files of its own, from the first record that part 1 lacks
+    end       no new writer starts after RESTART_LIMIT deaths, after a second death of one cause, or once the control process has ended
+
+Parts share nothing but the checkpoint (runtime.recorder.checkpoint), which says how far each file of the dead writer is whole. The loop never
+waits for any of this: without a writer the ring fills and drops. Signals do not end this process; the end of its writer does.
 """
 
 import json
 import os
 import select
 import signal
-import time
 from contextlib import suppress
+from pathlib import Path
 
 from cext import realtime
 from cext.page import Page
-from cext.thresholds import GUARDIAN_DEATH
 
-from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
-from runtime.recorder.panel import Panel
-from runtime.recorder.recording import Recording, RecordingFailed
-from runtime.recorder.status import StatusLine
-from runtime.recorder.succession import Heir, Inherited, call_oneself
+from runtime.recorder.checkpoint import Checkpoint
+from runtime.recorder.recording import RecordingFailed
+from runtime.recorder.report import PARTIAL, write_json
 from runtime.recorder.terminal import Terminal
-from runtime.telling.lines import Paper
+from runtime.recorder.writer import answer, name_process, write
 
 ORDERS = 0                      # standard input
-BATCH = 4096                    # records taken out of the ring at once
-IDLE = 5                        # ms between looks at an empty ring
-IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
-FLUSH = 0.5                     # s between flushes at most,
-HELD = 0.25                     # or this share of the ring that waits for one
-FOLLOW = 0.1                    # s between looks at who has the terminal
+RESTART_LIMIT = 3
+CANNOT_RECORD = 2               # exit code of a writer whose files cannot be created
 
 
 class Control:
-    """What the recorder knows of the control process: whether it lives, and what it says on our standard input.
+    """The control process as its recorder sees it: whether it lives, and its orders on standard input.
 
     gone : it has ended
     abandoned : it wants no recording
@@ -69,116 +66,96 @@ class Control:
 
 
 def main(answers, control, page, keys):
-    """The process: file descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or -1."""
+    """File descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or -1."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     be_ordinary()
-    page, control = Page(fd=page), Control(control)
-    plan = control.plan()
+    page, orders = Page(fd=page), Control(control)
+    plan = orders.plan()
     if plan is None:
         return
-    recording = Recording(plan, page)
-    try:
-        recording.open()
-    except RecordingFailed as error:
-        answer(answers, {"error": str(error)})
-        return
-    terminal = Terminal()
-    recording.say, recording.paper = terminal.say, Paper(terminal.columns if terminal.interactive else None, terminal.coloured)
-    before = attributes_of(keys) if keys >= 0 else None
-    ready = {"ready": True, "files": recording.list_files()}
+    name_process("tickwork-parts")
+    checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     while True:
-        try:
-            record(page, answers, control, keys, recording, terminal, ready)
-            if before is not None:              # whoever had changed the terminal may have been killed, and the run with it
-                put_back(keys, before)
+        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, {**plan, "part": part}, checkpoint), page)
+        state = checkpoint.newest()
+        if cause is None or state is None:              # it is done, or died before it was ready, which control reports
             return
-        except Inherited as death:              # we are the heir
-            recording, ready = recording.next_part(death.will), None
+        checkpoint.cut_files(state)
+        again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(control)
+        causes.append(cause)
+        plan, part, problem = successor(plan, part, state, cause, again, page)
+        Terminal().say(f"tickwork recorder: {problem}")
+        if not again:
+            answer(answers, lost_report(plan["before"]))
+            return
+
+
+def death_of_writer(writer, page):
+    """Fork a process that calls `writer`, and wait until it has ended.
+
+    Returns the cause of its death in words, None if it finished, and whether it could not even create its files.
+    """
+    reader, pipe = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(reader)
+        code = 0
+        try:
             page.rewind()
+            writer()
+        except BaseException as error:                  # the parent prints it: a traceback would tear the status line
+            code = CANNOT_RECORD if isinstance(error, RecordingFailed) else 1
+            with suppress(BaseException):
+                os.write(pipe, described(error).encode(errors="backslashreplace")[:500])
+        os._exit(code)
+    os.close(pipe)
+    status = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    with open(reader, "rb") as stream:
+        words = stream.read().decode(errors="replace")
+    if status == 0:
+        return None, False
+    return words or (signal.Signals(-status).name if status < 0 else f"exit code {status}"), status == CANNOT_RECORD
 
 
-def record(page, answers, control, keys, recording, terminal, ready):
-    """Ring to recording, until the run is over; then the end of the recording, and the report. Raises Inherited in an heir that is needed."""
-    plan = recording.plan
-    heir = Heir(page, recording.sizes(), recording.states())
-    call_oneself("tickwork-record")
-    if ready is not None:
-        answer(answers, ready)
-    recording.begin()
-    answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
-    panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
-    status = StatusLine(terminal, plan, page, panel, recording)
-    try:
-        heir = drain(page, control, recording, status, panel, heir, IDLE_VIRTUAL if plan["virtual"] else IDLE)
-    finally:
-        if panel is not None:
-            panel.close()
-    if control.abandoned or (control.gone and not page.wall):       # nothing has begun
-        recording.discard()
-        heir.dismiss()
-        return
-    orphaned = not page.closed
-    report = recording.finish(orphaned)
-    status.erase()
-    if orphaned:
-        terminal.say(orphan_line(report))
-    answer(answers, report)
-    heir.dismiss()
+def described(error):
+    """An exception in a line."""
+    return " ".join((str(error) if isinstance(error, RecordingFailed) else f"{type(error).__name__}: {error}").split())
 
 
-def drain(page, control, recording, status, panel, heir, idle):
-    """Ring to recording, until nothing more will come. Returns the heir, which may be a new one."""
-    flush_at = follow_at = 0.0
-    while True:
-        over = page.closed or (control.gone and not guarded(page))      # asked first: what was pushed before is then in the ring
-        records = page.drain(BATCH, release=False)
-        recording.take(records)
-        now = time.monotonic()
-        if now >= flush_at or page.held > HELD:
-            recording.flush()
-            if not heir.release(recording.sizes(), recording.states()):
-                heir.bury()
-                heir = Heir(page, recording.sizes(), recording.states())
-            flush_at = now + FLUSH
-        if panel is not None and not over:
-            if now >= follow_at:
-                panel.keyboard.follow()
-                follow_at = now + FOLLOW
-            panel.look(now)
-        if panel is None or panel.keyboard.here:
-            status.update(now)
-        if records:
-            continue
-        if over or control.abandoned:
-            return heir
-        recording.backlog.look()
-        control.look(idle)
+def ended(pidfd):
+    """Whether the process behind a pidfd has ended."""
+    poll = select.poll()
+    poll.register(pidfd, select.POLLIN)
+    return bool(poll.poll(0))
 
 
-def guarded(page):
-    """Whether a guardian is at work, which tells what it has done after the control process has died."""
-    return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
+def successor(plan, part, state, cause, again, page):
+    """(plan of the next part, its number, what happened in a line). state : the newest checkpoint of the part that died"""
+    lost = page.statistics()["dropped"] - state["dropped"]
+    died = f"the writer of part {part} died ({cause})"
+    following = f"part {part + 1} continues the recording; " + (f"{lost} records were lost" if lost else "no record was lost")
+    problem = f"{died}; {following}" if again else f"{died}; recording stops and the run continues without it"
+    with suppress(OSError, TypeError):
+        os.unlink(state["sidecar"] + PARTIAL)           # which the writer was replacing its sidecar with
+    with suppress(OSError, ValueError, TypeError):
+        known = json.loads(Path(state["sidecar"]).read_text())
+        write_json(state["sidecar"], {**known, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again})
+    before = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"]})
+    before = {
+        "files": before["files"] | {path: remark or f"part {part}" for path, remark in state["files"].items()},
+        "logs": [*before["logs"], *filter(None, [state["log"]])], "problems": [*before["problems"], problem], "stem": before["stem"], "lost": lost}
+    return {**plan, "before": before, "stem": f"{before['stem']}_part{part + 1}"}, part + 1, problem
 
 
-def orphan_line(report):
-    files = ", ".join(file["path"] for file in report["files"]) or "no files"
-    return (
-        f"tickwork recorder: the control process died; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
-
-
-def answer(descriptor, message):
-    """One line of JSON to the control process, if it still listens."""
-    data = json.dumps(message).encode() + b"\n"
-    try:
-        while data:
-            data = data[os.write(descriptor, data):]
-    except BrokenPipeError:
-        pass
+def lost_report(before):
+    """What control gets where recording has stopped for good."""
+    files = [{"path": path, "note": remark} for path, remark in before["files"].items()]
+    return {"files": files, "problems": before["problems"], "strides": [], "sinks": {}, "ended": "unknown"}
 
 
 def be_ordinary():
-    """Neither real-time nor in a hurry, should the control process be."""
+    """Drop real-time priority and a short time slice, which the control process may have."""
     if os.sched_getscheduler(0) != os.SCHED_OTHER:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with suppress(OSError):

@@ -5,11 +5,8 @@ A service that fails is stopped and told about; the rest goes on.
 
 import json
 import os
-import pickle
 from contextlib import suppress
-from functools import partial
 from operator import itemgetter
-from pathlib import Path
 from struct import Struct
 
 from cext.bits import payload_bits
@@ -38,13 +35,14 @@ class Recording:
     """
     plan : as runtime.recorder describes it
     page : cext.page.Page
-    part : 1; of the recording that takes over from a process that has died, 2, and so on
+    part : 1; after the death of a writer 2, and so on
     say : called with a line of text that the person at the terminal shall read
     """
 
     def __init__(self, plan, page):
         self.plan, self.page = plan, page
-        self.stem, self.part = plan["stem"], plan.get("part", 1)
+        self.part = plan.get("part", 1)
+        before = plan.get("before", {"files": {}, "logs": [], "problems": []})      # the parts whose writers have died
         self.row = Struct(f"={2 + len(plan['signals'])}d")
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
@@ -59,11 +57,13 @@ class Recording:
         self.flight_log = None
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
-        self.sinks, self.problems = {}, []
+        self.sinks, self.problems = {}, [*before["problems"]]
         self.say = lambda line: None
         self.paper, self.asks = Paper(), False
-        self.before = {}                        # {path: remark} of the files of the parts before
-        self.backlog = Backlog([])              # their flight logs, which are not finished
+        self.before = before["files"]           # {path: remark}
+        self.backlog = Backlog(before["logs"])  # their flight logs, which are not finished
+        if "lost" in before:
+            self.events.append({"event": "recorder", "part": self.part, "dropped": before["lost"]})
 
     def open(self):
         """Make the folder and every file. RecordingFailed, with nothing left behind."""
@@ -98,7 +98,7 @@ class Recording:
         self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
 
     def leave_out(self, path, error):
-        """A service that cannot go on where another recorder has died, such as for a viewer that was closed: the rest is recorded."""
+        """Do without a service that cannot start in a later part, such as one whose viewer was closed."""
         for entry in [entry for entry in self.services if entry[0] == path]:
             self.services.remove(entry)
             self.files.update({file: files.INCOMPLETE for file in entry[1].files})
@@ -113,8 +113,6 @@ class Recording:
         folder = self.plan["folder"]
         self.folders = files.make_folder(folder)
         self.plan["stem"], self.sidecar, descriptor = files.reserve(folder, self.plan["stem"])
-        if self.part == 1:
-            self.stem = self.plan["stem"]
         self.files[self.sidecar] = "what ran, and how it went"
         with open(descriptor, "w") as file:
             json.dump({"name": self.plan["name"], "ended": STILL_RECORDING}, file)
@@ -208,46 +206,11 @@ class Recording:
         return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files()
                 if entry["path"] not in others and os.path.exists(entry["path"])}
 
-    def states(self):
-        """Of the services, as `next_part` wants them: bytes."""
-        states = {path: self.attempt(path, service, partial(pickled, service)) for path, service in list(self.services)}
-        return pickle.dumps(states) if any(states.values()) else b""
-
-    def next_part(self, will):
-        """The recording that goes on where this one, of a process that has died, had come to. will : of runtime.recorder.succession"""
-        for path, size in will["sizes"].items():
-            with suppress(OSError):
-                os.truncate(path, size)
-        backlog = [*self.backlog.paths]
-        if self.flight_log is not None:
-            self.flight_log.file.let_go()
-            backlog.append(self.flight_log.file.path)
-        states = pickle.loads(will["states"]) if will["states"] else {}
-        for path, service in list(self.services):
-            if states.get(path):
-                service.left = self.attempt(path, service, partial(pickle.loads, states[path]))
-        legacies = {path: self.attempt(path, service, service.legacy) for path, service in list(self.services)}
-        sinks = [{**sink, "legacy": legacies.get(sink["path"])} for sink in self.plan["sinks"]]
-        part = self.part + 1
-        heir = Recording({**self.plan, "part": part, "stem": f"{self.stem}_part{part}", "sinks": sinks, "logs": backlog}, self.page)
-        heir.say, heir.stem, heir.problems, heir.backlog = self.say, self.stem, [*self.problems], Backlog(backlog)
-        heir.paper, heir.asks = self.paper, self.asks
-        try:
-            heir.open()
-        except RecordingFailed as error:
-            heir.problems.append(f"the recorder died, and no other could go on: {error}")
-        files = ", ".join(heir.known()) or "no files"
-        lost = self.page.statistics()["dropped"] - will["dropped"]
-        problem = f"the recorder process died; another goes on with {files}; " + (f"{lost} records were lost" if lost else "nothing was lost")
-        heir.problems.append(problem)
-        heir.events.append({"event": "recorder", "part": heir.part, "dropped": lost})
-        heir.before = {path: note or f"part {self.part}" for path, note in self.known().items()}
-        self.say(f"tickwork recorder: {problem}")
-        if self.sidecar is not None:
-            with suppress(OSError, ValueError):
-                told = json.loads(Path(self.sidecar).read_text())
-                write_json(self.sidecar, {**told, "ended": f"the recorder died; part {heir.part} goes on"})
-        return heir
+    def checkpoint(self):
+        """What the next part has to know, should this process die: a dict for JSON."""
+        return {
+            "sizes": self.sizes(), "files": self.known(), "stem": self.plan["stem"], "sidecar": self.sidecar,
+            "log": None if self.flight_log is None else self.flight_log.file.path}
 
     def attempt(self, path, service, action):
         """Call a service's method. If it raises, the service is stopped, and None returned."""
@@ -332,12 +295,6 @@ class Recording:
         with suppress(OSError):                 # somebody else uses the folder by now
             for folder in reversed(self.folders):
                 os.rmdir(folder)
-
-
-def pickled(service):
-    """Its state, b"" where it has none."""
-    state = service.state()
-    return b"" if state is None else pickle.dumps(state)
 
 
 def picker(indices, columns):

@@ -55,11 +55,14 @@ def reason(error):
     return f"{type(error).__name__}: {error}"
 
 
+PARTIAL = ".part"               # ending of a file until it is whole
+
+
 def write_json(path, content):
     """Replace a JSON file at once. NaN and infinities become null, as JSON wants it."""
     import msgspec.json
 
-    part = path + ".part"
+    part = path + PARTIAL
     try:
         with open(part, "xb") as file:
             file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")

@@ -8,10 +8,6 @@ The recorder calls, in this order and from one thread:
     event(event)                what happened besides, as the sidecar keeps it: a dict
     flush()                     at least once a second, and before close
     close()                     returns what the report shall say of this sink: a dict that JSON can carry
-    state()                     before each release of the ring: what the next one must know of the rows until then, should this process die;
-                                what pickle takes, or None for nothing
-    legacy()                    in the process that goes on where another has died, on the service of that one, which has its newest state as
-                                `left`, or None: what the next shall know, as sink["legacy"]
     conclude(plan, services)    on the class, once, with all its closed services: what they make together, a dict for the report
 
 `page` is that of the run, and `say` is there to be called with a line that the person at the terminal shall read; a `problem` in what close() returns is told, too.
@@ -29,7 +25,7 @@ class Service:
     def __init__(self, plan, sink):
         self.plan, self.sink = plan, sink
         self.files = {}
-        self.say, self.page, self.left = (lambda line: None), None, None
+        self.say, self.page = (lambda line: None), None
 
     def epoch(self):
         """s since 1970 at tick 0, by the clock of the computer, once the first row has come."""
@@ -49,12 +45,6 @@ class Service:
 
     def close(self):
         return {}
-
-    def state(self):
-        return None
-
-    def legacy(self):
-        return self.left
 
     @classmethod
     def conclude(cls, plan, services):

@@ -1,8 +1,8 @@
 """The average stride of each leg, in constant memory: every stride is resampled over the gait phase and added to running sums.
 
 A stride goes from one wrap of the phase to the next, with the leg walking all the while. One with missing ticks, with a value
-that is not finite, or of an implausible duration is left out and counted. If the recorder is killed, the one that goes on knows all that
-this one knew, down to the samples of the stride that had begun.
+that is not finite, or of an implausible duration is left out and counted. Each part of a
+recording has its own average; `plot --strides` reads them all.
 """
 
 import os
@@ -11,7 +11,6 @@ from math import isfinite, sqrt
 from runtime.recorder.files import create
 from runtime.recorder.service import Service
 
-STATE = ("stride", "before", "previous", "last_tick", "last_phase", "strides", "left_out", "time", "positive_work", "negative_work", "peak", "sums")
 POINTS = 101                    # 0, 1, ... 100 % of the stride
 WRAP = 0.5                      # the phase falls by more than this where a stride ends
 SHORTEST, LONGEST = 0.4, 4.0    # s, of a stride: running, and walking with great difficulty
@@ -33,11 +32,6 @@ class StrideAverage(Service):
         self.strides = self.left_out = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = {name: Sums() for name in CURVES}
-        self.forgotten = self.plan.get("part", 1) > 1 and self.sink.get("legacy") is None
-        vars(self).update(self.sink.get("legacy") or {})
-
-    def state(self):
-        return {name: getattr(self, name) for name in STATE}
 
     def row(self, tick, time, values):
         phase, walking, angle, velocity, torque = values
@@ -94,8 +88,8 @@ class StrideAverage(Service):
                 "curves": {name: {"mean": sums.mean, "sd": sums.sd()} for name, sums in self.sums.items()},
             }
         self.result = result
-        told = {"strides": count, "left_out": self.left_out}
-        return told | ({"problem": f"{self.title}: strides before part {self.plan['part']} are not in the average"} if self.forgotten else {})
+        told, part = {"strides": count, "left_out": self.left_out}, self.plan.get("part", 1)
+        return told | ({"problem": f"{self.title}: strides before part {part} are not in the average"} if part > 1 else {})
 
     @classmethod
     def conclude(cls, plan, services):

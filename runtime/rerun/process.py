@@ -2,11 +2,9 @@
 
     order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time, values); E, an event as JSON; Q, all is told
     answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, or at the end
-                {"done": {"rows", "last": tick, "events": how many of the run's, "problem": what is missing, or null}}
+                {"done": {"rows": how many were shown, "problem": null}}
 
-It ends when all is told, when the recorder has died, or when its viewer has gone. That of a recorder which goes on is ready at once, as that has a
-ring to drain; it waits for the last word of the one before, then takes from the flight logs what that had not come to, or where a server has
-gone with it all, and goes on with what comes over its own socket.
+It ends when all is shown, when the recorder has died, or when its viewer has gone.
 """
 
 import json
@@ -20,8 +18,7 @@ from struct import Struct
 HEAD = Struct("<IB")
 LOOK = 1.0                      # s between looks at the viewer
 FLUSH = 0.2                     # s between flushes
-LAST_WORD = 30.0                # s for the process of a recorder that has died to show what it has heard
-SERVER_END = 5.0                # s for a server that ends with that process to have ended
+SERVER_END = 5.0                # s for the server of the part before to have ended
 PATIENCE = 5.0                  # s for a flush, before the viewer or the disk counts as gone
 RECEIVE = 1 << 20               # bytes at once
 PLAN, ROWS, EVENT, QUIT = b"PREQ"
@@ -31,8 +28,8 @@ class Gone(Exception):
     """Nobody takes what is told any more. The text says who, in one line."""
 
 
-def main(answers, control, descriptor, before):
-    """File descriptors of the pipe for answers, a pidfd of the recorder, the socket, and the pipe for answers of the one before, or -1."""
+def main(answers, control, descriptor):
+    """File descriptors of the pipe for answers, a pidfd of the recorder, and the socket."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     os.nice(5)
@@ -41,16 +38,10 @@ def main(answers, control, descriptor, before):
     try:
         orders = Orders(descriptor, control)
         plan = json.loads(orders.next(None)[1])
-        if before >= 0:
-            ready = say(answers, {"ready": ""})
-            word = last_word(before)
-            feed = Feed(plan, SERVER_END)
-            feed.go_on({} if feed.mortal else word)
-        else:
-            feed = Feed(plan)
-            ready = say(answers, {"ready": feed.told})
+        feed = Feed(plan, SERVER_END if plan["part"] > 1 else 0.0)
+        ready = say(answers, {"ready": feed.told})
         follow(orders, feed)
-        say(answers, {"done": {"rows": feed.count, "last": feed.last, "events": max(feed.events, feed.shown), "problem": feed.problem}})
+        say(answers, {"done": {"rows": feed.count, "problem": None}})
     except Gone as error:
         say(answers, {"gone": str(error)})
     except Exception as error:                          # Rerun's, the disk's, the network's: told, as nobody sees this process
@@ -82,20 +73,6 @@ def follow(orders, feed):
     feed.finish()
 
 
-def last_word(before):
-    """How far the process of the recorder that has died has come: what it says in the end; {} where it has died, too."""
-    heard, deadline = b"", time.monotonic() + LAST_WORD
-    poll = select.poll()
-    poll.register(before, select.POLLIN)
-    while poll.poll(max(0.0, deadline - time.monotonic()) * 1e3):
-        data = os.read(before, 1 << 16)
-        if not data:
-            break
-        heard += data
-    words = [json.loads(line) for line in heard.split(b"\n") if line]
-    return next((word["done"] for word in words if "done" in word), {})
-
-
 class Orders:
     """What comes over the socket, in whole orders."""
 
@@ -124,7 +101,7 @@ class Orders:
             if not ready and not self.dead:
                 return None
             if any(descriptor == self.control for descriptor, _ in ready):
-                self.dead = True                        # another has its end of the socket, too, so that it does not hang up
+                self.dead = True
                 self.poll.unregister(self.control)
             try:
                 data = self.socket.recv(RECEIVE)
@@ -140,9 +117,7 @@ class Feed:
     """What is told, in Rerun. patience : s for ports to become free; plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
 
     told : what the person at the terminal shall know
-    count, last : rows, and the tick of the newest of the run, None before the first
-    events : how many of the run were told, here or by the one before
-    problem : what is missing, in a line
+    count : rows that were shown
     """
 
     def __init__(self, plan, patience=0.0):
@@ -155,10 +130,7 @@ class Feed:
         from runtime.rerun.target import bracketed, url
 
         kind, place, port = (plan["target"][key] for key in ("kind", "place", "port"))
-        self.path, self.count, self.last, self.told = plan["path"], 0, None, ""
-        self.plan, self.problem = plan, None
-        self.events, self.shown = 0, 0          # of the run, and of these by the one before
-        self.going_on = False                   # whether the next row is the first behind those of another recorder
+        self.path, self.count, self.told = plan["path"], 0, ""
         self.process, self.watched, self.mortal = None, None, kind == "serve"
         self.width = 2 + len(plan["signals"])
         scene = Scene(plan["name"], plan["signals"], plan["limits"])
@@ -184,44 +156,15 @@ class Feed:
         self.answers = viewer.answers
         self.flush()
 
-    def go_on(self, before):
-        """Where another has come to, with what that should have been told. before : its last word"""
-        from runtime.rerun.catching_up import orders
-
-        self.last, self.shown, self.going_on = before.get("last"), before.get("events", 0), True
-        for order in orders(self.plan["logs"], [signal["index"] for signal in self.plan["signals"]], self.last):
-            if isinstance(order, dict):
-                self.event(order)
-            else:
-                self.show(order)
-            self.flush()
-
     def rows(self, content):
         import numpy as np
 
         rows = np.frombuffer(content).reshape(-1, self.width)
-        if self.going_on and len(rows):
-            self.going_on = False
-            self.tell_gap(int(rows[0, 0]))
-        self.show(rows if self.last is None else rows[rows[:, 0] > self.last])
-
-    def show(self, rows):
-        """rows : array of tick, time and values"""
-        if len(rows):
-            self.stream.rows(rows[:, 0].astype("i8"), rows[:, 1].copy(), rows[:, 2:])
-            self.count, self.last = self.count + len(rows), int(rows[-1, 0])
-
-    def tell_gap(self, first):
-        """first : tick of the first row that the recorder itself has handed over"""
-        begin = 0 if self.last is None else self.last + 1
-        if first > begin:
-            self.problem = f"ticks {begin} to {first - 1} are missing: a recorder died before Rerun had taken them"
-            self.stream.text(first, first / self.plan["rate"], self.problem, "WARN")
+        self.stream.rows(rows[:, 0].astype("i8"), rows[:, 1].copy(), rows[:, 2:])
+        self.count += len(rows)
 
     def event(self, event):
-        self.events += 1
-        if self.events > self.shown:
-            self.stream.event(event)
+        self.stream.event(event)
 
     def look(self):
         """Gone, where the viewer is."""

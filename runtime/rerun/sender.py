@@ -1,7 +1,7 @@
 """The recorder's end of Rerun: rows and events go to a process of its own, over a socket that is never waited for.
 
-What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run waits instead. If the recorder
-dies, that process shows what it has got; the one of the recorder which goes on learns how far that was, and goes on there (runtime.rerun.process).
+What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run waits instead. Each part of a
+recording has a process and a Rerun recording of its own.
 """
 
 import json
@@ -25,8 +25,7 @@ BATCH = 0.05                    # s of rows that go together
 MOST_ROWS = 2000                # in a batch
 HELD = 64 << 20                 # bytes that may wait
 READY = 25.0                    # s for Rerun to be imported and a viewer to be started
-END = 20.0                      # s for what is left at the end,
-END_BEHIND = 45.0               # and for what another recorder has left, besides
+END = 20.0                      # s for what is left at the end
 STUCK = 20.0                    # s in virtual time without anything being taken
 BUFFER = 1 << 20                # bytes of the socket
 
@@ -39,11 +38,10 @@ class RerunError(OSError):
 
 
 class Feeder(ChildProcess):
-    """runtime.rerun.process, started. descriptor : its end of the socket; before : pipe for answers of the one before, or None"""
+    """runtime.rerun.process, started. descriptor : its end of the socket"""
 
-    def __init__(self, descriptor, before):
-        others = () if before is None else (before,)
-        super().__init__("runtime.rerun.process", (descriptor, *(others or (-1,))), (descriptor, *others))
+    def __init__(self, descriptor):
+        super().__init__("runtime.rerun.process", (descriptor,), (descriptor,))
 
     def answer(self, timeout):
         """The next of its answers; {"gone": ...} where it has ended without, None where there is none within s."""
@@ -52,10 +50,6 @@ class Feeder(ChildProcess):
         except TimeoutError:
             return None
         return {"gone": "its process died"} if answer is None else answer
-
-    def last_words(self):
-        """Its pipe for answers."""
-        return self._answers
 
     def end(self):
         os.close(self._answers)
@@ -80,11 +74,10 @@ class RerunSender(Service):
             path, descriptor = create(target.place.removesuffix(".rrd"), ".rrd")
             os.close(descriptor)
             self.files[path] = ""
-        legacy = self.sink.get("legacy") or {"rows": 0, "lost": 0, "answers": None}
-        before, self.rows, self.lost = legacy["answers"], legacy["rows"], legacy["lost"]
+        self.rows = self.lost = 0
         self.batch = array("d")
         self.sent = time.monotonic()
-        self.waiting, self.held, self.patience = deque(), 0, END
+        self.waiting, self.held = deque(), 0
         self.socket, theirs = socket.socketpair()
         self.socket.setblocking(False)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
@@ -92,14 +85,11 @@ class RerunSender(Service):
         self.poll.register(self.socket, select.POLLOUT)
         self.child = None
         with theirs:
-            self.child = Feeder(theirs.fileno(), before)
-        if before is not None:
-            os.close(before)
-            self.patience = END_BEHIND
+            self.child = Feeder(theirs.fileno())
         plan = {
             "name": self.plan["name"], "stem": self.plan["stem"], "rate": self.plan["rate"], "signals": self.sink["columns"],
             "limits": self.plan.get("limits", {}), "target": asdict(target), "path": path, "web_port": parameters["web_port"],
-            "logs": self.plan.get("logs", [])}
+            "part": self.plan.get("part", 1)}
         self.put(PLAN, json.dumps(plan).encode())
         self.drain(READY)
         answer = self.child.answer(READY) or {"error": f"it was not ready within {READY:g} s"}
@@ -170,8 +160,8 @@ class RerunSender(Service):
         try:
             self.hand_over(time.monotonic())
             self.put(QUIT, b"")
-            self.drain(self.patience)
-            answer = self.child.answer(self.patience) or {"gone": f"it had not shown all after {self.patience:g} s"}
+            self.drain(END)
+            answer = self.child.answer(END) or {"gone": f"it had not shown all after {END:g} s"}
             done = answer.get("done", {"problem": answer.get("gone")})
             shown, problem = done.get("rows"), done["problem"]
         except RerunError as error:
@@ -184,14 +174,6 @@ class RerunSender(Service):
         for path in self.files:
             self.files[path] = f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
-
-    def state(self):
-        return {"rows": self.rows, "lost": self.lost}
-
-    def legacy(self):
-        """And where the process that Rerun is fed by says how far it has come: it shows what it has got when the recorder dies."""
-        self.socket.close()
-        return {**(self.left or self.state()), "answers": self.child.last_words()}
 
     def end(self):
         self.socket.close()

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 
 from tests.blocks.actuators import reference
 
@@ -85,6 +86,12 @@ def started(*arguments, cwd, **how):
     """A run that has been started. Returns the Popen, with text."""
     how = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(), **how}
     return subprocess.Popen([sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, text=True, **how)
+
+
+def writer_of(pid):
+    """Number of the process below another that writes its recording; None where there is none yet."""
+    below = psutil.Process(pid).children(recursive=True)
+    return next((child.pid for child in below if child.name() == "tickwork-record" and child.status() != psutil.STATUS_ZOMBIE), None)
 
 
 def descendant(pid, word):

@@ -31,7 +31,7 @@ def test_the_guardian_may_run_wherever_there_is_room_and_what_can_wait_keeps_off
         others = EVERYWHERE - loop
         assert threads(run.pid)["tickwork-watch"] == others
         assert threads(guardian.pid) == {"tickwork-guard": EVERYWHERE, "tickwork-mourn": EVERYWHERE}
-        assert [threads(process.pid) for process in (recorder, *recorder.children())] == [{"tickwork-record": others}, {"tickwork-heir": others}]
+        assert [threads(process.pid) for process in (recorder, *recorder.children())] == [{"tickwork-parts": others}, {"tickwork-record": others}]
         killed = time.time()
         run.kill()
         bus.listen(0.5)

@@ -16,7 +16,7 @@ from runtime.recorder.status import describe
 from runtime.recordings.trial import Trial
 from tests.runtime.recorder.running import plan
 from tests.runtime.recorder.test_status import STATISTICS
-from tests.runtime.runs import Files, finished
+from tests.runtime.runs import Files, finished, writer_of
 from tests.runtime.terminals import Terminal, live_diagram, patient
 
 UP, DOWN, RIGHT, LEFT, TAB, SHIFT_TAB = b"\x1b[A", b"\x1b[B", b"\x1b[C", b"\x1b[D", b"\t", b"\x1b[Z"
@@ -29,11 +29,8 @@ def terminal():
 
 
 def recorder_of(terminal):
-    """The recorder process, once there is one that goes by its name."""
-    def look():
-        return next((child for child in psutil.Process(terminal.process.pid).children() if child.name() == "tickwork-record"), None)
-
-    return patient(look)
+    """The process that writes the recording, once it records."""
+    return psutil.Process(patient(lambda: writer_of(terminal.process.pid)))
 
 
 def around(table, header, tick):

@@ -7,6 +7,7 @@ import os
 import re
 import resource
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -177,8 +178,8 @@ def test_ctrl_c_in_the_terminal_reaches_the_controller_only(tmp_path):
     control.process.stderr.close()
 
 
-def recorders(session, name="tickwork-record"):
-    """Process numbers of the recorders of a run, or of those that stand by: all are of the first one's session."""
+def writers(session, name="tickwork-record"):
+    """Process numbers of the writers of a run, or of what starts them (tickwork-parts): all are of one session."""
     found = []
     for entry in Path("/proc").iterdir():
         try:
@@ -192,18 +193,18 @@ def recorders(session, name="tickwork-record"):
 
 def nobody_is_left(session):
     deadline = time.monotonic() + 2.0                               # from closing its last file to its end a process takes a moment
-    while (left := recorders(session) + recorders(session, "tickwork-heir")) and time.monotonic() < deadline:
+    while (left := writers(session) + writers(session, "tickwork-parts")) and time.monotonic() < deadline:
         time.sleep(0.001)
     return not left
 
 
 class Killer(Block):
-    """Kills what `victims` tells at some ticks."""
+    """Sends a signal to the processes that `victims` returns, at each tick of {tick: signal}."""
 
     y = Output("1")
 
-    def __init__(self, ticks, victims, **named):
-        self.ticks, self.victims, self.killed = list(ticks), victims, []
+    def __init__(self, deaths, victims, **named):
+        self.ticks, self.signals, self.victims, self.killed = list(deaths), list(deaths.values()), victims, []
         super().__init__(**named)
 
     def step(self, tick):
@@ -211,18 +212,19 @@ class Killer(Block):
             del self.ticks[0]
             deadline = time.monotonic() + 10.0
             while not (found := set(self.victims()) - set(self.killed)) and time.monotonic() < deadline:
-                time.sleep(0.001)                                   # in virtual time the heir may not be there yet
+                time.sleep(0.001)                                   # in virtual time the next writer may not be there yet
+            number = self.signals.pop(0)
             for pid in found:
-                os.kill(pid, signal.SIGKILL)
+                os.kill(pid, number)
                 self.killed.append(pid)
         return tick
 
 
-def killed(folder, ticks, victims, **options):
-    """A run of 500 ticks whose recorders die. Returns (outcome, report, page, killer, session)."""
+def killed(folder, deaths, victims=writers, **options):
+    """A run of 500 ticks whose recorders die at {tick: signal}. Returns (outcome, report, page, killer, session)."""
     with Diagram("killing", rate=500) as diagram:
         session = []
-        killer = Killer(ticks, lambda: victims(session[0]), name="killer")
+        killer = Killer(deaths, lambda: victims(session[0]), name="killer")
         CsvRecorder()
     found = run(diagram, folder, 500, before=lambda recorder: session.append(recorder.pid), **options)
     return *found, killer, session[0]
@@ -233,8 +235,9 @@ def ticks_of(*files):
 
 
 @pytest.mark.parametrize("virtual", [True, False])
-def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doubled(tmp_path, virtual, capfd):
-    outcome, report, page, killer, session = killed(tmp_path, [150, 400], recorders, virtual=virtual, page=Page(1 << (12 if virtual else 20)))
+def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
+    outcome, report, page, killer, session = killed(
+        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=Page(1 << (12 if virtual else 20)))
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
     parts = [tmp_path / f"killing{part}.csv" for part in ("", "_part2", "_part3")]
@@ -247,15 +250,77 @@ def test_when_the_recorder_is_killed_another_goes_on_and_nothing_is_lost_or_doub
         (2, True, ticks_of(*parts[1:])), (3, True, ticks_of(parts[2]))]
     assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
     assert [len(list(messages(part.with_suffix(".mcap")).iter_messages("/tickwork/tick"))) for part in parts] == [len(ticks_of(part)) for part in parts]
-    told = [f"the recorder process died; another goes on with {part}.csv, {part}.mcap, {part}.json; nothing was lost" for part in (
-        tmp_path / "killing_part2", tmp_path / "killing_part3")]
+    told = [f"the writer of part {part} died ({cause}); part {part + 1} continues the recording; no record was lost"
+            for part, cause in ((1, "SIGKILL"), (2, "SIGSEGV"))]
     assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
-    assert "part 2 goes on" in json.loads((tmp_path / "killing.json").read_text())["ended"]
+    assert json.loads((tmp_path / "killing.json").read_text())["ended"] == "the recorder died (SIGKILL); part 2 continues it"
     assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
     assert nobody_is_left(session)
 
 
-def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_recorded(tmp_path, monkeypatch):
+@pytest.mark.parametrize("virtual", [True, False])
+def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
+    outcome, report, page, killer, session = killed(
+        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=Page(1 << 12))
+    statistics = page.statistics()
+    assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] > 0
+    told = ["the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
+            "the writer of part 2 died (SIGKILL); recording stops and the run continues without it"]
+    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
+    ticks = ticks_of(tmp_path / "killing.csv", tmp_path / "killing_part2.csv")
+    assert ticks == sorted(set(ticks))                              # whole rows, in order; a busy machine may miss one
+    assert json.loads((tmp_path / "killing_part2.json").read_text())["ended"] == "the recorder died (SIGKILL)"
+    assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
+    assert len(list(tmp_path.iterdir())) == 6 and nobody_is_left(session)
+
+
+def test_writers_that_die_of_ever_new_causes_are_restarted_three_times_at_most(tmp_path):
+    deaths = [signal.SIGKILL, signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE]
+    outcome, report, page, killer, session = killed(tmp_path, dict(zip((50, 100, 150, 200), deaths)), virtual=False)
+    assert outcome.status == "ok" and len(set(killer.killed)) == 4 and nobody_is_left(session)
+    assert len(report["problems"]) == 4 and "SIGBUS); recording stops" in report["problems"][-1]
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == [f"killing{part}.mcap" for part in ("", "_part2", "_part3", "_part4")]
+
+
+def test_a_folder_that_is_deleted_ends_the_recording_with_one_line_and_leaves_no_process(tmp_path, capfd):
+    (tmp_path / "work").mkdir()
+    before = os.getcwd()
+    os.chdir(tmp_path / "work")
+    try:
+        page = Page(1 << 20)
+        recorder = RecorderProcess(page)
+        recorder.configure(plan("recordings", sink(CSV, "csv", SIGNALS)))
+        session = os.getsid(recorder.pid)
+        shutil.rmtree(tmp_path / "work")
+    finally:
+        os.chdir(before)
+    for tick in range(5):
+        assert page.push(*row(tick, 1.0))
+    assert ends_by_itself(recorder.pid, 5.0) and nobody_is_left(session)
+    told = capfd.readouterr().err.splitlines()
+    assert len(told) == 2 and told[0].startswith("tickwork recorder: the writer of part 1 died (FileNotFoundError: ")
+    assert told[1].startswith("tickwork recorder: the writer of part 2 died (cannot record into 'recordings': No such file or directory")
+    page.close()
+    assert [line.removeprefix("tickwork recorder: ") for line in told] == recorder.finish()["problems"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_writer_starts_once_the_control_process_has_ended(tmp_path):
+    control = Controller(tmp_path)
+    session = os.getsid(control.recorder)
+    control.run_until(100)
+    [writer] = patient(lambda: writers(session))
+    os.kill(writer, signal.SIGSTOP)
+    control.kill()
+    os.kill(writer, signal.SIGKILL)
+    assert ends_by_itself(control.recorder, 5.0) and nobody_is_left(session)
+    said = control.process.stderr.read()
+    control.process.stderr.close()
+    assert said == "tickwork recorder: the writer of part 1 died (SIGKILL); recording stops and the run continues without it\n"
+    assert len(list(tmp_path.glob("*.mcap"))) == 1
+
+
+def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_recorded(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text(
         "from runtime.recorder.service import Service\nclass Once(Service):\n    def open(self):\n"
         "        if self.plan.get('part', 1) > 1:\n            raise ValueError('it was there once')\n"
@@ -263,19 +328,19 @@ def test_a_service_that_cannot_go_on_in_the_next_part_is_told_and_the_rest_is_re
     monkeypatch.syspath_prepend(tmp_path)
     page = Page(1 << 20)
     recorder = RecorderProcess(page)
-    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink("mine:Strange", "strange", SIGNALS), sink(CSV, "csv", SIGNALS)))
+    recorder.configure(plan(tmp_path / "out", sink("mine:Once", "once", SIGNALS), sink(CSV, "csv", SIGNALS)))
     for tick in range(100):
         page.push(*row(tick, float(tick)))
         if tick == 50:
             patient(lambda: page.empty)
             with pytest.raises(MendingFailed, match="bench_1.mcap is still being recorded"):
                 Mending(tmp_path / "out" / "bench_1.mcap")
-            os.kill(recorder.pid, signal.SIGKILL)
+            os.kill(*patient(lambda: writers(os.getsid(recorder.pid))), signal.SIGKILL)
     page.close()
     report = recorder.finish()
-    problems = report["problems"]
-    assert len(problems) == 4 and all("strange stopped at 0 s" in problem for problem in (problems[0], problems[3]))
-    assert problems[1] == "once does not go on: ValueError: it was there once" and "nothing was lost" in problems[2]
+    assert report["problems"] == [
+        "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
+        "once does not go on: ValueError: it was there once"]
     assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
     assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))
 
@@ -291,9 +356,9 @@ def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too
         while not page.push(*row(tick, float(tick))):
             time.sleep(0.001)
         if tick == 8000:
-            [victim] = patient(lambda: recorders(session))
-            os.kill(victim, signal.SIGKILL)
-    [victim] = patient(lambda: set(recorders(session)) - {victim})
+            [victim] = patient(lambda: writers(session))
+            os.kill(victim, signal.SIGSEGV)
+    [victim] = patient(lambda: set(writers(session)) - {victim})
     page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 8999}).encode())
     patient(lambda: page.empty)
     page.close()
@@ -306,19 +371,18 @@ def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too
     assert Trial(tmp_path / "bench_1.mcap").tick.tolist() == list(range(9000))
 
 
-def test_one_that_stands_by_and_is_killed_is_replaced(tmp_path):
-    names = iter(["tickwork-heir", "tickwork-record"])
-    outcome, report, page, killer, session = killed(tmp_path, [50, 450], lambda session: recorders(session, next(names)), virtual=False)
-    assert len(set(killer.killed)) == 2
+def test_the_writer_finishes_by_itself_where_what_started_it_is_killed(tmp_path):
+    outcome, report, page, killer, session = killed(
+        tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts"), virtual=False)
     statistics = page.statistics()
-    assert outcome.status == "ok" and len(ticks_of(tmp_path / "killing.csv", tmp_path / "killing_part2.csv")) == statistics["ticks"]
-    assert statistics["dropped"] == 0 and nobody_is_left(session)
+    assert outcome.status == "ok" and len(killer.killed) == 1 and statistics["dropped"] == 0 and report["problems"] == []
+    assert len(ticks_of(tmp_path / "killing.csv")) == statistics["ticks"] and nobody_is_left(session)
 
 
 @pytest.mark.parametrize("virtual", [True, False])
-def test_the_run_goes_on_without_any_recorder_and_their_death_is_reported(tmp_path, virtual):
+def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path, virtual):
     outcome, report, page, killer, session = killed(
-        tmp_path, [50], lambda session: recorders(session, "tickwork-heir") + recorders(session), virtual=virtual, page=Page(1 << 12))
+        tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts") + writers(session), virtual=virtual, page=Page(1 << 12))
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0

@@ -11,7 +11,7 @@ from cext.page import Page
 from blocks.recorders import StrideReport
 from runtime.recorder.strides import CURVES, StrideAverage, resample
 from runtime.recorder import RecorderProcess
-from tests.runtime.recorder.test_process import recorders
+from tests.runtime.recorder.test_process import writers
 from tests.runtime.terminals import patient
 from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
 
@@ -133,52 +133,19 @@ def test_both_legs_make_one_picture(tmp_path):
     assert {"path": str(picture), "note": "the average stride of left and right"} in report["files"] and report["problems"] == []
 
 
-def through_deaths(rows, deaths, kill, page):
-    """The report of a run whose recorders are killed behind some rows. deaths : numbers of rows; kill : called with the session of the recorder"""
+def test_when_a_writer_is_killed_the_next_part_averages_its_own_strides_and_the_report_says_so():
+    rows, page = walk(12), Page(1 << 20)
     recorder = RecorderProcess(page)
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
     recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns)))
     for number, values in enumerate(rows):
-        if number in deaths:
-            patient(lambda: page.empty)                     # up to here the ring keeps nothing
-            kill(recorder.pid)
-        while not page.push(*row(*values)):
-            time.sleep(0.001)
+        if number == 700:                                       # in the middle of the fourth stride
+            patient(lambda: page.empty)
+            os.kill(*patient(lambda: writers(recorder.pid)), signal.SIGKILL)
+        assert page.push(*row(*values))
     page.close()
-    return recorder.finish()
-
-
-def kill_recorder(session):
-    for pid in recorders(session):
-        os.kill(pid, signal.SIGKILL)
-    patient(lambda: recorders(session))
-
-
-def test_when_recorders_are_killed_the_average_is_that_of_all_strides(tmp_path):
-    rows = walk(12, grow=0.1)
-    whole = through_deaths(rows, [], None, Page(1 << 20))["strides"]
-    assert whole[0]["strides"] == 11 and whole[0]["curves"]["angle"]["sd"][25] > 0.1
-    report = through_deaths(rows, [700, 1500], kill_recorder, Page(1 << 20))        # in the middle of strides
-    assert report["strides"] == whole                                               # to the bit
-    assert len(report["problems"]) == 2 and all("nothing was lost" in problem for problem in report["problems"])
-
-
-@pytest.mark.soak
-def test_what_is_forgotten_is_told(tmp_path):
-    """The one that stands by is stopped, so that it has not heard what the recorder left it, and goes on when that dies."""
-    page, standing_by = Page(1 << 12), []
-
-    def kill(session):
-        if not standing_by:
-            standing_by.extend(patient(lambda: recorders(session, "tickwork-heir")))
-            os.kill(standing_by[0], signal.SIGSTOP)
-        else:
-            os.kill(recorders(session)[0], signal.SIGKILL)
-            os.kill(standing_by[0], signal.SIGCONT)
-
-    report = through_deaths(walk(300), [700, 59_000], kill, page)
-    assert report["strides"][0]["strides"] < 10
-    assert "left: strides before part 2 are not in the average" in report["problems"]
+    report = recorder.finish()
+    assert report["strides"][0]["strides"] == 8 and report["problems"][1:] == ["left: strides before part 2 are not in the average"]
 
 
 def test_two_pictures_of_the_same_walk_are_the_same_file(tmp_path):

@@ -18,9 +18,8 @@ from runtime.errors import OK, BadInput
 from runtime.recorder.mcap_mending import MendingFailed, finish
 from tests.runtime.recorder.running import CSV, columns, frame, leg, plan, record, row, run, sink
 from tests.runtime.recorder.test_mcap import unfinished
-from tests.runtime.recorder.test_process import recorders
 from tests.runtime.rerun.test_rerun import program
-from tests.runtime.runs import KNEE_EXO, descendant, started
+from tests.runtime.runs import KNEE_EXO, descendant, started, writer_of
 from tests.runtime.terminals import patient
 
 BUSES = ["legs", "arms"]
@@ -82,8 +81,7 @@ def test_after_kill_9_of_everything_the_file_becomes_whole(command_line):
     run = started(KNEE_EXO, "--duration", "60", "--record", folder, cwd=folder)
     [path] = patient(lambda: list(folder.glob("*.mcap")))
     patient(lambda: path.stat().st_size > 300_000)
-    recorder = descendant(run.pid, "runtime.recorder.process")
-    for pid in [*recorders(recorder, "tickwork-heir"), recorder, run.pid]:
+    for pid in (descendant(run.pid, "runtime.recorder.process"), writer_of(run.pid), run.pid):
         os.kill(pid, signal.SIGKILL)
     run.communicate()
     before = runtime.load(path)

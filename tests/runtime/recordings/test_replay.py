@@ -14,7 +14,7 @@ import pytest
 from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK
 from runtime.recordings.trial import Trial
 from tests.runtime.guardian.bus import Bus
-from tests.runtime.runs import KNEE_EXO, descendant, started, write
+from tests.runtime.runs import KNEE_EXO, started, write, writer_of
 from tests.runtime.terminals import patient
 
 ROOT = Path(__file__).parents[3]
@@ -234,9 +234,8 @@ def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
 @pytest.mark.soak
 def test_a_run_whose_recorder_was_killed_is_replayed_from_all_its_parts(command_line, tmp_path):
     run = started(KNEE_EXO, "--fast", "--duration", "15", "--record", tmp_path, cwd=tmp_path)
-    recorder = patient(lambda: descendant(run.pid, "runtime.recorder.process"))
     patient(lambda: any(path.stat().st_size > 200_000 for path in tmp_path.glob("*.mcap")))
-    os.kill(recorder, signal.SIGKILL)
+    os.kill(writer_of(run.pid), signal.SIGKILL)
     run.communicate(timeout=60)
     first = min(tmp_path.glob("*.mcap"), key=lambda path: len(path.name))
     assert run.returncode == OK and first.with_stem(f"{first.stem}_part2").exists()

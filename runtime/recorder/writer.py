@@ -1,0 +1,124 @@
+"""The process that writes: drains the ring into one part of a recording until the run is over, finishes the files, and reports.
+
+It outlives the control process: whatever had reached the ring when that died is written.
+"""
+
+import json
+import os
+import time
+
+from cext.thresholds import GUARDIAN_DEATH
+
+from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
+from runtime.recorder.panel import Panel
+from runtime.recorder.recording import Recording, RecordingFailed
+from runtime.recorder.status import StatusLine
+from runtime.recorder.terminal import Terminal
+from runtime.telling.lines import Paper
+
+BATCH = 4096                    # records taken out of the ring at once
+IDLE = 5                        # ms between looks at an empty ring
+IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
+FLUSH = 0.5                     # s between flushes at most,
+HELD = 0.25                     # or this share of the ring that waits for one
+FOLLOW = 0.1                    # s between looks at who has the terminal
+
+
+def write(page, answers, control, keys, plan, checkpoint):
+    """One part, from opening its files to its report. RecordingFailed, of a part behind the first, where its files cannot be made"""
+    recording = Recording(plan, page)
+    try:
+        recording.open()
+    except RecordingFailed as error:
+        if "before" in plan:
+            raise
+        answer(answers, {"error": str(error)})
+        return
+    terminal = Terminal()
+    recording.say, recording.paper = terminal.say, Paper(terminal.columns if terminal.interactive else None, terminal.coloured)
+    before = attributes_of(keys) if keys >= 0 else None
+    checkpoint.save(recording.checkpoint())
+    name_process("tickwork-record")
+    if "before" not in plan:
+        answer(answers, {"ready": True, "files": recording.list_files()})
+    try:
+        record(page, answers, control, keys, recording, terminal, checkpoint)
+    finally:
+        if before is not None:                  # whoever had changed the terminal may have been killed, and the run with it
+            put_back(keys, before)
+
+
+def record(page, answers, control, keys, recording, terminal, checkpoint):
+    """Ring to recording, until the run is over; then the end of the recording, and the report."""
+    plan = recording.plan
+    recording.begin()
+    answered = keys >= 0 and plan["status_line"] and plan.get("keys", True) and terminal.interactive
+    panel = Panel(page, Keyboard(keys, page.control), recording) if answered else None
+    status = StatusLine(terminal, plan, page, panel, recording)
+    try:
+        drain(page, control, recording, status, panel, checkpoint, IDLE_VIRTUAL if plan["virtual"] else IDLE)
+    finally:
+        if panel is not None:
+            panel.close()
+    if control.abandoned or (control.gone and not page.wall):       # nothing has begun
+        recording.discard()
+        return
+    orphaned = not page.closed
+    report = recording.finish(orphaned)
+    status.erase()
+    if orphaned:
+        terminal.say(orphan_line(report))
+    answer(answers, report)
+
+
+def drain(page, control, recording, status, panel, checkpoint, idle):
+    """Ring to recording, until nothing more will come."""
+    flush_at = follow_at = 0.0
+    while True:
+        over = page.closed or (control.gone and not guarded(page))      # asked first: what was pushed before is then in the ring
+        records = page.drain(BATCH, release=False)
+        recording.take(records)
+        now = time.monotonic()
+        if now >= flush_at or page.held > HELD:
+            recording.flush()
+            checkpoint.save(recording.checkpoint())
+            flush_at = now + FLUSH
+        if panel is not None and not over:
+            if now >= follow_at:
+                panel.keyboard.follow()
+                follow_at = now + FOLLOW
+            panel.look(now)
+        if panel is None or panel.keyboard.here:
+            status.update(now)
+        if records:
+            continue
+        if over or control.abandoned:
+            return
+        recording.backlog.look()
+        control.look(idle)
+
+
+def guarded(page):
+    """Whether a guardian is at work, which reports what it has done after the control process has died."""
+    return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
+
+
+def orphan_line(report):
+    files = ", ".join(file["path"] for file in report["files"]) or "no files"
+    return (
+        f"tickwork recorder: the control process died; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
+
+
+def answer(descriptor, message):
+    """One line of JSON to the control process, if it still listens."""
+    data = json.dumps(message).encode() + b"\n"
+    try:
+        while data:
+            data = data[os.write(descriptor, data):]
+    except BrokenPipeError:
+        pass
+
+
+def name_process(name):
+    with open("/proc/self/comm", "w") as file:
+        file.write(name)
