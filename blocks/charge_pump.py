@@ -6,6 +6,7 @@ from blocks.gpio import GpioLine
 from blocks.serial_lines import speed_of
 from cext.kernels import charge_pump as kernels
 from cext.kernels import quiet
+from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 MESSAGE = 5                     # bytes of a counter and its checksum, stuffed
@@ -57,8 +58,10 @@ class ChargePump(GpioLine, StreamDevice):
         self.relay_time, self.start_time = self.hold, self.start_up
 
     def prepare(self, dt):
-        if self.hold < 5.0 * dt:
-            raise ValueError(f"hold {self.hold:g} s is shorter than five ticks of {dt:g} s: the relay would drop in a run that is late")
+        stall = max(LOOP_STALL_PERIODS * dt, 1e-9 * LOOP_STALL_MINIMUM)
+        if self.hold <= stall:
+            raise ValueError(
+                f"hold {self.hold:g} s: the relay must hold for longer than {stall:g} s, in which the guardian notices that the run has stalled")
         speed = speed_of(self.port, self.baudrate)
         if speed and 10 * MESSAGE / dt > 0.7 * speed:
             raise ValueError(

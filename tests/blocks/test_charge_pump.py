@@ -1,6 +1,8 @@
 """The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them. In virtual time unless it is said otherwise."""
 
 import binascii
+import shutil
+import subprocess
 import time
 
 import pytest
@@ -19,7 +21,7 @@ from runtime.coverage import coverage, in_words
 from tests.blocks.actuators.wire import MALFORMED, Wired
 from tests.blocks.running import player
 from tests.cext.rigs import STOP, Rig
-from tests.runtime.runs import write
+from tests.runtime.runs import ROOT, write
 
 RATE, PERIOD = 200, 5_000_000       # Hz, ns
 HOLD, START_UP = 0.1, 0.2           # s
@@ -66,7 +68,7 @@ def pump_diagram(rate=RATE, **parameters):
 
 
 @pytest.mark.parametrize("rate, parameters, words", [
-    (20, {"hold": 0.2}, "hold 0.2 s is shorter than five ticks of 0.05 s"),
+    (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than 0.25 s"),
     (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "takes 87% of the line"),
     (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
     (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
@@ -104,6 +106,65 @@ def test_a_message_counts_once_however_it_is_cut_and_a_broken_one_does_not():
     broken[1] ^= 1
     assert relay.hear(BYTES, bytes(broken)) == MALFORMED and relay.hear(BYTES, bytes([7] * 40 + [0])) == MALFORMED
     assert relay["changes"] == 2.0 and relay.hear(BYTES, message(9)) == NOTED and relay["changes"] == 3.0
+
+
+ARDUINO = r"""
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
+#define HIGH 1
+#define LOW 0
+#define OUTPUT 1
+static unsigned long now = 0;
+static int said = 0;
+inline void pinMode(int, int) {}
+inline unsigned long micros() { return now; }
+inline void digitalWrite(int pin, int value) { if (said) printf("%lu %d %d\n", now, pin, value); }
+static uint8_t waiting[4096];
+static size_t first = 0, last = 0;
+struct {
+    void begin(long) {}
+    int available() { return last - first; }
+    int read() { return waiting[first++]; }
+} Serial;
+"""
+MAIN = """
+#include "sketch.ino"
+int main() {                                    // each line of the input: at which microsecond, which bytes
+    unsigned long until;
+    char digits[4096];
+    setup();
+    said = 1;
+    while (scanf("%lu %4095s", &until, digits) == 2) {
+        for (; now < until; now += 100) loop();
+        for (const char *at = digits; at[0] != '-' && at[0]; at += 2) { unsigned byte; sscanf(at, "%2x", &byte); waiting[last++] = byte; }
+        loop();
+    }
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs a C++ compiler")
+def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_drops_it_in_silence(tmp_path):
+    """Its own text, compiled with the few functions of an Arduino that it calls."""
+    (tmp_path / "Arduino.h").write_text(ARDUINO)
+    (tmp_path / "sketch.ino").write_text((ROOT / "docs/sketches/charge_pump.ino").read_text())
+    (tmp_path / "main.cpp").write_text(MAIN)
+    subprocess.run(["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"], check=True, timeout=60)
+
+    def edges(*lines):
+        text = "".join(f"{when} {data.hex() or '-'}\n" for when, data in lines)
+        out = subprocess.run([tmp_path / "sketch"], input=text, capture_output=True, text=True, timeout=10).stdout
+        return [tuple(map(int, line.split())) for line in out.splitlines()]
+
+    every = [(5000 * number, message(number % 256)) for number in range(1, 301)]
+    assert edges(*every) == [(5000 * number, 4, number % 2) for number in range(1, 301)]
+    assert edges(*((5000 * count, message(7)) for count in range(1, 30))) == [(5000, 4, 1), (55100, 4, 0)]        # a number that stands still
+    assert edges((1000, message(1)), (100_000, b"")) == [(1000, 4, 1), (51100, 4, 0)]                               # silence
+    broken = bytes([4, 1, 0x11, 0x22, 0])
+    assert edges((1000, broken), (2000, bytes([9] * 30 + [0])), (3000, b"\xff\1\2\3\0"), (4000, message(1))) == [(4000, 4, 1)]
+    whole = message(1) + message(2) + message(3)
+    assert edges(*((1000 + 100 * place, whole[place : place + 1]) for place in range(len(whole)))) == [(1400, 4, 1), (1900, 4, 0), (2400, 4, 1)]
 
 
 # What ends the toggling

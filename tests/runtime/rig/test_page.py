@@ -6,8 +6,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+from graph import compile
 from runtime.diagram_file import load
-from runtime.rig import CODES, read
+from runtime.rig import CODES, override, read
 from tests.runtime.runs import KNEE_EXO, ROOT
 
 PAGE = (ROOT / "docs" / "rigs.md").read_text()
@@ -20,6 +21,16 @@ def test_the_rig_of_the_page_fits_the_knee_exoskeleton(tmp_path):
     knee = diagram["left/knee"]
     assert (knee.can_id, knee.invert, knee.offset) == (3, True, 0.12) and diagram["right/knee"].can_id == 2
     assert all(f"`{name}`" in PAGE for name in knee.hardware)
+
+
+def test_the_charge_pump_of_the_page_compiles_and_its_rig_fits_it(tmp_path):
+    section = PAGE.split("## A charge pump")[1].split("\n## ")[0]
+    names = {}
+    exec(re.search(r"^```python\n(.*?)^```", section, re.DOTALL | re.MULTILINE)[1], names)
+    (tmp_path / "lab.toml").write_text(re.search(r"^```toml\n(.*?)^```", section, re.DOTALL | re.MULTILINE)[1])
+    override(read(tmp_path / "lab.toml"), names["diagram"])
+    pump = names["diagram"]["pump"]
+    assert compile(names["diagram"]).devices and (pump.line, pump.opening()["pin"], pump.relay_time, pump.start_time) == ("gpio", "GPIO4", 0.1, 1.0)
 
 
 def test_the_sender_of_the_page_is_heard_as_a_released_button():
