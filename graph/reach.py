@@ -187,27 +187,27 @@ class ReachCheck:
     def compare(self, actuator, unit, reach, values, block, name, drive, joint):
         """Report the first of the Values that is out of reach. drive, joint : what can be reached there"""
         for value in values:
-            severity, bound = self.severity(value, drive, joint, unit)
+            severity = self.severity(value, drive, joint, unit)
             if severity is None:
                 continue
-            limits, words = (reach.joint, "its range") if bound is joint and joint is not None else (reach.drive, reach.words)
+            limits, words = (reach.joint, "its range") if joint is not None else (reach.drive, reach.words)
             self.tell(actuator, unit, value, block, name, limits, words, severity)
             return
 
     def severity(self, value, drive, joint, unit):
-        """("error" or "warning", the Interval that is left), or (None, None)."""
+        """"error" or "warning" of a Value out of reach, None of another."""
         interval = value.interval
         alone = is_point(interval)
         for bound in filter(None, (drive, joint)):
             if apart(interval, bound) and not value.chosen:
-                return "error" if bound is drive or value.certain else "warning", bound
+                return "error" if bound is drive or value.certain else "warning"
         if interval.bounded and not inside(interval, drive):
-            return "error" if value.certain and not value.chosen else "warning", drive
+            return "error" if value.certain and not value.chosen else "warning"
         if joint is not None and value.certain and not inside(interval, joint):
-            return "warning", joint
+            return "warning"
         if alone and unit == POSITION and abs(interval.low) > TURN and math.radians(interval.low) in (joint or drive):
-            return "warning", joint or drive
-        return None, None
+            return "warning"
+        return None
 
     # Along the wires to a command
 

@@ -14,7 +14,7 @@ from graph.interval import EVERYTHING
 from runtime.coverage import coverage
 from runtime.diagram_file import blamed, load
 from runtime.errors import BadInput
-from runtime.rig import read
+from runtime.rig import read, require_ranges
 from runtime.simulation import Simulation
 from runtime.telling.check_text import text
 from runtime.telling.lines import paper, place
@@ -49,12 +49,15 @@ def check(path, settings=(), rate=None, rig=None):
     rate : Hz instead of the diagram's own
     rig : path of a rig file; its devices and bitrates are what is checked
     """
+    rig = None if rig is None else read(rig)
     try:
-        file, diagram = load(path, settings, None if rig is None else read(rig))
+        file, diagram = load(path, settings, rig)
     except BadInput as error:
         if not error.diagnostics:
             raise
         return refused(path, error.diagnostics)
+    if rig is not None:
+        require_ranges(rig, diagram)
     if rate is not None:
         diagram.rate = rate
     found = blamed(path, examine, diagram)

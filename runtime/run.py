@@ -21,7 +21,7 @@ from runtime.realtime import PRIORITY, Realtime
 from runtime.rearming import Rearming
 from runtime.recorder import RecorderProcess, can_ask
 from runtime.recording_plan import plan, ring_bytes
-from runtime.rig import RigBuses, read
+from runtime.rig import RigBuses, read, require_ranges
 from runtime.simulation import Simulation
 from runtime.telling.fault import explain
 from runtime.telling.held import held
@@ -56,6 +56,7 @@ class Request:
     yes: bool = False                   # on a rig: arm without asking a person
     rearm: bool = False                 # after a fault, wait to be armed again
     bitrate: float | None = None        # bit/s of the simulated buses; None: frames take no time
+    bench: bool = False                 # on a rig: an actuator by itself, which moves no joint and has no range
 
 
 @dataclass
@@ -115,6 +116,8 @@ def prepare(request):
     """Everything that can be found wrong before a run. Returns a Prepared; raises BadInput or DiagramError."""
     rig = read(request.rig) if request.rig is not None else None
     file, diagram = load(request.file, request.settings, rig)
+    if rig is not None and not request.bench:
+        require_ranges(rig, diagram)
     adapt(diagram, request)
     if diagram.rate > FASTEST:
         raise BadInput(f"{diagram.rate:g} Hz is too fast: {FASTEST:g} Hz at most")

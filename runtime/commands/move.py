@@ -80,14 +80,15 @@ def main(arguments):
     rated = f" ({limit / found.rated:.0%} of rated)" if found.rated else ""
     bound = "its torque bounded by the drive's own settings alone" if unbounded else f"torque limit {limit:g} N·m{rated}"
     tell([f"{found.name}, id {can_id} on {bus.channel}: {kind} {target:g} {UNITS[kind]} for {options.duration:g} s, "
-          f"{bound}; the run ends beyond {options.fastest:g} rad/s"])
+          f"{bound}; the run ends beyond {options.fastest:g} rad/s",
+          "no range of a joint is known here: nothing ends the run at the end of a joint's motion, so move an actuator that turns freely"])
     with tempfile.TemporaryDirectory(prefix="tickwork-") as place:
         rig = Path(place) / "move.toml"                 # the bus alone: a robot's devices are not in this diagram
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
         result = carried_out(Request(
             file=Path(move.__file__), rig=rig, duration=options.duration, settings=[(name, str(text)) for name, text in settings.items()],
             record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler, realtime=options.realtime,
-            overrun=options.overrun, spin=options.spin, yes=options.yes))
+            overrun=options.overrun, spin=options.spin, yes=options.yes, bench=True))
     tell(report.summary(result))
     return report.exit_code(result.outcome)
 

@@ -2,7 +2,8 @@
 
 from runtime.rig.buses import RigBuses
 from runtime.rig.file import RigFile, read
+from runtime.rig.joints import require_ranges
 from runtime.rig.overrides import override
 from runtime.rig.troubles import CODES, RigError, Trouble
 
-__all__ = ["CODES", "RigBuses", "RigError", "RigFile", "Trouble", "override", "read"]
+__all__ = ["CODES", "RigBuses", "RigError", "RigFile", "Trouble", "override", "read", "require_ranges"]

@@ -36,6 +36,7 @@ CODES = {
     "TW133": "no multiplexer there",
     "TW134": "another chip at this address",
     "TW135": "address of a driver of the kernel",
+    "TW136": "joint without a range",
 }
 
 

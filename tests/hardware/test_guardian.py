@@ -48,7 +48,9 @@ class Listener(Node):
 def run(tmp_path, request):
     """A run under torque, and who listens. Its parameter is what the knee is told to do."""
     rig = tmp_path / "lab.toml"
-    rig.write_text('[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n')
+    rig.write_text(
+        '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
+        '[device."left/knee"]\nrange = [-12.5, 12.5]\n[device."right/knee"]\nrange = [-12.5, 12.5]\n')
     with Drives(MOTOR), Listener() as listener:
         process = started(
             knee(tmp_path, law=getattr(request, "param", "return 2.0")),

@@ -20,6 +20,10 @@ channel = "vcan0"
 can_id = 3
 invert = true
 offset = 0.12
+range = [-12.0, 12.0]
+
+[device."right/knee"]
+range = [-12.0, 12.0]
 """
 MOTORS = {3: 0.3, 2: -0.2}                      # rad, by id
 

@@ -21,6 +21,7 @@ from tests.runtime.doctor.machines import PI_4, lay_out
 from tests.runtime.runs import KNEE_EXO, knee, write
 
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
+RANGES = '[device."right/knee"]\nrange = [-0.1, 2.0]\n[device."left/knee"]\nrange = [-0.1, 2.0]\n'
 OWN = f"/dev/ttyOf{os.getpid()}"
 CAN0 = RigBus("legs", "socketcan", "can0")
 UP = "sudo ip link set can0 type can bitrate 1000000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up"
@@ -37,7 +38,7 @@ def has_can():
 # The command line
 
 def test_check_proves_the_robot_as_the_rig_has_it(command_line):
-    rig = write(command_line.folder, LEGS + 'bitrate = 250_000\n[device."left/knee"]\noffset = 0.5\ncan_id = 7\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + 'bitrate = 250_000\n' + RANGES + 'offset = 0.5\ncan_id = 7\n', "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--json")
     found = json.loads(out)
     assert code == OK and found["buses"][0]["bitrate"] == 250_000
@@ -45,15 +46,15 @@ def test_check_proves_the_robot_as_the_rig_has_it(command_line):
 
 
 def test_check_finds_what_is_wrong_only_on_the_rig(command_line):
-    rig = write(command_line.folder, LEGS + '[device."left/knee"]\ncan_id = 2\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + RANGES + 'can_id = 2\n', "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig)
     assert code == CHECK_FAILED and "TW013" in out
-    slow = write(command_line.folder, LEGS + "bitrate = 50_000\n", "slow.toml")
+    slow = write(command_line.folder, LEGS + "bitrate = 50_000\n" + RANGES, "slow.toml")
     assert "TW016" in command_line("check", KNEE_EXO, "--rig", slow)[1]
 
 
 def test_a_setting_of_the_command_line_comes_after_the_rig(command_line):
-    rig = write(command_line.folder, LEGS + '[device."left/knee"]\ncan_id = 2\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + RANGES + 'can_id = 2\n', "lab.toml")
     assert command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/knee.can_id=5")[0] == OK
 
 

@@ -8,7 +8,7 @@ from blocks.limiters import TorqueLimiter
 from graph import Device, Diagram, DiagramError, Output, Param, compile, subsystem
 from runtime.rig import RigError, override, read
 
-HARDWARE = "CubeMars has can_id, invert, offset, range, wire_position, wire_velocity, wire_stiffness, wire_damping, wire_torque"
+HARDWARE = f"CubeMars has {', '.join(CubeMars.hardware)}"
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 500_000\n'
 
 

@@ -104,6 +104,7 @@ def test_a_drive_that_goes_away_while_somebody_reads_ends_the_run_with_words(bus
 
 def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_line):
     with Bus(command_line.folder, number=6, answering=False) as bus:
+        bus.rig.write_text(bus.rig.read_text() + '[device."left/knee"]\nrange = [-0.1, 2.0]\n[device."right/knee"]\nrange = [-0.1, 2.0]\n')
         complaint = command_line.refused(KNEE_EXO, "--rig", bus.rig)
         bus.listen(0.2)
         assert not bus.frames
