@@ -33,8 +33,9 @@ class Ranges:
 class Joint:
     """Ports, parameters and limits of an actuator: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    The limit bounds the drive's whole law, over every position that the joint can reach before the next frame: stiffness and damping are
-    scaled for that, and are zero where the feedback is older than two ticks.
+    The limit bounds the drive's whole law for every motion of the joint with |α| <= max_acceleration, until a next frame that is a period late.
+    Where the law does not fit, the wanted torque is sent as feed-forward, with as much of the gains as the limit leaves; on feedback older
+    than two ticks, torque_command alone. cext/kernels/drive_law.pxd has the rule. **Where a bound must be hard, command torque alone.**
 
     A family gives `find`, which looks a model up by its name, and the native encode and decode. It may change the defaults.
     """
@@ -78,8 +79,8 @@ class Joint:
     fault = Output("1", "the drive's error code, 0 for none", dtype=int)
     age = Output("s", "since the newest reply was heard")
     rms_torque = Output("N·m", "root mean square of its torque over rms_window", kernel=False)
-    torque_sent = Output("N·m", "torque command after limits, fade-in and quantisation")
-    limited = Output("1", "ticks in which stiffness and damping were scaled to keep the drive's law inside the limit", dtype=int)
+    torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
+    limited = Output("1", "ticks in which another law than the commanded one was sent, to keep it inside the limit", dtype=int)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
     limits = Memory(0.0, "of the commands, in the same order, of the drive's whole law, and the share of stiffness and damping allowed")
     sent = Memory((0.0,) * 5, "position, velocity, stiffness, damping and torque of the last frame, decoded from its codes, at the joint")

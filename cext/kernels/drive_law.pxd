@@ -1,43 +1,87 @@
-"""What a person feels of a drive that closes the loop itself: its whole law, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, kept inside a limit."""
+"""The law that a drive closes between two frames, τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, kept inside a torque limit.
 
-from libc.math cimport fabs, fmax
+The controller sees position and velocity with an age, and a frame stays in force until the next one arrives. The limit holds for every
+motion with |α| <= max_acceleration over Δ = age + one period + one period by which the next frame is late. Beyond that the bound is gone.
 
-cdef struct Law:                # with the newest feedback
+    share(x, r)   the largest s <= 1 with |τ_ff + s x| + s r <= limit
+
+Principle: 1. Where share(K (θ₀ − θ) + B (ω₀ − ω), K (|ω| Δ + ½ a Δ²) + B a Δ) = 1, the whole law fits and is sent as it is. 2. Otherwise the
+wanted torque is sent as feed-forward, with as much of the gains, about the state half way through the frame, as the rest of the limit can
+hold. Scaling the gains to the limit would be equally safe, but would remove most of the impedance. 3. Damping is at most 2 limit / (a Δ):
+more would drive a light joint back and forth. 4. Feed-forward lags by the age and half a period, so a spring that is sent as feed-forward gains
+energy. Beyond its share it is limited to what half the damping dissipates; without damping this is plain scaling. 5. The cases join
+without a jump.
+
+Two codes of position and velocity, of the feedback and the command, are part of each spread.
+"""
+
+from libc.math cimport copysign, fabs, fmax, fmin, isfinite
+
+cdef struct Law:                # wanted, then what is sent instead
+    double position             # θ₀, rad
+    double velocity             # ω₀, rad/s
     double stiffness            # K
     double damping              # B
     double torque               # τ_ff, N·m
-    double position_error       # θ₀ − θ, rad
-    double velocity_error       # ω₀ − ω, rad/s
-    double velocity             # ω
-    double age                  # s, of the feedback
+
+cdef struct Known:              # what a frame is computed from
+    double position             # of the newest feedback, rad
+    double velocity             # rad/s
+    double age                  # s
     double period               # s, until the next frame
-    double position_step        # what one code means
+    double acceleration         # a, rad/s²
+    double gains                # share of stiffness and damping allowed
+    double offset               # of the codes of position, rad
+    double position_end         # largest values that a frame can carry
+    double velocity_end
+    double position_step        # one code
     double velocity_step
     double stiffness_step
     double damping_step
 
 
-cdef inline double share_inside(const Law *law, double limit) noexcept nogil:
-    """The largest share of K and B with which |τ| <= limit until the next frame; 0 on feedback older than two periods.
+cdef inline double quotient(double room, double need) noexcept nogil:
+    """The share of `need` for which there is room, 0 to 1."""
+    return 1.0 if need <= room else room / need if room > 0.0 else 0.0
 
-    Principle: 1. the joint moves by at most |ω| times the time since the feedback and until the next frame, and codes are rounded, which spreads
-    spring and damper; 2. rounding makes K and B smaller, so where the two pull against each other either holds back less than it should;
-    3. with these, |s (K (θ₀ − θ) + B (ω₀ − ω)) + τ_ff| + s spread <= limit is solved for s. |τ_ff| <= limit is given.
-    """
-    cdef double spring = law.stiffness * law.position_error
-    cdef double damper = law.damping * law.velocity_error
-    cdef double moves = fabs(law.velocity) * (law.age + law.period)
-    cdef double spread = law.stiffness * (moves + 2.0 * law.position_step) + law.damping * 2.0 * law.velocity_step
-    cdef double error = spring + damper
-    cdef double share = 1.0
-    if not law.age <= 2.0 * law.period + 1e-9:
-        return 0.0
-    if spring * damper < 0.0:
-        limit -= fmax(law.stiffness_step * (fabs(law.position_error) + moves), law.damping_step * fabs(law.velocity_error))
-    if limit < fabs(law.torque):
-        limit = fabs(law.torque)
-    if error + spread > limit - law.torque:
-        share = (limit - law.torque) / (error + spread)
-    if share * (spread - error) > limit + law.torque:
-        share = (limit + law.torque) / (spread - error)
-    return share
+
+cdef inline bint keep_inside(Law *law, const Known *known, double limit) noexcept nogil:
+    """Change a law so that |τ| <= limit wherever the joint may be until a late next frame. Returns whether it had to. |τ_ff| <= limit is given."""
+    cdef double a = known.acceleration
+    cdef double K = law.stiffness
+    cdef double B = law.damping
+    cdef double half_way = known.age + 0.5 * known.period
+    cdef double end = known.age + 2.0 * known.period
+    cdef double speed = fabs(known.velocity) + 2.0 * known.velocity_step
+    cdef double position_error = law.position - known.position
+    cdef double velocity_error = law.velocity - known.velocity
+    cdef double ahead = known.position + known.velocity * half_way
+    cdef double of_spring = speed * end + 0.5 * a * end * end + 2.0 * known.position_step
+    cdef double of_damper = a * end + 2.0 * known.velocity_step
+    cdef double gains = known.gains
+    cdef double spread = K * of_spring + B * of_damper
+    cdef double error = K * position_error + B * velocity_error
+    cdef double share, most, torque, lost, gained
+    if not (known.age <= 2.0 * known.period + 1e-9 and isfinite(ahead)):
+        law.stiffness = law.damping = 0.0
+        return True
+    if not (fmax(fabs(ahead + known.offset), fabs(known.position + known.offset)) < known.position_end - 2.0 * known.position_step
+            and speed < known.velocity_end):
+        gains = 0.0             # at its end a code may stand for anything beyond
+    # Truncated gains pull less: by so much the law may lie below or above what was wanted.
+    lost = known.stiffness_step * fmax(position_error, 0.0) + known.damping_step * fmax(velocity_error, 0.0)
+    gained = known.stiffness_step * fmax(-position_error, 0.0) + known.damping_step * fmax(-velocity_error, 0.0)
+    if gains >= 1.0 and error + spread + gained <= limit - law.torque and spread - error + lost <= limit + law.torque:
+        return False
+    B = fmin(B, 2.0 * limit / (a * end))
+    error = K * position_error + B * velocity_error
+    spread = K * of_spring + B * of_damper
+    share = gains * fmin(quotient(limit - law.torque, error + spread), quotient(limit + law.torque, spread - error))
+    most = fmin(1.0, share + 0.5 * B / (K * half_way)) if K > 0.0 else 1.0
+    torque = law.torque + most * K * (position_error - known.velocity * half_way) + B * velocity_error
+    if fabs(torque) > limit:
+        torque = copysign(limit, torque)
+    spread -= K * speed * half_way
+    share = fmin(fmin(most, gains), quotient(limit - fabs(torque), spread))
+    law.position, law.velocity, law.stiffness, law.damping, law.torque = ahead, known.velocity, share * K, share * B, torque
+    return True

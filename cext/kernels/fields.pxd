@@ -15,5 +15,10 @@ cdef inline uint32_t to_code(double x, double low, double high, int bits) noexce
     return <uint32_t>((x - low) * top / (high - low))
 
 
+cdef inline uint32_t to_code_inward(double x, double half, int bits) noexcept nogil:
+    """The code of a range -half to half whose value is next to x, and nearer to zero."""
+    return (1 << bits) - 1 - to_code(-x, -half, half, bits) if x < 0.0 else to_code(x, -half, half, bits)
+
+
 cdef inline double from_code(uint32_t code, double low, double high, int bits) noexcept nogil:
     return low + code * (high - low) / ((1 << bits) - 1)

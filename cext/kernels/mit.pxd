@@ -3,13 +3,13 @@
 `wire` has half the range of each, in this order. The items are those of blocks.actuators.joint.Joint.
 """
 
-from libc.math cimport copysign, fabs, fmin, isfinite
+from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memset
 
 from cext.abi cimport AUTHORITY, INPUTS, NOT_FINITE, OK, OUTPUTS, OUT_OF_LIMITS, PARAMETERS, PERIOD, Frame
-from cext.kernels.drive_law cimport Law, share_inside
-from cext.kernels.fields cimport from_code, to_code
+from cext.kernels.drive_law cimport Known, Law, keep_inside
+from cext.kernels.fields cimport from_code, to_code, to_code_inward
 
 cdef enum:
     POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
@@ -60,18 +60,19 @@ cdef inline bint all_ones(const uint8_t *data, int count) noexcept nogil:
     return True
 
 
-cdef inline double felt_share(
-        double *arena, const int32_t *slots, const double *wire, double limit, double torque, double position_step,
-        double velocity_step) noexcept nogil:
-    """The share of stiffness and damping that keeps the drive's law inside a limit."""
-    cdef Law law
-    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], torque
-    law.position_error = arena[slots[POSITION_COMMAND]] - arena[slots[POSITION]]
-    law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[slots[VELOCITY]]
-    law.velocity, law.age, law.period = arena[slots[VELOCITY]], arena[slots[AGE]], arena[PERIOD]
-    law.position_step, law.velocity_step = position_step, velocity_step
-    law.stiffness_step, law.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF
-    return share_inside(&law, limit)
+cdef inline bint limit_law(
+        double *arena, const int32_t *slots, int more, double position_step, double velocity_step, Law *law) noexcept nogil:
+    """Keep a law that has stiffness or damping inside its limit. Returns whether it was changed."""
+    cdef int memory = memory_of(slots)
+    cdef double *wire = arena + slots[memory]
+    cdef double *limits = arena + slots[memory + 1]
+    cdef Known known
+    known.position, known.velocity, known.age = arena[slots[POSITION]], arena[slots[VELOCITY]], arena[slots[AGE]]
+    known.period, known.acceleration, known.gains = arena[PERIOD], arena[slots[MAX_ACCELERATION + more]], limits[6]
+    known.offset, known.position_end, known.velocity_end = arena[slots[OFFSET + more]], wire[0], wire[1]
+    known.position_step, known.velocity_step = position_step, velocity_step
+    known.stiffness_step, known.damping_step = wire[2] / 0xFFF, wire[3] / 0xFFF
+    return keep_inside(law, &known, limits[5])
 
 
 cdef inline int quantise(
@@ -87,34 +88,31 @@ cdef inline int quantise(
     cdef double *sent = arena + slots[memory + 2]
     cdef double sign = -1.0 if arena[slots[INVERT + more]] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
-    cdef double position = arena[slots[POSITION_COMMAND]]
-    cdef double velocity = arena[slots[VELOCITY_COMMAND]]
-    cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
-    cdef double damping = arena[slots[DAMPING_COMMAND]]
-    cdef double torque = arena[slots[TORQUE_COMMAND]]
-    cdef double felt
+    cdef Law law
     cdef bint limited
-    if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
+    law.position, law.velocity, law.torque = (
+        arena[slots[POSITION_COMMAND]], arena[slots[VELOCITY_COMMAND]], arena[slots[TORQUE_COMMAND]])
+    law.stiffness, law.damping = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]]
+    if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
+            and isfinite(law.torque)):
         return NOT_FINITE
-    if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
-            or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4]):
+    if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
+            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3] or not -limits[4] <= law.torque <= limits[4]):
         return OUT_OF_LIMITS
     if not 0.0 <= share <= 1.0:
         return OUT_OF_LIMITS    # a share of NaN would be full torque
-    limited = fabs(torque) > limits[5]
+    limited = fabs(law.torque) > limits[5]
     if limited:
-        torque = copysign(limits[5], torque)
-    if stiffness > 0.0 or damping > 0.0:
-        felt = fmin(felt_share(arena, slots, wire, limits[5], torque, position_step, velocity_step), limits[6])
-        limited |= felt < 1.0
-        stiffness *= felt
-        damping *= felt
+        law.torque = copysign(limits[5], law.torque)
+    if law.stiffness > 0.0 or law.damping > 0.0:
+        limited |= limit_law(arena, slots, more, position_step, velocity_step, &law)
     arena[slots[LIMITED]] += limited
-    codes.position = to_code(sign * (position + arena[slots[OFFSET + more]]), -wire[0], wire[0], 16)
-    codes.velocity = to_code(sign * velocity, -wire[1], wire[1], 12)
-    codes.stiffness = to_code(share * stiffness, 0.0, wire[2], 12)
-    codes.damping = to_code(share * damping, 0.0, wire[3], 12)
-    codes.torque = to_code(sign * share * torque, -wire[4], wire[4], 12)
+    codes.position = to_code(sign * (law.position + arena[slots[OFFSET + more]]), -wire[0], wire[0], 16)
+    codes.velocity = to_code(sign * law.velocity, -wire[1], wire[1], 12)
+    codes.stiffness = to_code(share * law.stiffness, 0.0, wire[2], 12)
+    codes.damping = to_code(share * law.damping, 0.0, wire[3], 12)
+    law.torque *= sign * share
+    codes.torque = to_code_inward(law.torque, wire[4], 12) if limited else to_code(law.torque, -wire[4], wire[4], 12)
     sent[0] = sign * from_code(codes.position, -wire[0], wire[0], 16) - arena[slots[OFFSET + more]]
     sent[1] = sign * from_code(codes.velocity, -wire[1], wire[1], 12)
     sent[2] = from_code(codes.stiffness, 0.0, wire[2], 12)

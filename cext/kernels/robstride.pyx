@@ -11,7 +11,7 @@
 RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.
 """
 
-from libc.math cimport copysign, fabs, fmin, isfinite
+from libc.math cimport copysign, fabs, isfinite
 from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
 from libc.string cimport memcpy, memset
 
@@ -19,8 +19,8 @@ from cext.abi cimport (
     AUTHORITY, COMMANDED, EXTENDED, FOREIGN, ID_MASK, INPUTS, MALFORMED, NOT_FINITE, NOTED, OUT_OF_LIMITS, PERIOD, TAKEN, Frame,
     export_decode, export_encode,
 )
-from cext.kernels.drive_law cimport Law, share_inside
-from cext.kernels.fields cimport from_code, to_code
+from cext.kernels.drive_law cimport Known, Law, keep_inside
+from cext.kernels.fields cimport from_code, to_code, to_code_inward
 
 cdef enum: # inputs of a RobStride in operation control; in other modes it has one
     POSITION_COMMAND, VELOCITY_COMMAND, TORQUE_COMMAND, STIFFNESS_COMMAND, DAMPING_COMMAND
@@ -112,17 +112,17 @@ cdef inline void put(uint8_t *data, uint32_t code) noexcept nogil:
     data[1] = <uint8_t>code
 
 
-cdef double felt_share(double *arena, const int32_t *slots, const int32_t *own, double torque) noexcept nogil:
-    """The share of stiffness and damping that keeps the drive's law inside its limit."""
+cdef bint limit_law(double *arena, const int32_t *own, Law *law) noexcept nogil:
+    """Keep a law that has stiffness or damping inside its limit. Returns whether it was changed."""
     cdef double *wire = arena + own[WIRE]
-    cdef Law law
-    law.stiffness, law.damping, law.torque = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]], torque
-    law.position_error = arena[slots[POSITION_COMMAND]] - arena[own[POSITION]]
-    law.velocity_error = arena[slots[VELOCITY_COMMAND]] - arena[own[VELOCITY]]
-    law.velocity, law.age, law.period = arena[own[VELOCITY]], arena[own[AGE]], arena[PERIOD]
-    law.position_step, law.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFFF
-    law.stiffness_step, law.damping_step = wire[2] / 0xFFFF, wire[3] / 0xFFFF
-    return share_inside(&law, arena[own[LIMITS] + 5])
+    cdef double *limits = arena + own[LIMITS]
+    cdef Known known
+    known.position, known.velocity, known.age = arena[own[POSITION]], arena[own[VELOCITY]], arena[own[AGE]]
+    known.period, known.acceleration, known.gains = arena[PERIOD], arena[own[MAX_ACCELERATION]], limits[6]
+    known.offset, known.position_end, known.velocity_end = arena[own[OFFSET]], wire[0], wire[1]
+    known.position_step, known.velocity_step = 2.0 * wire[0] / 0xFFFF, 2.0 * wire[1] / 0xFFFF
+    known.stiffness_step, known.damping_step = wire[2] / 0xFFFF, wire[3] / 0xFFFF
+    return keep_inside(law, &known, limits[5])
 
 
 cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
@@ -132,41 +132,39 @@ cdef int operation_encode(double *arena, const int32_t *slots, const int32_t *si
     cdef double *sent = arena + own[SENT_LAW]
     cdef double sign = -1.0 if arena[own[INVERT]] != 0.0 else 1.0
     cdef double share = arena[AUTHORITY]
-    cdef double position = arena[slots[POSITION_COMMAND]]
-    cdef double velocity = arena[slots[VELOCITY_COMMAND]]
-    cdef double torque = arena[slots[TORQUE_COMMAND]]
-    cdef double stiffness = arena[slots[STIFFNESS_COMMAND]]
-    cdef double damping = arena[slots[DAMPING_COMMAND]]
-    cdef double felt
+    cdef Law law
     cdef bint limited
     cdef uint32_t code
-    if not (isfinite(position) and isfinite(velocity) and isfinite(stiffness) and isfinite(damping) and isfinite(torque)):
+    law.position, law.velocity, law.torque = (
+        arena[slots[POSITION_COMMAND]], arena[slots[VELOCITY_COMMAND]], arena[slots[TORQUE_COMMAND]])
+    law.stiffness, law.damping = arena[slots[STIFFNESS_COMMAND]], arena[slots[DAMPING_COMMAND]]
+    if not (isfinite(law.position) and isfinite(law.velocity) and isfinite(law.stiffness) and isfinite(law.damping)
+            and isfinite(law.torque)):
         return -NOT_FINITE
-    if (not -limits[0] <= position <= limits[0] or not -limits[1] <= velocity <= limits[1] or not 0.0 <= stiffness <= limits[2]
-            or not 0.0 <= damping <= limits[3] or not -limits[4] <= torque <= limits[4] or not 0.0 <= share <= 1.0):
+    if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
+            or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3] or not -limits[4] <= law.torque <= limits[4]
+            or not 0.0 <= share <= 1.0):
         return -OUT_OF_LIMITS   # a share of NaN would be full torque
-    limited = fabs(torque) > limits[5]
+    limited = fabs(law.torque) > limits[5]
     if limited:
-        torque = copysign(limits[5], torque)
-    if stiffness > 0.0 or damping > 0.0:
-        felt = fmin(felt_share(arena, slots, own, torque), limits[6])
-        limited |= felt < 1.0
-        stiffness *= felt
-        damping *= felt
+        law.torque = copysign(limits[5], law.torque)
+    if law.stiffness > 0.0 or law.damping > 0.0:
+        limited |= limit_law(arena, own, &law)
     arena[own[LIMITED]] += limited
-    code = to_code(sign * share * torque, -wire[4], wire[4], 16)
+    law.torque *= sign * share
+    code = to_code_inward(law.torque, wire[4], 16) if limited else to_code(law.torque, -wire[4], wire[4], 16)
     address(arena, own, &frames[0], 1, code)
     sent[4] = arena[own[SENT]] = sign * from_code(code, -wire[4], wire[4], 16)
-    code = to_code(sign * (position + arena[own[OFFSET]]), -wire[0], wire[0], 16)
+    code = to_code(sign * (law.position + arena[own[OFFSET]]), -wire[0], wire[0], 16)
     put(&frames[0].data[0], code)
     sent[0] = sign * from_code(code, -wire[0], wire[0], 16) - arena[own[OFFSET]]
-    code = to_code(sign * velocity, -wire[1], wire[1], 16)
+    code = to_code(sign * law.velocity, -wire[1], wire[1], 16)
     put(&frames[0].data[2], code)
     sent[1] = sign * from_code(code, -wire[1], wire[1], 16)
-    code = to_code(share * stiffness, 0.0, wire[2], 16)
+    code = to_code(share * law.stiffness, 0.0, wire[2], 16)
     put(&frames[0].data[4], code)
     sent[2] = from_code(code, 0.0, wire[2], 16)
-    code = to_code(share * damping, 0.0, wire[3], 16)
+    code = to_code(share * law.damping, 0.0, wire[3], 16)
     put(&frames[0].data[6], code)
     sent[3] = from_code(code, 0.0, wire[3], 16)
     return 1

@@ -23,11 +23,6 @@ EQUIVALENT = {
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
-    "cext/kernels/drive_law.pxd share_inside: if limit < fabs(law.torque): -> if limit <= fabs(law.torque):": "it becomes what it is",
-    "cext/kernels/drive_law.pxd share_inside: if error + spread > limit - law.torque: -> if error + spread >= limit - law.torque:":
-        "the share is 1 then",
-    "cext/kernels/drive_law.pxd share_inside: if share * (spread - error) > limit + law.torque: -> if share * (spread - error) >= limit + law.torque:":
-        "the share stays what it is then",
     "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
     "return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) >= self.guard else OK": "by a nanosecond",
     "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "

@@ -14,7 +14,7 @@ class Target:
 
 
 STOPS = tuple(f"tests/cext/test_{name}.py" for name in ("every_fault", "faults", "guarded", "life_cycle", "damping", "arming_again", "devices"))
-DRIVE = tuple(f"tests/blocks/actuators/test_cubemars_{name}.py" for name in ("bus", "felt", "wire"))
+DRIVE = tuple(f"tests/blocks/actuators/test_{name}.py" for name in ("drive_law", "cubemars_bus", "cubemars_wire", "sent"))
 
 TARGETS = (
     Target("cext/kernels/limiters.pyx", (
@@ -22,8 +22,9 @@ TARGETS = (
         "soft_start_kernel", "remember", "rms_torque_kernel"),
         ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
     Target("cext/kernels/limits.pxd", ("clip", "toward"), ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py",)),
-    Target("cext/kernels/drive_law.pxd", ("share_inside",), ("cext/kernels/cubemars",), DRIVE),
-    Target("cext/kernels/mit.pxd", ("felt_share", "quantise", "encode_command"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
+    Target("cext/kernels/drive_law.pxd", ("quotient", "keep_inside"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3", "cext/kernels/robstride",
+           "cext/kernels/robstride_mit"), DRIVE),
+    Target("cext/kernels/mit.pxd", ("limit_law", "quantise", "encode_command"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
            (*DRIVE, "tests/blocks/actuators/test_cubemars_v3_wire.py")),
     Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
            "want_replies", "is_like"), ("cext/devices",),

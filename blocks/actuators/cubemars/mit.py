@@ -19,8 +19,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
     (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end. Without
-    stiffness and damping the drive gives `torque_command` alone; with them both are scaled so that the whole law, over every position that
-    the joint can reach before the next frame, stays inside `limit`, and are zero where the feedback is older than two ticks.
+    stiffness and damping the drive gives `torque_command` alone; with them the whole law stays inside `limit` while |α| <= max_acceleration.
     Replies of 7 or 6 bytes carry neither temperature nor error: `temperature` is NaN, and `fault` stays 0 whatever the drive's state.
     """
 
