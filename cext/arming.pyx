@@ -172,35 +172,40 @@ cdef class Arming:
     cdef void halt(self, double timeout) noexcept nogil:
         """Fence, then zero torque and disable, again and again until every device has confirmed or time is up.
 
+        timeout : s after the damping; below 0, one round alone
+
         Devices that are to be damped first are, where they may have been under torque. On a real bus answers to the last torques may still be on
         their way, and look like those to the stop: the first round is confirmed by the second.
         """
         cdef int rounds = 0
-        cdef int64_t step = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
+        cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
         cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
         cdef int64_t damping = self.control.devices.longest_damping
         cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began
-        cdef int64_t limit = damping + <int64_t>(timeout * 1e9)
-        cdef bint damped
+        cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
+        cdef int64_t began = now - since                           # ns from the run's begin
+        cdef int64_t due
         self.control.keep_values()                                 # what the devices say from here on did not lead to this
         if self.plant is not None:
             self.plant.keep_values()
         cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
         self.journal.raise_fence()
         self.journal.set_state(STOPPING)
-        self.control.devices.receive(now, self.layout)             # answers to the last commands confirm nothing; the last tick left room
+        self.body.advance_plant_until(now)                         # it moves on under the last commands
+        self.control.devices.receive(now, self.layout)             # answers to them confirm nothing; the last tick left room
+        self.control.devices.begin_stop()
         while self.control.devices.count > 0:
             self.journal.attend(monotonic())
-            self.control.devices.want_replies(True, True)
+            if since >= self.control.devices.stop_due:
+                self.control.devices.want_replies(True, True)
+                rounds += since >= damping
             self.journal.make_room(True)
-            damped = since < damping
-            self.control.devices.send_stop(since, now, self.layout)
-            rounds += not damped
-            self.body.advance_plant(now)
-            now += step
-            since += step
+            due = began + self.control.devices.send_stop(since, now, round, self.layout)
+            self.body.advance_plant_until(due)
             if not self.virtual:
-                self.pace.sleep_until(monotonic() + step)
+                self.pace.sleep_until(self.began + due)
+            now = due if self.virtual else monotonic() - self.began
+            since = now - began
             self.control.devices.receive(now, self.layout)
             if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.all_answered()):
                 break

@@ -1,6 +1,7 @@
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.abi cimport FRAME_BYTES, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.batch cimport Batch
 from cext.buses cimport BusEnd
 from cext.drive_watch cimport DriveWatch
 from cext.histogram cimport Histogram
@@ -9,10 +10,6 @@ from cext.stopwatch cimport Laps
 
 cdef enum:
     DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold so many times FRAMES_PER_TICK
-
-cdef struct Batch:               # frames encoded at compile time
-    Frame frames[FRAMES_PER_BATCH]
-    int count
 
 cdef struct Device:
     decode_t decode
@@ -26,8 +23,10 @@ cdef struct Device:
     Batch enable
     Batch zero
     Batch disable
-    Batch damp                   # a safe stop begins with these,
-    int64_t damping              # for so many ns
+    void *bands                  # SpeedBands, borrowed: a safe stop begins with them; NULL where it is disabled at once
+    int64_t damping              # ns for which it is damped
+    int64_t damp_due             # ns since the stop began, of the next frame of damping
+    bint damped                  # it is, and has not been disabled yet
     int unanswered               # of the frames of disable
     int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
     int64_t pumped               # ns, when it was last sent a frame
@@ -71,6 +70,7 @@ cdef class Devices:
     cdef bint alone              # nobody else may command them
     cdef int64_t longest_damping # ns
     cdef int64_t start_time      # ns of arming in which nothing but relays is sent frames
+    cdef int64_t stop_due        # ns since the stop began, of the next round of zero torque and disable
     cdef public double counted_from     # tick from which on answers that are missing are counted
 
     cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
@@ -90,7 +90,9 @@ cdef class Devices:
     cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
     cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil
     cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil
-    cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil
+    cdef void begin_stop(self) noexcept nogil
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil
+    cdef void note_speeds(self, PageLayout *page) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil

@@ -9,7 +9,7 @@
 and for arming and the safe stop, frames that were encoded at compile time, with a count of the replies to them.
 """
 
-from libc.stdint cimport uint8_t, uint32_t, uintptr_t
+from libc.stdint cimport uint8_t, uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcmp, memcpy, memset
 
@@ -17,9 +17,11 @@ from cext.abi cimport (
     BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
     SILENT, TAKEN, TICK,
 )
+from cext.batch cimport load_batch
 from cext.histogram cimport add, summary
 from cext.pace cimport monotonic
 from cext.page cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
+from cext.speed_bands cimport SpeedBands
 from cext.stopwatch cimport COMMAND, lap
 
 from cext.handover import address, slot_words, words
@@ -67,6 +69,8 @@ cdef class Devices:
             self.devices[index].owed, self.devices[index].missed = False, 0
             self.devices[index].answered = self.devices[index].doubtful = False
             memset(self.devices[index].malformed, 0, sizeof(self.devices[index].malformed))
+            if self.devices[index].bands != NULL:
+                (<SpeedBands>self.devices[index].bands).forget()
             if self.devices[index].latency != NULL:
                 memset(self.devices[index].latency, 0, sizeof(Histogram))
         self.failed.device = self.failed.bus = -1
@@ -141,9 +145,13 @@ cdef class Devices:
             load_batch(&device.enable, entry.enable)
             load_batch(&device.zero, entry.zero)
             load_batch(&device.disable, entry.disable)
-            load_batch(&device.damp, entry.damp)
-            device.damping = round(entry.damp_time * 1e9) if entry.damp else 0
-            self.longest_damping = max(self.longest_damping, device.damping)
+            device.bands = NULL
+            if entry.damp is not None:
+                bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration, entry.damp.velocity)
+                self.keep.append(bands)
+                device.bands = <void *>bands
+                device.damping = round(entry.damp.duration * 1e9)
+                self.longest_damping = max(self.longest_damping, device.damping)
             device.unanswered = entry.unanswered
             device.relay = round(entry.relay_time * 1e9)
             self.start_time = max(self.start_time, round(entry.start_time * 1e9))
@@ -224,6 +232,8 @@ cdef class Devices:
                     device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
                     device.rejected_id = frame.data[0] if frame.length > 0 else -1
                 if answer != FOREIGN:
+                    if device.bands != NULL and answer != MALFORMED:
+                        (<SpeedBands>device.bands).note(frame)
                     break
             if self.alone and (answer == FOREIGN or answer == COMMANDED or answer == MALFORMED):
                 if answer != COMMANDED:                        # else the device itself has seen it
@@ -387,23 +397,65 @@ cdef class Devices:
                 status |= self.pump(&self.devices[number], now, page)
         return BUS_ERROR if status != OK else OK
 
-    cdef void send_stop(self, int64_t since, int64_t now, PageLayout *page) noexcept nogil:
-        """One round of the safe stop, `since` ns after it began: damping to who is damped first, zero torque and disable to all others.
+    cdef void begin_stop(self) noexcept nogil:
+        """A safe stop begins. What is damped in it depends on where `send_stop` begins to count."""
+        cdef int number
+        self.stop_due = 0
+        for number in range(self.count):
+            self.devices[number].damped = self.devices[number].bands != NULL
+            self.devices[number].damp_due = 0
+
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil:
+        """What is due of the safe stop `since` ns after it began: damping by the newest speeds, zero torque and disable every `round` ns.
+
+        A device is damped until the first round after its time. Returns when the next frames are due, in ns since the stop began.
 
         A relay is held while anything is damped, unless it may have dropped: a safe stop gives no drive its power back.
         """
         cdef int number
         cdef Device *device
+        cdef Batch *batch
+        cdef bint disabling = since >= self.stop_due
+        cdef int64_t due
+        if disabling:
+            self.stop_due = next_due(self.stop_due, since, round)
+        due = self.stop_due
         for number in range(self.count):
             device = &self.devices[number]
             if device.relay > 0:
-                if since < self.longest_damping and now - device.pumped < device.relay:
+                if disabling and since < self.longest_damping and now - device.pumped < device.relay:
                     self.pump(device, now, page)
-            elif since < device.damping:
-                self.send(device.bus, device.damp.frames, device.damp.count, now, page)
-            else:
+            elif device.damped and (since < device.damping or not disabling):
+                if since >= device.damp_due:
+                    batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+                    self.send(device.bus, batch.frames, batch.count, now, page)
+                    device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
+                due = min(due, device.damp_due)
+            elif disabling:
+                device.damped = False
                 self.send(device.bus, device.zero.frames, device.zero.count, now, page)
                 self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+        return due
+
+    cdef void note_speeds(self, PageLayout *page) noexcept nogil:
+        """Take what has come on the buses, for the speeds of what is damped. The arena stays as the tick that hangs has left it."""
+        cdef int bus, index, number, count
+        for bus in range(self.bus_count):
+            for number in range(self.count):
+                if self.devices[number].bus == bus and self.devices[number].damped:
+                    break
+            else:
+                continue
+            count = (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+            for index in range(count):
+                self.received[index].bus = <uint8_t>bus
+                self.received[index].sent = 0
+                for number in range(self.count):
+                    if self.devices[number].bus == bus and self.devices[number].bands != NULL:
+                        (<SpeedBands>self.devices[number].bands).note(&self.received[index])
+                if page != NULL:
+                    page.frames_received += 1
+                    log_frame(page, &self.received[index])
 
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
@@ -433,6 +485,11 @@ cdef class Devices:
             for rounds in range(64):
                 if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
                     break
+
+
+cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:
+    """The round after one that was due and is sent now: on the same grid, unless it has been missed as well."""
+    return due + round if due + round > now else now + round
 
 
 cdef inline bint is_like(const Batch *batch, const Frame *frame) noexcept nogil:
@@ -468,20 +525,3 @@ cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
         return
     memcpy(room, frame, sizeof(Frame))
     commit(page)
-
-
-cdef int load_batch(Batch *batch, frames) except -1:
-    """frames: a list of (arbitration id, is extended, data)."""
-    cdef Frame *frame
-    if len(frames) > FRAMES_PER_BATCH:
-        raise ValueError("at most %d frames a device, not %d" % (FRAMES_PER_BATCH, len(frames)))
-    batch.count = len(frames)
-    for index, (identifier, extended, data) in enumerate(frames):
-        frame = &batch.frames[index]
-        if len(data) > FRAME_BYTES:
-            raise ValueError("a frame carries at most %d bytes, not %d" % (FRAME_BYTES, len(data)))
-        frame.id = <uint32_t>identifier | (<uint32_t>EXTENDED if extended else 0)
-        frame.length = <uint8_t>len(data)
-        for position, byte in enumerate(data):
-            frame.data[position] = byte
-    return 0

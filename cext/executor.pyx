@@ -156,7 +156,7 @@ cdef class Executor(Waiting):
             with nogil:
                 if status == STOP_WANTED:
                     stopped, status = True, OK
-                self.stop(0.0 if status == UNGUARDED and self.carried else stopping_timeout)
+                self.stop(-1.0 if status == UNGUARDED and self.carried else stopping_timeout)
         finally:
             self.watchdog.end()
             give_back_fatal()

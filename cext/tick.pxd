@@ -13,6 +13,7 @@ cdef class Tick:
     cdef Handover *handover              # of the watchdog, NULL without one
     cdef int substeps
     cdef int64_t plant_tick
+    cdef int64_t plant_due       # ns from the run's begin, at which the next step of the plant begins
     cdef readonly Stopwatch watch        # of the robot
     cdef readonly Stopwatch plant_watch  # of its plant, where there is a profile
 
@@ -20,3 +21,5 @@ cdef class Tick:
     cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil
     cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil
     cdef int advance_plant(self, int64_t now) noexcept nogil
+    cdef void advance_plant_until(self, int64_t until) noexcept nogil
+    cdef int step_plant(self, int64_t instant) noexcept nogil

@@ -145,13 +145,15 @@ cdef class Watchdog:
         self.at = self.program.at
         store_i32(&self.hung, 1)
         self.journal.raise_fence_for(self.at)
+        self.program.devices.begin_stop()
         while not load_i32(&self.leave):
             now = monotonic()
             over = now - began >= STOP_LIMIT + damping - damped
             mine = mine or swap(&self.shared.user, NOBODY, WATCHDOG)
             if mine and not over and now >= due:
-                self.program.devices.send_stop(now - began + damped, now - self.zero, self.journal.layout)
-                due = now + STOP_ROUND
+                self.program.devices.note_speeds(self.journal.layout)
+                due = began - damped + self.program.devices.send_stop(
+                    now - began + damped, now - self.zero, STOP_ROUND, self.journal.layout)
             if now >= nudge:
                 pthread_kill(self.loop, SIGURG)
                 nudge = now + (HANG_SIGNAL_PERIOD_STOPPED if over else HANG_SIGNAL_PERIOD)

@@ -1,8 +1,11 @@
 """The last part of a compile: what has been checked and sorted gets its places in the arena and becomes a schedule."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from graph.block import CLOCK, Sink, size_of
+from graph.budget import damping_round
 from graph.device import Actuator, Device
 from graph.diagram import Signal
 from graph.interval import EVERYTHING
@@ -159,9 +162,14 @@ class Assembly:
             name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
             age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1, timeout=block.timeout,
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
-            damp=tuple(block.damp_frames()), damp_time=block.damp_time, unanswered=block.unanswered_frames,
+            damp=self.damped_stop(block), unanswered=block.unanswered_frames,
             relay_time=block.relay_time, start_time=block.start_time,
             watch=self.watch_steps(block, slot))
+
+    def damped_stop(self, block):
+        """Its DampedStop with the round that its bus can carry."""
+        stop = block.damped_stop()
+        return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
 
     def watch_steps(self, block, slot):
         watch = block.watched()

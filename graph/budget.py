@@ -7,9 +7,11 @@ on a serial line takes ten bits: one to begin, eight, one to end.
 
 from dataclasses import dataclass
 
+from graph.device import Device
 from graph.stream import StreamDevice
 
 BITS_OF_A_BYTE = 10
+DAMPING_SHARE = 0.8         # of the bitrate, in a safe stop that damps
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,14 @@ def bus_loads(devices, rate):
             typical, worst = (sum(line[0] * line[which] for line in bits) / bitrate for which in (1, 2))
             loads.append(BusLoad(bus, bitrate, sum(often for often, *_ in bits), typical, worst))
     return loads
+
+
+def damping_round(bus, blocks):
+    """s that a bus needs at least between rounds of damping frames and one reply to each, at DAMPING_SHARE of what it carries."""
+    damped = [(block, stop) for block in blocks if isinstance(block, Device) and block.bus == bus and (stop := block.damped_stop()) is not None]
+    bits = sum(
+        2 * frame_bits(len(data), extended)[1] / block.bitrate for block, stop in damped for _, extended, data in stop.bands[0][1])
+    return bits / DAMPING_SHARE
 
 
 def line_loads(devices):

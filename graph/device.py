@@ -38,6 +38,44 @@ class Watch:
         )
 
 
+@dataclass(frozen=True)
+class ReplyField:
+    """A number in a reply, described for a reader that has no decoder of the device: an integer, most significant bit first.
+
+    The value is low + code (high - low) / (2^bits - 1). In a signed field (two's complement) the first bit is inverted before that.
+
+    frames : frames that carry it, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
+    first : the bit of the data at which it begins
+    """
+
+    frames: tuple
+    first: int
+    bits: int
+    low: float
+    high: float
+    signed: bool = False
+
+
+@dataclass(frozen=True)
+class DampedStop:
+    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/speed_bands.pyx chooses among them.
+
+    duration : s; after it the device is disabled
+    bands : (highest speed in rad/s, frames) in ascending order; the last speed is infinite. Frames are as in `Device.zero_frames`
+    velocity : ReplyField of the joint's velocity; with None the last band is used
+    acceleration : rad/s², highest of the joint: by it the speed can have grown until the next frame arrives
+    round : s between frames
+    limit : N·m inside which the torque stays
+    """
+
+    duration: float
+    bands: tuple
+    velocity: ReplyField | None
+    acceleration: float
+    round: float
+    limit: float
+
+
 class Device(Block):
     """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at the end.
 
@@ -46,7 +84,6 @@ class Device(Block):
         or "i2c", a frame for each answer to a transfer of registers
     bus : logical name; a rig says which interface stands behind it
     timeout : s of silence after which the run ends in the safe stop; 0 for never
-    damp_time : s for which a safe stop keeps it damped before it is disabled
     relay_time : s without a frame of its own after which the relay that this device holds drops; 0 for a device without a relay. Above 0 `encode` is also
         called in every round of arming, and in the damped part of a safe stop as long as the relay cannot have dropped
     start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start meanwhile
@@ -59,7 +96,6 @@ class Device(Block):
     bus = ""
     bitrate = 1e6               # bit/s of its bus
     timeout = 0.0
-    damp_time = 0.0
     relay_time = start_time = 0.0
     protects = ()               # paths or buses of the devices whose power its relay switches
     own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
@@ -132,9 +168,9 @@ class Device(Block):
         """What the run watches over it: a Watch, or None."""
         return None
 
-    def damp_frames(self):
-        """Frames that make it resist motion and nothing else: a safe stop begins with these for `damp_time` s, where that is above 0."""
-        return []
+    def damped_stop(self):
+        """A DampedStop where a safe stop takes the speed out of the joint before it disables the device, else None."""
+        return None
 
     def holds_power_of(self, device):
         """Whether another device loses its power by itself soon after the frames of this one end."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from graph.device import DampedStop
 from graph.interval import Interval
 from graph.layout import KernelTable
 
@@ -53,8 +54,7 @@ class DeviceSteps:
     enable: tuple
     zero: tuple
     disable: tuple
-    damp: tuple = ()           # instead of both for so many s, first
-    damp_time: float = 0.0
+    damp: DampedStop | None = None  # what a safe stop begins with, in place of zero and disable
     unanswered: int = 0         # of the frames of disable
     relay_time: float = 0.0     # s without a frame after which its relay drops; 0: it holds none
     start_time: float = 0.0     # s of arming in which others are sent nothing

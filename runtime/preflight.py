@@ -69,7 +69,11 @@ def position_range(block):
 
 def stop_of(block):
     """How its safe stop is done, in words."""
-    first = f"damped for {block.damp_time:g} s" if block.damp_time > 0.0 else "zero torque" if block.zero_frames() else ""
+    damped = block.damped_stop()
+    if damped is not None:
+        first = f"damped within {damped.limit:.3g} N·m for {damped.duration:g} s"
+    else:
+        first = "zero torque" if block.zero_frames() else ""
     return " then ".join([first] * bool(first) + ["disable"] * bool(block.disable_frames())) or "nothing to stop"
 
 

@@ -1,5 +1,8 @@
 """Frames of MIT mode that are the same for all boards. cext/kernels/mit.pxd has the layout."""
 
+from blocks.actuators.damping import damped_stop
+from graph import ReplyField
+
 ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
 SET_ZERO = b"\xff\xff\xff\xff\xff\xff\xff\xfe"
@@ -7,7 +10,7 @@ NOTHING = bytes.fromhex("7fff7ff0000007ff")         # position, velocity and tor
 
 
 def damped(share):
-    """As NOTHING, with a share of the range of damping."""
+    """As NOTHING, with a share of the range of damping, rounded down."""
     code = int(share * 0xFFF)
     return bytes([*NOTHING[:5], code >> 4, (code & 15) << 4 | NOTHING[6] & 15, NOTHING[7]])
 
@@ -24,5 +27,6 @@ class StopInMitMode:
     def disable_frames(self):
         return [(self.can_id, False, DISABLE)]
 
-    def damp_frames(self):
-        return [(self.can_id, False, damped(self.stop_damping / self.wire[3]))]
+    def damped_stop(self):
+        velocity = ReplyField(tuple(self.replies()), first=24, bits=12, low=-self.wire[1], high=self.wire[1])
+        return damped_stop(self, lambda damping: [(self.can_id, False, damped(damping / self.wire[3]))], velocity)

@@ -9,8 +9,10 @@ The plan is a dict that JSON can carry:
 
     buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None where the loop drives
                 the bus itself)
-    devices     of each: name, bus (index), zero, disable and damp as [id, data], damp_time in s, unanswered (how many frames of disable are),
-                replies as [id, mask, first digits]; data in hex digits, ids with the flag bits of struct can_frame
+    devices     of each: name, bus (index), zero and disable as [id, data], unanswered (how many frames of disable are), replies as
+                [id, mask, first digits], damp (as below, or None); data in hex digits, ids with the flag bits of struct can_frame
+    damp        duration and round in s, acceleration in rad/s², bands as [highest speed in rad/s or None, frames as above], velocity:
+                the fields of graph.ReplyField with frames like replies, or None
     relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex digits, sent in turn), hold in s
     items       what a tick can hang with, by the numbers that the watchdog of the loop puts on the page
     limit       s without a tick after which the loop counts as stalled
@@ -21,6 +23,7 @@ buses that the guardian carried are then stopped from here, by `take_over`.
 """
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -140,13 +143,16 @@ class GuardianProcess(ChildProcess):
         stop = SafeStop(devices, wires, now, relays=[Relay(relay, now) for relay in self._plan["relays"]])
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
-                wire.listen([reply for device in devices if device["bus"] == index for reply in device["replies"]])
+                wire.listen([reply for device in devices if device["bus"] == index for reply in device["replies"] + device["speeds"]])
+        drained = stop.began
         while not stop.over:
             stop.step(time.monotonic_ns())
             time.sleep(0.0005)
+            before = time.monotonic_ns()
             for index, wire in wires.items():
                 for identifier, data in wire.receive():
-                    stop.hear(index, identifier, data, time.monotonic_ns())
+                    stop.hear(index, identifier, data, time.monotonic_ns(), drained)
+            drained = before
         for wire in wires.values():
             wire.close()
         return how, troubles, stop.report()
@@ -164,8 +170,7 @@ def plan(buses, schedule, diagram, priority, relays=()):
         "devices": [
             {
                 "name": device.name, "bus": place[device.bus], "zero": told(device.zero), "disable": told(device.disable),
-                "damp": told(device.damp), "damp_time": device.damp_time if device.damp else 0.0,
-                "unanswered": device.unanswered,
+                "damp": damping(device.damp), "unanswered": device.unanswered,
                 "replies": [[flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
                             for wanted, mask, extended, begin in diagram[device.name].replies()],
             }
@@ -176,6 +181,18 @@ def plan(buses, schedule, diagram, priority, relays=()):
         "limit": max(LOOP_STALL_PERIODS / schedule.rate, LOOP_STALL_MINIMUM * 1e-9),
         "priority": None if priority is None else priority + 1,
     }
+
+
+def damping(stop):
+    """A graph.DampedStop as the plan has it."""
+    if stop is None:
+        return None
+    field = stop.velocity
+    velocity = None if field is None else vars(field) | {
+        "frames": [[flagged(wanted, extended), mask | FLAGS, begin.hex()] for wanted, mask, extended, begin in field.frames]}
+    return {
+        "duration": stop.duration, "round": stop.round, "acceleration": stop.acceleration, "velocity": velocity,
+        "bands": [[None if speed == math.inf else speed, told(frames)] for speed, frames in stop.bands]}
 
 
 def told(frames):

@@ -10,6 +10,7 @@ It ends with the control process, or when that says so. Signals do not end it.
 
 import gc
 import json
+import math
 import os
 import resource
 import select
@@ -28,7 +29,7 @@ from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
 from runtime.guardian.stopping import SafeStop
-from runtime.guardian.wires import CannotOpen, open_wire
+from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
 
 ORDERS = 0                      # standard input
@@ -55,6 +56,7 @@ class Guardian:
         self.stop = self.verdict = self.mourner = self.groups = None
         self.stuck_at = None            # ns at which to look whether what hangs still does
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
+        self.drained = {}               # ns, by the index of a wire: everything that came earlier has been read
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
@@ -69,8 +71,7 @@ class Guardian:
         plan = json.loads(line)
         self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
         self.items, self.relays = plan["items"], plan["relays"]
-        self.harmless = {
-            (device["bus"], *frame) for device in self.devices for frame in device["zero"] + device["disable"] + device["damp"]}
+        self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         troubles = {}
         for index, bus in enumerate(self.buses):
             try:
@@ -171,9 +172,10 @@ class Guardian:
             self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
-                wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"]])
+                wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"] + device["speeds"]])
             else:
                 self.receive(index)                     # answers to what came before confirm nothing
+            self.drained[index] = time.monotonic_ns()
         relays = [Relay(relay, now - silent) for relay in self.relays]
         self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
         self.stop.step(now)
@@ -201,19 +203,26 @@ class Guardian:
 
     def receive(self, index):
         """What has come on a wire of ours goes to the loop, and to the safe stop if there is one."""
+        before = time.monotonic_ns()
         frames = self.wires[index].receive()
         now = time.monotonic_ns()
         for identifier, data in frames:
             self.lines.give(self.buses[index]["line"], identifier, data, now)
             if self.stop is not None:
-                self.stop.hear(index, identifier, data, now)
+                self.stop.hear(index, identifier, data, now, self.drained[index])
+        if len(frames) < FRAMES_AT_ONCE:
+            self.drained[index] = before
 
     def listen(self):
         """In a safe stop, what has come where the loop drives the bus."""
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
-                for identifier, data in wire.receive():
-                    self.stop.hear(index, identifier, data, time.monotonic_ns())
+                before = time.monotonic_ns()
+                frames = wire.receive()
+                for identifier, data in frames:
+                    self.stop.hear(index, identifier, data, time.monotonic_ns(), self.drained[index])
+                if len(frames) < FRAMES_AT_ONCE:
+                    self.drained[index] = before
 
     def tell(self):
         """Once it is done, say what was done: on standard error, and in the recording where its ring has no other writer any more."""
@@ -249,9 +258,22 @@ class Guardian:
 
 
 def decoded(device):
-    """A device of the plan with bytes in place of their hex digits."""
-    frames = {key: [(identifier, bytes.fromhex(data)) for identifier, data in device[key]] for key in ("zero", "disable", "damp")}
-    return device | frames
+    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its velocity."""
+    damp = device["damp"]
+    if damp is not None:
+        damp = damp | {"bands": [(math.inf if speed is None else speed, in_bytes(frames)) for speed, frames in damp["bands"]]}
+    speeds = damp["velocity"]["frames"] if damp is not None and damp["velocity"] is not None else []
+    return device | {"zero": in_bytes(device["zero"]), "disable": in_bytes(device["disable"]), "damp": damp, "speeds": speeds}
+
+
+def in_bytes(frames):
+    return [(identifier, bytes.fromhex(data)) for identifier, data in frames]
+
+
+def frames_of_stop(device):
+    """Every frame that a safe stop may send to a device: the only ones that pass the fence."""
+    damping = [frame for _, frames in device["damp"]["bands"] for frame in frames] if device["damp"] is not None else []
+    return device["zero"] + device["disable"] + damping
 
 
 def in_words(verdict):

@@ -1,12 +1,14 @@
 """The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up.
 
-An actuator that is to be damped first, so that no joint drops its wearer, is damped for its time before that.
+An actuator with `damp` is damped for its time before that, so that no joint drops its wearer: by frames for the speed that its replies report.
 
 Answers look alike. Those in the first round may be to what was commanded before, so that they confirm nothing.
 """
 
 import re
+from types import SimpleNamespace
 
+from cext.speed_bands import SpeedBands
 from cext.thresholds import STOP_LIMIT, STOP_ROUND
 
 
@@ -26,8 +28,9 @@ class SafeStop:
         self.relays = relays
         self.wires, self.began, self.due, self.ended = wires, now, now, None
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
-        self.damping = {name: round(device["damp_time"] * 1e9) * moving for name, device in self.waiting.items()}
-        self.limit = STOP_LIMIT + max(self.damping.values(), default=0)
+        self.damped = {name: Damped(device["damp"], now) for name, device in self.waiting.items() if device["damp"] is not None and moving}
+        self.disabling_due = now
+        self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=0)
         self.asked = set()
         self.confirmed, self.heard, self.sent = set(), {}, 0
         self.order = list(self.waiting)
@@ -37,7 +40,7 @@ class SafeStop:
         return self.ended is not None
 
     def step(self, now):
-        """Send the next round to those that have not confirmed; see whether all is done."""
+        """Send what is due to those that have not confirmed; see whether all is done."""
         if self.over:
             return
         if not self.waiting or now - self.began >= self.limit:
@@ -45,20 +48,38 @@ class SafeStop:
             return
         if now < self.due:
             return
-        self.due = now + STOP_ROUND
-        damped = {name for name in self.waiting if now - self.began < self.damping[name]}
-        for relay in self.relays if damped else ():
-            relay.change(now)
-        self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
-        self.asked |= self.waiting.keys() - damped
-        for name, device in self.waiting.items():
-            wire = self.wires.get(device["bus"])
-            for identifier, data in device["damp"] if name in damped else device["zero"] + device["disable"]:
-                if wire is not None and wire.send(identifier, data):
-                    self.sent += 1
+        disabling = now >= self.disabling_due
+        if disabling:
+            self.damped = {name: damped for name, damped in self.damped.items() if now < damped.end}
+            for relay in self.relays if self.damped else ():
+                relay.change(now)
+        for name, damped in self.damped.items():
+            if now >= damped.due:
+                self.send(self.waiting[name], damped.frames(now))
+        if disabling:
+            self.disable(now)
+        self.due = min([self.disabling_due, *(damped.due for damped in self.damped.values())])
 
-    def hear(self, bus, identifier, data, now):
-        """A frame that is no echo."""
+    def disable(self, now):
+        """A round of zero torque and disable to those that are not damped any more."""
+        self.disabling_due = now + STOP_ROUND
+        self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
+        self.asked |= self.waiting.keys() - self.damped.keys()
+        for name, device in self.waiting.items():
+            if name not in self.damped:
+                self.send(device, device["zero"] + device["disable"])
+
+    def send(self, device, frames):
+        wire = self.wires.get(device["bus"])
+        for identifier, data in frames:
+            if wire is not None and wire.send(identifier, data):
+                self.sent += 1
+
+    def hear(self, bus, identifier, data, now, since=None):
+        """A frame that is no echo, which is read now. since : ns from which on it may have arrived; `now` by default"""
+        for name, damped in self.damped.items():
+            if self.waiting[name]["bus"] == bus:
+                damped.bands.hear(identifier, data, now if since is None else since)
         for name, device in list(self.waiting.items()):
             if device["bus"] != bus or name not in self.heard or not is_reply(device, identifier, data):
                 continue
@@ -75,6 +96,22 @@ class SafeStop:
         return {
             "confirmed": [name for name in self.order if name in self.confirmed], "unconfirmed": list(self.waiting), "sent": self.sent,
             "took": ((self.ended or self.began) - self.began) * 1e-9}
+
+
+class Damped:
+    """The damping of one device. end, due : ns, CLOCK_MONOTONIC: when it is over, and of the next frames"""
+
+    def __init__(self, damp, now):
+        velocity = damp["velocity"]
+        field = None if velocity is None else SimpleNamespace(
+            **velocity | {"frames": [(wanted, mask, False, bytes.fromhex(first)) for wanted, mask, first in velocity["frames"]]})
+        bands = [(speed, [(identifier, False, data) for identifier, data in frames]) for speed, frames in damp["bands"]]
+        self.bands = SpeedBands(bands, round(damp["round"] * 1e9), damp["acceleration"], field)
+        self.end, self.due = now + round(damp["duration"] * 1e9), now
+
+    def frames(self, now):
+        self.due = now + self.bands.round
+        return self.bands.frames(now)
 
 
 def is_reply(device, identifier, data):

@@ -20,7 +20,7 @@ from cext.thresholds import INTERFACE_FAILURE_LIMIT
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29       # of Linux, which Python's socket has no names for
-MOST = 64                       # frames taken at once
+FRAMES_AT_ONCE = 64             # that a wire gives at most
 ECHO = 0.1                      # s within which an interface hands back what was sent
 TIMEOUT = 0.002                 # s that an interface may take to accept a frame
 QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
@@ -85,7 +85,7 @@ class PythonCanWire(Wire):
 
     def receive(self):
         frames = []
-        for _ in range(MOST):
+        for _ in range(FRAMES_AT_ONCE):
             try:
                 message = self.ear.recv(0)
             except Exception as error:      # a TypeError, for half a frame on some serial lines
@@ -218,7 +218,7 @@ class SocketCanWire(Wire):
 
     def receive(self):
         frames = []
-        for _ in range(MOST):
+        for _ in range(FRAMES_AT_ONCE):
             try:
                 frame, _, flags, _ = self.socket.recvmsg(self.FD_FRAME.size)
             except BlockingIOError:

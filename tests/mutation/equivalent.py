@@ -47,6 +47,6 @@ EQUIVALENT = {
     "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block stands at 0",
     "cext/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it leaves no remainder as often",
-    "runtime/guardian/stopping.py __init__: self.limit = LONGEST + max(self.damping.values(), default=0) -> "
-    "self.limit = LONGEST + max(self.damping.values(), default=1)": "without a device it is over at once",
+    "runtime/guardian/stopping.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=0) -> "
+    "self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=1)": "1 ns more",
 }

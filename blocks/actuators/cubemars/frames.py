@@ -7,6 +7,7 @@ V1.0.18.)
 import math
 
 from blocks.actuators.cubemars import mit
+from graph import ReplyField
 
 DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15     # kinds of commands
 STATUS, POWER_UP = 0x29, 0x2C                                                                                   # and of what a drive says
@@ -42,6 +43,11 @@ def replies(can_id):
     """A status that says that the drive is at rest: with a current within ± QUIET, or with the answer to a disable."""
     status = STATUS << 8 | can_id
     return [(status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")]
+
+
+def velocity_field(can_id, code):
+    """Where a status has the speed. code : rad/s of the joint"""
+    return ReplyField(((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),), first=16, bits=16, low=-32768 * code, high=32767 * code, signed=True)
 
 
 def in_words(code):

@@ -6,7 +6,8 @@ from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
 from cext.kernels import cubemars_servo as kernels
-from graph import Actuator, Input, Interval, Memory, Output, Param
+from cext.thresholds import STOP_DAMP_ROUND
+from graph import Actuator, DampedStop, Input, Interval, Memory, Output, Param
 
 KINDS = {
     "duty": frames.DUTY, "current": frames.CURRENT, "current_brake": frames.BRAKE, "velocity": frames.SPEED, "position": frames.POSITION,
@@ -163,8 +164,13 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     def disable_frames(self):
         return [frames.frame(frames.DISABLE, self.can_id)] if self.found.generation >= 3 else self.zero_frames()
 
-    def damp_frames(self):
-        return [frames.amperes(frames.BRAKE, self.stop_current, self.can_id)] if self.damp_time else []
+    def damped_stop(self):
+        """A braking current: it bounds the torque at every speed."""
+        if not self.damp_time:
+            return None
+        return DampedStop(
+            duration=self.damp_time, bands=((math.inf, (frames.amperes(frames.BRAKE, self.stop_current, self.can_id),)),), velocity=None,
+            acceleration=0.0, round=STOP_DAMP_ROUND * 1e-9, limit=self.stop_current * self.scales[2])
 
     def emulator(self, **parameters):
         from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo

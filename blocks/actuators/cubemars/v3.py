@@ -3,6 +3,7 @@
 import math
 
 from blocks.actuators.cubemars import frames, models_v3
+from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels import cubemars_v3 as kernels
@@ -98,8 +99,11 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     def disable_frames(self):
         return [frames.frame(frames.DISABLE, self.can_id)]
 
-    def damp_frames(self):
-        code = int(self.stop_damping / self.wire[3] * 0xFFF)
+    def damped_stop(self):
+        return damped_stop(self, self.damping_frames, frames.velocity_field(self.can_id, self.scales[1]))
+
+    def damping_frames(self, damping):
+        code = int(damping / self.wire[3] * 0xFFF)
         return [frames.frame(frames.FORCE, self.can_id, bytes([0, code >> 8, code & 0xFF, *NOTHING[3:]]))]
 
     def emulator(self, **parameters):

@@ -1,10 +1,11 @@
 """RobStride actuators and the CyberGear in the vendor's private protocol, on extended frames."""
 
+from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels import robstride as kernels
-from graph import Actuator, Input, Interval, Memory, Output, Param
+from graph import Actuator, Input, Interval, Memory, Output, Param, ReplyField
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
@@ -162,11 +163,14 @@ class RobStride(Joint, Actuator):
         stopped = [self.command(frames.STOP)]
         return [*stopped, frames.reports(False, self.can_id, self.host_id)] if self.active_reporting else stopped
 
-    def damp_frames(self):
-        if not self.damp_time:
-            return []
-        damping = int(self.stop_damping / self.wire[3] * 0xFFFF)
-        return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff0000") + damping.to_bytes(2, "big"))]
+    def damped_stop(self):
+        reports = tuple((kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"") for kind in (frames.FEEDBACK, frames.REPORT))
+        velocity = ReplyField(reports, first=16, bits=16, low=-self.wire[1], high=self.wire[1])
+        return damped_stop(self, self.damping_frames, velocity)
+
+    def damping_frames(self, damping):
+        code = int(damping / self.wire[3] * 0xFFFF)
+        return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff0000") + code.to_bytes(2, "big"))]
 
     def fault_in_words(self, code):
         return ", ".join(frames.names(code, frames.FAULTS_OF_CYBERGEAR if self.found.is_cybergear else frames.FAULTS))

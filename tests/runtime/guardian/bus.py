@@ -69,19 +69,20 @@ class Heard:
 class Bus:
     """A bus of this test alone: its drives, and a node that listens."""
 
-    def __init__(self, folder, number=0, motors=MOTORS, answering=True):
+    def __init__(self, folder, number=0, motors=MOTORS, answering=True, moving=False):
         self.folder = folder
         self.channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{10 + number}"
         self.rig = write(folder, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{self.channel}"\n', "lab.toml")
         self.node = open_bus(self.channel)
         self.frames, self.runs = [], []
-        self.motors, self.answering = motors, answering
+        self.motors, self.answering, self.moving = motors, answering, moving
 
     def __enter__(self):
         if not self.answering:
             return self
         self.drives = subprocess.Popen(
-            [sys.executable, "-m", "tests.runtime.guardian.drives", self.channel, *map(str, self.motors)], cwd=ROOT,
+            [sys.executable, "-m", "tests.runtime.guardian.drives", self.channel, *map(str, self.motors), *["moving"] * self.moving],
+            cwd=ROOT,
             stdout=subprocess.PIPE, text=True)
         assert self.drives.stdout.readline() == "ready\n"
         return self

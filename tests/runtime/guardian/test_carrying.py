@@ -1,6 +1,7 @@
 """What the guardian carries is checked against the fence frame by frame: behind it nothing but the frames of the safe stop goes out."""
 
 import errno
+import math
 import mmap
 import os
 import signal
@@ -49,9 +50,9 @@ class Carrying:
         self.wires = [Log(), Log()]
         read, self.orders = os.pipe()
         self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
-        frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": []}
+        frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": None}
         guardian.devices = [
-            decoded({"name": f"{bus}", "bus": bus, "damp_time": 0.0, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)]
+            decoded({"name": f"{bus}", "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)]
         guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
         guardian.items, guardian.limit = ["law"], 40_000_000
         guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
@@ -214,7 +215,8 @@ def test_a_loop_that_has_not_is_stopped_and_its_last_tick_told():
 def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
     def look(guardian, page):
         for device in guardian.devices:
-            device["damp"], device["damp_time"] = [(1, b"damp")], 0.1
+            device["damp"] = {
+                "duration": 0.1, "round": 0.002, "acceleration": 500.0, "velocity": None, "bands": [(math.inf, [(1, b"damp")])]}
         guardian.judge(page.beat + guardian.limit + 1)
 
     guardian = judged(look, tick)

@@ -1,15 +1,18 @@
 """The safe stop over wires, in virtual time: what is sent, when it ends, and who has confirmed."""
 
 import json
+import math
 
 import pytest
 
-from blocks.actuators import CubeMarsServo, CubeMarsV3
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3
 from cext.thresholds import STOP_LIMIT, STOP_ROUND
 from graph import Diagram, compile
 from runtime.guardian import plan
 from runtime.guardian.process import decoded
 from runtime.guardian.stopping import SafeStop
+from tests.blocks.actuators import reference
+from tests.played_drive import PlayedDrive, never_gains
 
 ALL = 0xFFFFFFFF
 
@@ -25,10 +28,14 @@ class Log:
         return self.working
 
 
-def device(name, bus, identifier, begin=b"", damp_time=0.0):
+def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity=None):
+    """As the guardian has it. bands : (speed, data) of its damping"""
+    damp = damp_time and {
+        "duration": damp_time, "round": 0.002, "acceleration": 500.0, "velocity": velocity,
+        "bands": [(speed, [(identifier, data)]) for speed, data in bands or [(math.inf, b"damp")]]}
     return {
         "name": name, "bus": bus, "zero": [(identifier, b"zero")], "disable": [(identifier, b"disable")],
-        "damp": [(identifier, b"damp")], "damp_time": damp_time,
+        "damp": damp or None,
         "replies": [(identifier + 0x100, ALL, begin.hex())]}
 
 
@@ -143,12 +150,12 @@ def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
 def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
     wire = Log()
     stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
-    for now in range(0, 300_000_000, STOP_ROUND):
+    for now in range(0, 300_000_000, 1_000_000):
         stop.step(now)
         stop.hear(0, 0x101, b"", now + 1)                   # it answers, which confirms nothing while it is damped
         stop.hear(0, 0x101, b"", now + 2)
-    assert {frame for frame in wire.sent if frame[0] == 1} == {(1, b"damp")} and wire.sent.count((1, b"damp")) == 60
-    assert (2, b"disable") in wire.sent and stop.report()["unconfirmed"] == ["knee", "hip"]
+    assert {frame for frame in wire.sent if frame[0] == 1} == {(1, b"damp")} and wire.sent.count((1, b"damp")) == 150
+    assert wire.sent.count((2, b"disable")) == 60 and stop.report()["unconfirmed"] == ["knee", "hip"]
     stop.step(300_000_000)
     assert wire.sent[-4:-2] == [(1, b"zero"), (1, b"disable")]
     for now in (300_000_001, 300_000_002):                  # to its damping, perhaps
@@ -202,3 +209,77 @@ def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(k
     assert len(wire.sent) == 4
     stop.hear(0, 0x80002905, bytes.fromhex("01234567001f1e00"), STOP_ROUND + 1000)
     assert stop.over and stop.report()["confirmed"] == ["knee"]
+
+
+SPEED = {"frames": [[0x101, ALL, "01"]], "first": 8, "bits": 16, "low": -65.536, "high": 65.534, "signed": True}
+
+
+def speed_of(velocity):
+    """A reply with a velocity in units of 2 mrad/s."""
+    return b"\1" + round(velocity / 0.002).to_bytes(2, "big", signed=True)
+
+
+@pytest.mark.parametrize("velocity, age, expected", [
+    (0.5, 0, b"strong"), (-0.5, 0, b"strong"),              # 500 rad/s² for two rounds of 2 ms are 2 rad/s
+    (1.1, 0, b"weak"), (-1.1, 0, b"weak"), (0.5, 2_000_000, b"weak"), (0.5, 20_000_000, b"slow"), (40.0, 0, b"slow"), (-40.0, 0, b"slow")])
+def test_the_damping_is_that_of_the_newest_speed_and_of_what_it_can_have_become(velocity, age, expected):
+    wire = Log()
+    bands = [(3.0, b"strong"), (6.0, b"weak"), (math.inf, b"slow")]
+    stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)
+    stop.step(0)
+    assert wire.sent == [(1, b"slow")]                      # there is no velocity yet
+    stop.hear(1, 0x101, speed_of(0.0), 2_000_000)           # of another bus, of another drive, too short: none of these
+    stop.hear(0, 0x102, speed_of(0.0), 2_000_000)
+    stop.hear(0, 0x101, b"\1\0", 2_000_000)
+    stop.hear(0, 0x101, b"\2\0\0", 2_000_000)
+    stop.step(2_000_000)
+    assert wire.sent == [(1, b"slow")] * 2
+    stop.hear(0, 0x101, speed_of(velocity), 4_000_000 - 1)
+    stop.step(4_000_000 - 1 + age)
+    assert wire.sent[2:] == [(1, expected)] if age else wire.sent[2:] == []
+    stop.step(4_000_000 + age)
+    assert wire.sent[2] == (1, expected)
+
+
+def test_a_reply_that_is_read_late_counts_as_old_as_it_can_be():
+    """After the guardian was away for 20 ms: the reply it finds may be of any moment since its last look."""
+    wire, bands = Log(), [(10.0, b"strong"), (math.inf, b"slow")]
+    stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)
+    stop.hear(0, 0x101, speed_of(0.0), 20_000_000, since=20_000_000 - 1_000_000)
+    stop.step(20_000_000)
+    stop.hear(0, 0x101, speed_of(0.0), 40_000_000, since=20_000_000)
+    stop.step(40_000_000)
+    assert wire.sent == [(1, b"strong"), (1, b"slow")]
+
+
+def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_by_the_guardian():
+    """The plan as the guardian gets it, and a drive that is played from the bytes: AK80-9, limit 5 N·m, stop_damping 1, 0.35 kg·m²."""
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK80-9", can_id=1, name="knee", limit=5.0, safe_stop="damp", stop_damping=1.0)(torque_command=0.0)
+    [device] = map(decoded, json.loads(json.dumps(plan([], compile(robot), robot, None)))["devices"])
+    for jitter in (0, 700_000):                             # ns by which it comes late
+        drive = PlayedDrive(reference.ranges(velocity=50.0, torque=18.0))
+        wire = Answering(drive)
+        stop = SafeStop([device], {0: wire}, 0)
+        for now in range(0, 1_300_000_000, 1_000_000):
+            wire.now = now + jitter * (now // 1_000_000 % 3 == 0)
+            stop.step(wire.now)
+            drive.advance(wire.now + 300_000)
+            for identifier, data in wire.replies:
+                stop.hear(0, identifier, data, wire.now + 300_000)
+            wire.replies.clear()
+        assert stop.over and stop.report()["unconfirmed"] == []
+        assert drive.worst() <= 5.0 + 36.0 / 4095 and never_gains(drive.log)
+        assert drive.half_time() < 0.6
+
+
+class Answering(Log):
+    """A wire with a played drive at its end."""
+
+    def __init__(self, drive):
+        super().__init__()
+        self.drive, self.now, self.replies = drive, 0, []
+
+    def send(self, identifier, data):
+        self.replies.append((identifier, self.drive.hear(data, self.now + 100_000)))
+        return super().send(identifier, data)

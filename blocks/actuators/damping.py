@@ -1,0 +1,33 @@
+"""Bands of pure damping for the safe stop: B = min(stop_damping, limit / speed), so that damping times speed stays inside the limit."""
+
+import math
+
+from cext.thresholds import STOP_DAMP_ROUND
+from graph import DampedStop
+
+STEP = 1.1                      # between the speeds of two bands
+BAND_LIMIT = 64                 # bands
+
+
+def damped_stop(joint, frames_of, velocity):
+    """The DampedStop of a Joint, or None where it is disabled at once.
+
+    frames_of : called with a damping in N·m·s/rad at the joint, gives frames of no more than that
+    velocity : graph.ReplyField, or None where no reply carries the velocity
+    """
+    if not joint.damp_time:
+        return None
+    bands = bands_inside(joint.torque_limit, joint.stop_damping, joint.wire[1])
+    return DampedStop(
+        duration=joint.damp_time, bands=tuple((speed, tuple(frames_of(damping))) for speed, damping in bands), velocity=velocity,
+        acceleration=joint.max_acceleration, round=STOP_DAMP_ROUND * 1e-9, limit=joint.torque_limit)
+
+
+def bands_inside(limit, damping, top_speed):
+    """[(highest speed, damping)] in ascending order of speed. The last band has no highest speed: it is inside the limit up to `top_speed`."""
+    full = limit / damping                          # speed up to which the whole damping is inside the limit
+    if full >= top_speed:
+        return [(math.inf, damping)]
+    count = min(math.ceil(math.log(top_speed / full, STEP)), BAND_LIMIT)
+    speeds = [full * (top_speed / full) ** (index / count) for index in range(count)]
+    return [(speed, min(damping, limit / speed)) for speed in speeds] + [(math.inf, limit / top_speed)]
