@@ -14,6 +14,7 @@ from graph.interval import EVERYTHING
 from runtime.coverage import coverage
 from runtime.diagram_file import blamed, load
 from runtime.errors import BadInput
+from runtime.preflight import stop_of
 from runtime.rig import read, require_ranges
 from runtime.simulation import Simulation
 from runtime.telling.check_text import text
@@ -29,7 +30,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the GIL, or null)
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
-  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds
+  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds, safe_stop
   buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known bitrate (bit/s),
                                 frames (1/s), typical, worst (of the bitrate)
     coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or which drives nothing stops)
@@ -139,11 +140,12 @@ def describe_steps(schedule, steps, names, sections):
 
 
 def describe_proof(proof, diagram):
-    source = diagram.blocks.get(proof.bounded_by)
+    source, actuator = diagram.blocks.get(proof.bounded_by), diagram[proof.path]
     return {
         "command": f"{proof.path}.{proof.port}", "unit": proof.unit, "low": bound(proof.interval.low), "high": bound(proof.interval.high),
-        "limit_low": bound(proof.limit.low), "limit_high": bound(proof.limit.high), "rating": diagram[proof.path].rating(),
+        "limit_low": bound(proof.limit.low), "limit_high": bound(proof.limit.high), "rating": actuator.rating(),
         "bounded_by": proof.bounded_by, "at": place(source.location) if source is not None else "", "holds": proof.holds,
+        "safe_stop": stop_of(actuator),
     }
 
 

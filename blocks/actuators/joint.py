@@ -58,7 +58,7 @@ class Joint:
     warning_temperature = Param(70.0, "°C", "from which on it is told that the drive is warm", fixed=True, kernel=False)
     derating_temperature = Param(80.0, "°C", "from which on its limit goes down", fixed=True, kernel=False)
     fault_temperature = Param(100.0, "°C", "at which nothing is left of its limit, and the run ends", fixed=True, kernel=False)
-    stop_damping = Param(1.0, "N·m·s/rad", "of the joint while it is damped", above=0.0, fixed=True, kernel=False)
+    stop_damping = Param(1.0, "N·m·s/rad", "damping of the joint in the safe stop; less where it moves too fast for the limit", above=0.0, fixed=True, kernel=False)
     stop_time = Param(1.0, "s", "for which it is damped before it is disabled", above=0.0, max=5.0, fixed=True, kernel=False)
     gear_ratio = Ranges.gear_ratio
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness

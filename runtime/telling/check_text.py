@@ -129,6 +129,8 @@ def proofs(found, paper):
         still = [f"{proof['command'].rpartition('.')[2]} = {proof['low']:g}" for proof in own if proof not in wired]
         if still:
             lines += paper.hang("    constant: ", ", ".join(still), paper.faint)
+        if own[0]["safe_stop"].startswith("damped"):
+            lines += paper.hang("    safe stop: ", own[0]["safe_stop"], paper.faint)
     return lines
 
 

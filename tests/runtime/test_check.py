@@ -222,3 +222,9 @@ def test_a_picture_of_an_interval_shows_where_it_lies_in_its_limit():
 
 def test_intervals_as_text():
     assert [interval(*ends) for ends in ((-1.0, 2.5), (0.0, None), (None, 3.0), (None, None))] == ["[-1, 2.5]", "[0, ∞]", "[-∞, 3]", ""]
+
+
+def test_how_a_damped_joint_is_stopped_is_told(command_line):
+    write(command_line.folder, KNEE.format(law="return 0.0").replace("can_id=", 'safe_stop="damp", can_id='), "damped.py")
+    code, out, err = command_line("check", "damped.py")
+    assert (code, err) == (OK, "") and "    safe stop: damped within 18 N·m for 1 s then disable\n" in out

@@ -181,7 +181,7 @@ def test_the_table_tells_how_each_device_is_stopped():
         CubeMars("AK80-9", name="knee", safe_stop="damp", stop_time=2.0)(torque_command=0.0)
         EStopHeartbeat(bus="estop", name="button")
     rows = Preflight(robot, compile(robot), {}, False).event(compile(robot).arena)
-    assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped for 2 s then disable", "button": "nothing to stop"}
+    assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped within 9 N·m for 2 s then disable", "button": "nothing to stop"}
     assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 7, "estop": 0}
     assert any(line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop") for line in text(rows, WIDE))
 
