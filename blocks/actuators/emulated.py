@@ -22,6 +22,9 @@ class Emulated:
         0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
     gear_ratio = Ranges.gear_ratio
     peak = Param(None, "N·m", "torque it gives at the joint at most; the model's peak by default", above=0.0, dtype=float, fixed=True)
+    wake_shift = Param(None, "rad", "motor turn at the joint: what a power cycle can shift its reading by; the model's by default", dtype=float,
+                       min=0.0, fixed=True, kernel=False)
+    turns = Param(0, "1", "motor turns by which its reading is off from the start", fixed=True, kernel=False)
     trip_temperature = Param(math.inf, "°C", "temperature at which it protects itself with a fault", fixed=True)
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
     wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
@@ -35,12 +38,13 @@ class Emulated:
     wrong_id = Input("1", "id it answers with instead of its own; 0 for its own", default=0, dtype=int)
     stuck_encoder = Input("1", "its encoder stays where it is", default=False, dtype=bool)
     delay = Input("s", "by which its answers are late", default=0.0)
-    power_lost = Input("1", "it is dead; when power is back it has forgotten what it was told", default=False, dtype=bool)
+    power_lost = Input("1", "it is dead; when power is back it has forgotten what it was told, and its reading is within a motor turn of zero", default=False, dtype=bool)
     torque = Output("N·m", "at the joint")
     enabled = Output("1", "whether it has been enabled", dtype=bool)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque last heard")
-    state = Memory((0.0,) * 6, "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time last heard")
+    state = Memory(
+        (0.0,) * 7, "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time last heard, a motor turn")
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "answers that are owed")
 
     feedthrough = ("position", "velocity", "temperature", "fault", "silent", "dropped", "wrong_id", "stuck_encoder", "delay", "power_lost")
@@ -48,7 +52,7 @@ class Emulated:
     @classmethod
     def of(cls, actuator, **parameters):
         """The emulator of one block of a robot."""
-        same = ("bus", "can_id", "invert", "offset", "gear_ratio", *(f"wire_{name}" for name in RANGES))
+        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
     def configure(self):
@@ -56,6 +60,8 @@ class Emulated:
         self.wire = self.at_joint(self.found)
         if self.peak is None:
             self.peak = self.found.peak * self.gear_ratio
+        shift = self.found.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
+        self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
 
     def output_range(self, **inputs):
         return {"torque": Interval(-self.peak, self.peak), "enabled": Interval(0.0, 1.0)}

@@ -49,6 +49,12 @@ class Joint:
         0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
     range = Param(
         (), "rad", "(lowest, highest) angle that the joint's own motion reaches, for the table before arming; () where it is not known")
+    wake_shift = Param(
+        None, "rad", "by a multiple of which a power cycle can shift the reading of the joint; the model's by default, 0 where this unit was "
+        "verified to keep it", dtype=float, min=0.0, fixed=True, kernel=False)
+    known_pose = Param((), "rad", "(angle, tolerance) at which the operator holds the joint while the robot is armed; () for none")
+    reference = Param(
+        "", "1", "output of another device that measures the same angle, as in 'left/encoder.angle', for the arming to compare with", dtype=str)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
     safe_stop = Param("disable", "1", "how a safe stop treats it: disable, or damp first, where a free joint would drop its wearer",
                       choices=("disable", "damp"))
@@ -85,7 +91,7 @@ class Joint:
     limits = Memory(0.0, "of the commands, in the same order, of the drive's whole law, and the share of stiffness and damping allowed")
     sent = Memory((0.0,) * 5, "position, velocity, stiffness, damping and torque of the last frame, decoded from its codes, at the joint")
 
-    hardware = ("can_id", "invert", "offset", "range", *(f"wire_{name}" for name in RANGES))
+    hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
     felt = ("limits", 5)
 
@@ -104,6 +110,12 @@ class Joint:
             raise ValueError(f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}")
         self.check_temperatures()
         self.range = motion_of(self.range)
+        self.check_pose()
+
+    def check_pose(self):
+        """Set `shift`, rad by which the reading of the joint can be off after a power cycle, and check the pose that tells."""
+        self.shift = self.found.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
+        self.known_pose = pose_of(self.known_pose, self.shift)
 
     def check_temperatures(self):
         self.hot = self.warning_temperature
@@ -187,6 +199,18 @@ class Joint:
             "age": Interval(0.0),
             "rms_torque": Interval(0.0),
         }
+
+
+def pose_of(pose, shift):
+    """(angle, tolerance) of the parameter `known_pose`, () where there is none. ValueError"""
+    if not isinstance(pose, (tuple, list)) or len(pose) not in (0, 2):
+        raise ValueError(f"known_pose is an angle and a tolerance in rad, as in [0.0, 0.1], got {pose!r}")
+    if not all(isinstance(x, Real) and not isinstance(x, bool) and math.isfinite(x) for x in pose):
+        raise ValueError(f"known_pose is an angle and a tolerance in rad, got {pose!r}")
+    if pose and not (0.0 < pose[1] and (shift == 0.0 or pose[1] < shift / 2.0)):
+        raise ValueError(
+            f"the tolerance of known_pose must be above 0 and below {shift / 2.0:.4g} rad, half of what a power cycle can shift, got {pose[1]:g}")
+    return tuple(map(float, pose))
 
 
 def motion_of(limits):

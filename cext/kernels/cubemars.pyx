@@ -15,7 +15,7 @@ from libc.stdint cimport int32_t, uint8_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport FOREIGN, MALFORMED, NOT_FINITE, OK, TAKEN, Frame, export, export_decode, export_encode
-from cext.kernels cimport drives
+cimport cext.kernels.drives as drives
 from cext.kernels.mit cimport CAN_ID, FAULT, OWN, TEMPERATURE, all_ones, decode_motion, encode_command, pack_motion, unpack
 
 cdef enum:

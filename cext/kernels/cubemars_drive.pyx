@@ -13,7 +13,7 @@ from libc.stdint cimport int16_t, int32_t, uint8_t, uint32_t
 from libc.string cimport memcpy, memset
 
 from cext.abi cimport DT, EXTENDED, FOREIGN, ID_MASK, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode
-from cext.kernels cimport cubemars_status as wire
+cimport cext.kernels.cubemars_status as wire
 from cext.kernels.drives cimport (
     CAN_ID, COMMAND, ENABLED, FAULT, FIRST_OWN, GEAR_RATIO, OUTBOX, OWN, PEAK, POWER_LOST, RUNNING, STATE, TEMPERATURE, TORQUE,
     TRIP_TEMPERATURE, WIRE, ZERO, answerable, deliver, forget, kept, law, look, owe, own_id, seen_position, seen_velocity,

@@ -4,7 +4,7 @@ Items in the order of blocks.actuators.emulated.EmulatedDrive; what a family add
 torques. Of the faults every input at zero is a healthy drive.
 """
 
-from libc.math cimport isfinite
+from libc.math cimport floor, isfinite
 from libc.stdint cimport int32_t, int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy, memset
 
@@ -30,6 +30,7 @@ cdef enum: # in STATE
     HELD                        # position at which its encoder is stuck, the way the motor turns
     HOLDS                       # whether it is
     HEARD                       # s, when it was last commanded
+    SHIFT                       # rad at the joint, a turn of the motor: its encoder counts no more without power
 
 cdef enum:
     ANSWERS = 24
@@ -136,9 +137,12 @@ cdef inline void look(double *arena, const int32_t *slots) noexcept nogil:
 
 
 cdef inline void forget(double *arena, const int32_t *slots) noexcept nogil:
-    """Power is gone: what it was told, and what it would have said."""
+    """Power is gone: what it was told, what it would have said, and how many turns the motor has made."""
     cdef double *state = kept(arena, slots, STATE)
+    cdef double seen = seen_position(arena, slots)
     state[RUNNING] = 0.0
+    if state[SHIFT] > 0.0 and isfinite(seen):
+        state[ZERO] += state[SHIFT] * floor(seen / state[SHIFT] + 0.5)
     memset(kept(arena, slots, COMMAND), 0, 5 * sizeof(double))
     kept(arena, slots, OUTBOX)[1] = 0.0
 

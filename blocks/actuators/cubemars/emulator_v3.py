@@ -63,7 +63,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
 
     @classmethod
     def of(cls, actuator, **parameters):
-        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "report_rate", "torque_constant")
+        same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", "report_rate", "torque_constant")
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 
     def configure(self):

@@ -21,8 +21,8 @@ STIFFNESS = 500.0       # N·m/rad, from 0
 DAMPING = 5.0           # N·m·s/rad, from 0
 
 
-class Currents:
-    """Rated and peak current of a model as amplitudes in A, which is what drives command and report; None where they are not known."""
+class Motor:
+    """What follows from the columns of a model, whatever its board: currents as amplitudes in A, None where they are not known, and `wake_shift`."""
 
     @property
     def rated_current(self):
@@ -32,9 +32,14 @@ class Currents:
     def peak_current(self):
         return None if self.peak_rms_current is None else math.sqrt(2.0) * self.peak_rms_current
 
+    @property
+    def wake_shift(self):
+        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, whose encoder counts one turn."""
+        return 2.0 * math.pi / self.gear
+
 
 @dataclass(frozen=True)
-class Model(Currents):
+class Model(Motor):
     """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of the motor before it;
     currents of the product page in A RMS.
 

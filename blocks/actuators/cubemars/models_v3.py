@@ -16,7 +16,7 @@ POSITION = 12.56        # rad, half the wire range of every model
 
 
 @dataclass(frozen=True)
-class Model(models.Currents):
+class Model(models.Motor):
     """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the constant in N·m per
     ampere of amplitude, at the output; currents of the product page in A RMS.
 

@@ -40,6 +40,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
 
     model, bus, can_id, limit, invert, offset = Joint.model, Joint.bus, Joint.can_id, Joint.limit, Joint.invert, Joint.offset
     timeout, gear_ratio, range = Joint.timeout, Joint.gear_ratio, Joint.range
+    wake_shift, known_pose, reference, check_pose = Joint.wake_shift, Joint.known_pose, Joint.reference, Joint.check_pose
     mode = Param("current", "1", "how the drive is commanded", choices=tuple(KINDS), fixed=True)
     velocity_limit = Param(2.0, "rad/s", "of the joint in the modes velocity and position_velocity", above=0.0, fixed=True, kernel=False)
     acceleration = Param(10.0, "rad/s²", "of the joint in the mode position_velocity", above=0.0, fixed=True, kernel=False)
@@ -67,7 +68,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     limits = Memory((0.0,) * 3, "lowest and highest command, and the share that is left of it")
     written = Memory((0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration")
 
-    hardware = ("can_id", "invert", "offset", "range", "report_rate")    # not the torque constant: with another a rig could raise the current
+    hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", "report_rate")    # not the torque constant: with another a rig could raise the current
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode
@@ -86,6 +87,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         if found.generation < 3 and self.report_rate == 0.0:
             raise ValueError(f"the board of {found.name} does not answer commands in servo mode: give the report_rate that it is set to")
         self.range = motion_of(self.range)
+        self.check_pose()
         self.check_reports()
         self.check_temperatures()
         self.scales = frames.scales(found, self.gear_ratio, constant)

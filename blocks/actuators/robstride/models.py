@@ -48,6 +48,14 @@ class Model:
         return self.rms_constant / math.sqrt(2.0)
 
     @property
+    def wake_shift(self):
+        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its encoder sits there.
+
+        Assumed, not verified: the manual's `zero_sta` speaks of a position within one turn at the start, and not on which side of the gear.
+        """
+        return 2.0 * math.pi / self.gear
+
+    @property
     def is_cybergear(self):
         return self.name == "CyberGear"
 
