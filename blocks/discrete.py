@@ -88,7 +88,7 @@ class Integrator(Block):
     trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2     with u[-1] = 0
 
     It is the state that is limited, so the integral leaves a limit as soon as u turns: no windup. While `restart` is true the output is
-    `initial`. dt is the true time since the step before, also after missed ticks. NaN stays until a restart.
+    `initial`. dt is the true time since the step before, also after missed ticks. NaN, or an infinity as NaN, stays until a restart.
     """
 
     initial = Param(0.0, "any", "output at the start and at a restart", fixed=True)
@@ -129,7 +129,7 @@ class Derivative(Block):
     """Filtered derivative: y[k] = (u[k] - v[k-1]) / (τ + dt), with v following u by τ dv/dt = u - v in backward differences.
 
     Its transfer function is s / (τ s + 1); with τ = 0 it is the plain difference quotient. Direct feedthrough. Starts at 0, whatever the
-    first input is. dt is the true time since the step before. NaN passes and is not held: the next slope is taken from the last number.
+    first input is. dt is the true time since the step before. NaN and infinity pass and are not held: the next slope is taken from the last number.
     """
 
     time_constant = Param(0.0, "s", "τ of the filter: noise above 1/(2π τ) is not amplified further", min=0.0)

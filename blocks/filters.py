@@ -100,7 +100,7 @@ class Exponential(Block):
     """First-order low-pass, or exponential smoothing: y[k] = y[k-1] + α (u[k] - y[k-1]), α = dt / (time_constant + dt).
 
     The backward difference of τ dy/dt = u - y. Direct feedthrough. Starts at its first input, and never leaves the interval of its
-    inputs. dt is the true time since the step before, so missed ticks do not slow it. NaN passes and is not held.
+    inputs. dt is the true time since the step before, so missed ticks do not slow it. NaN and infinity pass and are not held.
     """
 
     time_constant = Param(0.05, "s", "τ: 63 % of a step is reached after it", above=0.0)
@@ -122,7 +122,7 @@ class Median(Block):
     """Middle one of the last N inputs in order, y[k] = median(u[k], ..., u[k-N+1]), N = samples: takes out outliers and keeps edges.
 
     What it shows is (N - 1) / 2 ticks late. Until there are that many, of those there are; the mean of the middle two where their number
-    is even. Direct feedthrough. A NaN gives NaN for as long as it is in the window.
+    is even. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window.
     """
 
     samples = Param(3, "1", "how many inputs: an odd number", min=1, max=9999, fixed=True)
@@ -152,7 +152,7 @@ class Complementary(Block):
     """Angle from a gyroscope for what is fast and from an accelerometer for what is slow: τ dθ/dt = (angle - θ) + τ · rate.
 
     The backward difference, θ[k] = (τ (θ[k-1] + dt · rate) + dt · angle) / (τ + dt). Direct feedthrough. Starts at its first angle. A
-    gyroscope that is off by b leaves an error of τ b. NaN in either passes and is not held. (Higgins, A comparison of complementary and
+    gyroscope that is off by b leaves an error of τ b. NaN or infinity in either passes and is not held. (Higgins, A comparison of complementary and
     Kalman filtering, 1975.)
     """
 

@@ -1,4 +1,4 @@
-"""Limiters: what stands between a controller and a person. Each lets NaN pass, so that the actuator sees it and faults."""
+"""Limiters: what stands between a controller and a person. NaN passes and infinity becomes NaN, which is a fault at the actuator."""
 
 import math
 
@@ -9,7 +9,7 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class Saturation(Block):
-    """Clips: y = min(max(u, lower), upper). Direct feedthrough; NaN passes."""
+    """Clips: y = min(max(u, lower), upper). Direct feedthrough; NaN passes and infinity becomes NaN."""
 
     lower = Param(-1.0, "any", "smallest output")
     upper = Param(1.0, "any", "largest output")
@@ -33,7 +33,7 @@ class Saturation(Block):
 class SlewRate(Block):
     """Follows the input at a bounded rate: |y[k] - y[k-1]| <= rate · dt.
 
-    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes and is not held.
+    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes, infinity becomes NaN, and neither is held.
     """
 
     rate = Param(1.0, "any", "largest change a second", min=0.0)
@@ -56,7 +56,8 @@ class TorqueLimiter(Block):
     """Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew.
 
     Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never leaves the interval that
-    holds both. A limit lowered while running holds at once. Starts at zero. NaN passes, is not held, and is a fault at the actuator.
+    holds both. A limit lowered while running holds at once. Starts at zero. NaN passes, infinity becomes NaN, neither is held, and both are
+    a fault at the actuator.
     """
 
     limit = Param(1.0, "N·m", "largest torque, either way", min=0.0, required=True)
@@ -74,7 +75,7 @@ class TorqueLimiter(Block):
 
 
 class DeadZone(Block):
-    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. Direct feedthrough; NaN passes."""
+    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. NaN passes, infinity becomes NaN."""
 
     lower = Param(-1.0, "any", "where the zone begins")
     upper = Param(1.0, "any", "where it ends")
@@ -103,7 +104,7 @@ def beyond(u, lower, upper):
 class PowerLimiter(Block):
     """Bounds the mechanical power of a joint, driving and braking: |τ ω| <= power, to one rounding.
 
-    At rest every torque passes. Direct feedthrough. NaN in the torque or the velocity passes.
+    At rest every torque passes. Direct feedthrough. NaN or infinity in the torque or the velocity gives NaN.
     """
 
     power = Param(100.0, "W", "largest power, either way", min=0.0)
@@ -124,7 +125,7 @@ class SoftStop(Block):
     """A spring and a damper at each end of a range of motion: τ -= K (θ - upper) + B ω beyond upper, and so at lower.
 
     The damper resists what moves further out and lets what comes back go. Inside the range the torque passes as it is. A limiter behind
-    it bounds the sum. Direct feedthrough. NaN in the torque, the position or the velocity passes.
+    it bounds the sum. Direct feedthrough. NaN or infinity in the position or the velocity gives NaN, in the torque passes.
     """
 
     lower = Param(-1.0, "rad", "where motion ends")
@@ -161,7 +162,7 @@ class RMSTorqueLimiter(Block):
     Principle: 1. the squares of the last N outputs are kept and summed without drift; 2. what N limit² still allows is the budget; 3. a
     tick may take 1/M of it, M = fade / dt, so that a torque that asks for too much is taken back over about two `fade` rather than cut.
     The bound holds at every tick, from an empty window on. |τ| <= limit √(window / fade). Put it last, or its sum is not that of the
-    motor. Through missed ticks the last torque counts. Direct feedthrough. NaN passes and is not held.
+    motor. Through missed ticks the last torque counts. Direct feedthrough. NaN passes, infinity becomes NaN, neither is held.
     """
 
     limit = Param(1.0, "N·m", "largest root mean square: the rated torque", min=0.0, max=1e6, required=True)
@@ -202,7 +203,7 @@ class RMSTorqueLimiter(Block):
 class TemperatureDerating(Block):
     """Takes torque back as a motor gets hot: y = τ · s, s = 1 up to `full`, 0 from `none` on, and straight between.
 
-    Direct feedthrough. NaN in the torque or the temperature passes.
+    Direct feedthrough. NaN in the torque passes. NaN or infinity in the temperature gives NaN.
     """
 
     full = Param(80.0, "°C", "up to here torque passes in full")

@@ -1,4 +1,8 @@
-"""Arithmetic on signals. All have direct feedthrough and no state, and work element by element; NaN passes."""
+"""Arithmetic on signals. All have direct feedthrough and no state, and work element by element; NaN passes.
+
+An infinity never becomes a finite number: where arithmetic would make one of it (the smallest of 1 and inf, the sign of inf, inf to the
+power -1) the result is NaN.
+"""
 
 import math
 
@@ -35,7 +39,7 @@ class Sign(Block):
 
 
 class Min(Block):
-    """The smallest of several signals: y = min(u1, u2, ...). NaN at one of them passes."""
+    """The smallest of several signals: y = min(u1, u2, ...). NaN where one of them is not finite."""
 
     count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
@@ -51,7 +55,7 @@ class Min(Block):
 
 
 class Max(Block):
-    """The largest of several signals: y = max(u1, u2, ...). NaN at one of them passes."""
+    """The largest of several signals: y = max(u1, u2, ...). NaN where one of them is not finite."""
 
     count = Param(2, "1", "how many inputs", min=2, fixed=True)
 

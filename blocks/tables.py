@@ -1,7 +1,7 @@
 """Interpolation tables: a curve or a surface through given points, on straight lines between them.
 
 Beyond the ends of the table the output keeps the value at the end (clamp), goes on along the last line (extrapolate), or the run ends
-in a fault (error). All have direct feedthrough and no state, and work element by element; NaN passes.
+in a fault (error). All have direct feedthrough and no state, and work element by element; NaN passes, and infinity becomes NaN.
 """
 
 import math

@@ -1,4 +1,6 @@
-"""Trigonometry on signals. All have direct feedthrough and no state, and work element by element; NaN passes."""
+"""Trigonometry on signals. All have direct feedthrough and no state, and work element by element; NaN passes, and an
+infinity, which is no angle and no ratio, becomes NaN.
+"""
 
 import math
 

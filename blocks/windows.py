@@ -91,7 +91,7 @@ class _Extreme(Block):
 class MovingMaximum(_Extreme):
     """Largest of the last N inputs: y[k] = max(u[k], ..., u[k-N+1]), N = window / dt.
 
-    Until there are N, of those there are. Direct feedthrough. A NaN gives NaN for as long as it is in the window. Amortised constant
+    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window. Amortised constant
     time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
     """
 
@@ -107,7 +107,7 @@ class MovingMaximum(_Extreme):
 class MovingMinimum(_Extreme):
     """Smallest of the last N inputs: y[k] = min(u[k], ..., u[k-N+1]), N = window / dt.
 
-    Until there are N, of those there are. Direct feedthrough. A NaN gives NaN for as long as it is in the window. Amortised constant
+    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window. Amortised constant
     time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
     """
 

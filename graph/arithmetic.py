@@ -81,7 +81,7 @@ class Product(Block):
 
 
 class Divide(Block):
-    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator.
+    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator. 1 / inf is NaN, not 0.
 
     Element by element; a scalar goes with every element.
     """

@@ -28,7 +28,7 @@ def check_block(kind, examples=None):
     2. parameters refuse what is out of their bounds
     3. outputs have the declared number, shape and dtype
     4. the same inputs give the same outputs after `reset()`, also when a NaN was among what came before
-    5. a NaN on every input shows in an output
+    5. a NaN, or an infinity, on every input shows in an output: what clips turns an infinity into NaN
     6. no output leaves the range that `output_range` states, for inputs at the ends of theirs as well
     7. the block comes back from JSON as it was
     8. a parameter that may be Live has its effect while running; one that has not is declared `fixed`
@@ -179,9 +179,12 @@ def check_nan(kind, parameters):
     if drive is None or not any(p.dtype == "float" for p in drive.block.inputs.values()):
         return
     floats = [name for name, port in drive.block.outputs.items() if port.dtype == "float"]
-    seen = [drive.step(drive.constant(math.nan)) for _ in range(3)]
-    assert not floats or any(np.any(np.isnan(outputs[name])) for outputs in seen for name in floats), (
-        f"{kind.__name__} hides a NaN: its outputs are {seen[-1]}")
+    for value, what in ((math.nan, "a NaN"), (math.inf, "an infinity"), (-math.inf, "an infinity")):
+        drive = Drive(kind, parameters, 4)
+        inputs = {name: given for name, given in drive.constant(value).items() if value != value or drive.block.inputs[name].dtype != "bool"}
+        seen = [drive.step(drive.draw() | inputs) for _ in range(3)]
+        assert not floats or any(not np.all(np.isfinite(outputs[name])) for outputs in seen for name in floats), (
+            f"{kind.__name__} hides {what}: its outputs are {seen[-1]}")
 
 
 def check_range(kind, parameters):

@@ -12,7 +12,7 @@ class TorqueProfile(Block):
     """A torque over the gait phase: τ = scale · p(phase), p a periodic curve through given points that never leaves their range.
 
     The curve is a monotone piecewise cubic (Fritsch and Carlson 1980), smooth across the end of the stride. No torque where `enable` is
-    false. Direct feedthrough; NaN passes. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
+    false. Direct feedthrough; NaN passes, infinity becomes NaN. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
     """
 
     points = Param(((0.0, 0.0), (0.5, 0.0)), "1", "pairs (phase from 0 to 1, torque in N·m), at least two, in order", dtype=tuple)
@@ -71,7 +71,7 @@ class GaitPhase(Block):
     Principle: 1. an event is the angle rising through `threshold` (near toe-off) after having been below half of it; 2. the time between
     two events, if between `shortest` and `longest`, is a stride and enters a running mean, else all starts over; 3. phase =
     event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none comes for one and a half strides. Direct
-    feedthrough. NaN in the angle or its velocity gives NaN in the phase, and is forgotten with it.
+    feedthrough. NaN or infinity in the angle or its velocity gives NaN in the phase, and is forgotten with it.
     """
 
     threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)

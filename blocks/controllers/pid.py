@@ -41,7 +41,7 @@ class P(_Controller):
 class PD(_Controller):
     """Proportional and derivative control: u = kp (b r - y) + kd d(c r - y)/dt, the derivative filtered by 1 / (filter_time s + 1).
 
-    Backward differences. Direct feedthrough. The derivative starts at 0, so nothing kicks. NaN passes and is not held.
+    Backward differences. Direct feedthrough. The derivative starts at 0, so nothing kicks. NaN passes, infinity becomes NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")
@@ -86,7 +86,7 @@ class PI(_Integrating):
 
     Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the limit; "back-calculation" leads it back by
     dt / tracking_time of what was clipped. While `manual` is true the command is `manual_command`, clipped, and the integral follows it:
-    the way back has no bump. Direct feedthrough. I starts at 0. NaN passes and is not held.
+    the way back has no bump. Direct feedthrough. I starts at 0. NaN passes, infinity becomes NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")
@@ -117,8 +117,8 @@ class PID(_Integrating):
 
     Backward differences. Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the limit;
     "back-calculation" leads it back by dt / tracking_time of what was clipped. While `manual` is true the command is `manual_command`,
-    clipped, and the integral follows it: the way back has no bump. Direct feedthrough. I and the derivative start at 0. NaN passes and is
-    not held.
+    clipped, and the integral follows it: the way back has no bump. Direct feedthrough. I and the derivative start at 0. NaN passes,
+    infinity becomes NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")

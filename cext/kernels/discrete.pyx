@@ -4,7 +4,7 @@
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
-from cext.kernels.limits cimport clip
+from cext.kernels.limits cimport clip, is_finite
 
 
 cdef int unit_delay_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -110,7 +110,7 @@ cdef int derivative_kernel(double *arena, const int32_t *slots, const int32_t *s
     cdef int i
     for i in range(sizes[1]):
         u = arena[slots[0] + i]
-        if u != u:
+        if not is_finite(u):
             arena[slots[1] + i] = u
             continue
         if follower[i] != follower[i]:

@@ -6,7 +6,7 @@ from libc.stdint cimport int32_t
 from libc.string cimport memmove
 
 from cext.abi cimport DT, OK, export
-from cext.kernels.limits cimport clip
+from cext.kernels.limits cimport clip, finite, is_finite
 
 
 cdef int exponential_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -17,7 +17,7 @@ cdef int exponential_kernel(double *arena, const int32_t *slots, const int32_t *
     cdef int i
     for i in range(sizes[1]):
         u = arena[slots[0] + i]
-        if u == u:
+        if is_finite(u):
             y = state[i]
             if y != y:
                 y = u                           # the first input
@@ -50,7 +50,7 @@ cdef int complementary_kernel(double *arena, const int32_t *slots, const int32_t
             y = angle + 0.0 * rate              # the first: the angle, or NaN if either is
         else:
             y = (slow * (y + h * rate) + h * angle) / (slow + h)
-        if y == y:
+        if is_finite(y):
             state[i] = y
         arena[slots[2] + i] = y
     return OK
@@ -77,7 +77,7 @@ cdef int median_kernel(double *arena, const int32_t *slots, const int32_t *sizes
                     k += 1
                 n -= 1
                 memmove(ordered + k, ordered + k + 1, (n - k) * sizeof(double))
-        u = arena[slots[0] + i]
+        u = finite(arena[slots[0] + i])
         ring[place] = u
         if u != u:
             counts[1] += 1.0

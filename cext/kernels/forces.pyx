@@ -1,9 +1,11 @@
 # cython: freethreading_compatible=True
 """Forces out of what a sensor's amplifier or divider says."""
 
+from libc.math cimport NAN
 from libc.stdint cimport int32_t
 
 from cext.abi cimport OK, export
+from cext.kernels.limits cimport is_finite
 from cext.kernels.taring cimport tared
 
 
@@ -19,8 +21,8 @@ cdef int force_sensitive_resistor_kernel(double *arena, const int32_t *slots, co
     cdef double supply = arena[slots[3]]
     cdef double most = arena[slots[6]]
     cdef double force
-    if voltage != voltage:
-        arena[slots[1]] = voltage
+    if not is_finite(voltage):
+        arena[slots[1]] = NAN
         return OK
     if voltage <= 0.0:
         force = 0.0

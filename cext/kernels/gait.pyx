@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
 """Gait."""
 
-from libc.math cimport INFINITY, floor
+from libc.math cimport INFINITY, NAN, floor
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
+from cext.kernels.limits cimport is_finite
 
 
 cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -19,8 +20,10 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
     cdef double *mean = arena + slots[12]
     cdef double *valid = arena + slots[13]
     cdef double *events = arena + slots[14]
-    cdef double missing = angle + velocity
+    cdef bint missing = not (is_finite(angle) and is_finite(velocity))
     cdef double phase
+    if missing:
+        angle = velocity = NAN          # which passes no threshold
     elapsed[0] += arena[DT]
     if angle < 0.5 * threshold:
         armed[0] = 1.0
@@ -38,14 +41,14 @@ cdef int gait_phase_kernel(double *arena, const int32_t *slots, const int32_t *s
         # 2. The wearer has stopped: what lies between this event and the next is no stride.
         valid[0] = 0.0
         elapsed[0] = INFINITY
-    arena[slots[2]] = missing if missing != missing else 0.0
+    arena[slots[2]] = NAN if missing else 0.0
     arena[slots[3]] = 0.0
     arena[slots[4]] = 0.0
     arena[slots[5]] = events[0]
     if valid[0] >= 2.0:
         # 3. Two strides in a row make a rhythm.
         arena[slots[4]] = mean[0]
-        if missing == missing:
+        if not missing:
             phase = arena[slots[7]] + elapsed[0] / mean[0]
             arena[slots[2]] = phase - floor(phase)
             arena[slots[3]] = 1.0
@@ -60,8 +63,8 @@ cdef int torque_profile_kernel(double *arena, const int32_t *slots, const int32_
     cdef double x, y
     cdef int n = sizes[4] - 1
     cdef int i = 0
-    if phase != phase or arena[slots[1]] != arena[slots[1]]:
-        arena[slots[2]] = phase + arena[slots[1]]
+    if not is_finite(phase) or arena[slots[1]] != arena[slots[1]]:
+        arena[slots[2]] = NAN
         return OK
     if arena[slots[1]] == 0.0:
         arena[slots[2]] = 0.0

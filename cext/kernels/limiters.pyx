@@ -1,11 +1,11 @@
 # cython: freethreading_compatible=True
-"""Limiters. NaN passes through, so that the actuator sees it and faults: fmin and fmax would turn it into full torque."""
+"""Limiters. What is not finite comes out as NaN, so that the actuator sees it and faults: fmin and fmax would turn it into full torque."""
 
-from libc.math cimport fabs, isfinite, sqrt
+from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, PERIOD, export
-from cext.kernels.limits cimport clip, toward
+from cext.kernels.limits cimport clip, is_finite, toward
 from cext.kernels.sums cimport RUNNING, RUNNING_REST, add
 
 
@@ -38,7 +38,7 @@ cdef int slew_kernel(double *arena, const int32_t *slots, const int32_t *sizes) 
 cdef int slew_settle(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
     cdef int i
     for i in range(sizes[1]):
-        if isfinite(arena[slots[0] + i]):
+        if is_finite(arena[slots[0] + i]):
             arena[slots[3] + i] = arena[slots[0] + i]
     return OK
 
@@ -71,8 +71,8 @@ cdef int power_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
     for i in range(sizes[2]):
         torque = arena[slots[0] + i]
         velocity = arena[slots[1] + i]
-        if velocity != velocity:
-            torque = velocity
+        if not (is_finite(torque) and is_finite(velocity)):
+            torque = NAN
         elif fabs(torque * velocity) > power:
             torque = power / fabs(velocity) if torque > 0.0 else -power / fabs(velocity)
         arena[slots[2] + i] = torque
@@ -84,8 +84,8 @@ cdef int soft_stop_kernel(double *arena, const int32_t *slots, const int32_t *si
     cdef double torque = arena[slots[0]]
     cdef double position = arena[slots[1]]
     cdef double velocity = arena[slots[2]]
-    if position != position or velocity != velocity:
-        torque = position + velocity
+    if not (is_finite(position) and is_finite(velocity)):
+        torque = NAN
     elif position > arena[slots[5]]:
         torque = torque - arena[slots[6]] * (position - arena[slots[5]])
         if velocity > 0.0:
@@ -103,14 +103,10 @@ cdef int derating_kernel(double *arena, const int32_t *slots, const int32_t *siz
     cdef double temperature = arena[slots[1]]
     cdef double full = arena[slots[3]]
     cdef double none = arena[slots[4]]
-    cdef double share = temperature
+    cdef double share = NAN
     cdef int i
-    if temperature <= full:
-        share = 1.0
-    elif temperature >= none:
-        share = 0.0
-    elif temperature == temperature:
-        share = (none - temperature) / (none - full)
+    if is_finite(temperature):
+        share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full)
     for i in range(sizes[2]):
         arena[slots[2] + i] = share * arena[slots[0] + i]
     return OK

@@ -1,11 +1,12 @@
 # cython: freethreading_compatible=True
-"""Arithmetic on signals. NaN passes through every one of them."""
+"""Arithmetic on signals. NaN passes through every one of them, and an infinity never becomes a finite number."""
 
 from libc.math cimport NAN, ceil, fabs, floor, pow, rint, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport INPUTS, OK, export
 from cext.kernels.fold cimport fold
+from cext.kernels.limits cimport finite
 
 
 cdef int gain_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
@@ -63,7 +64,7 @@ cdef int divide_kernel(double *arena, const int32_t *slots, const int32_t *sizes
     cdef int q = sizes[1] > 1
     cdef int i
     for i in range(sizes[2]):
-        arena[slots[2] + i] = arena[slots[0] + p * i] / arena[slots[1] + q * i]
+        arena[slots[2] + i] = arena[slots[0] + p * i] / finite(arena[slots[1] + q * i])
     return OK
 
 
@@ -80,16 +81,18 @@ cdef int sign_kernel(double *arena, const int32_t *slots, const int32_t *sizes) 
     cdef double x
     cdef int i
     for i in range(sizes[1]):
-        x = arena[slots[0] + i]
+        x = finite(arena[slots[0] + i])
         arena[slots[1] + i] = 1.0 if x > 0.0 else -1.0 if x < 0.0 else x        # a zero, or NaN
     return OK
 
 
 cdef inline double smaller(double a, double b) noexcept nogil:
+    a, b = finite(a), finite(b)
     return a if a < b or a != a else b                      # C's fmin would drop a NaN
 
 
 cdef inline double larger(double a, double b) noexcept nogil:
+    a, b = finite(a), finite(b)
     return a if a > b or a != a else b
 
 
@@ -140,8 +143,8 @@ cdef int power_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
     cdef double x
     cdef int i
     for i in range(sizes[1]):
-        x = arena[slots[0] + i]
-        # C has pow(NaN, 0) = 1 and pow(-inf, 0.5) = inf.
+        x = arena[slots[0] + i] if p > 0.0 else finite(arena[slots[0] + i])
+        # C has pow(NaN, 0) = 1, pow(inf, -1) = 0 and pow(-inf, 0.5) = inf.
         arena[slots[1] + i] = x if x != x else NAN if x < 0.0 and not whole else pow(x, p)
     return OK
 
@@ -156,7 +159,7 @@ cdef int polynomial_kernel(double *arena, const int32_t *slots, const int32_t *s
         y = c[0]
         for k in range(1, sizes[2]):
             y = y * x + c[k]
-        arena[slots[1] + i] = x if x != x else y            # a constant does not depend on x, but NaN passes
+        arena[slots[1] + i] = y - (x - x)                   # a constant does not depend on x, but NaN passes, and infinity as NaN
     return OK
 
 

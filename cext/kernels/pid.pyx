@@ -4,11 +4,11 @@
     u = kp (b r - y) + I + D        I += dt ki (r - y)        D = kd d(c r - y)/dt, filtered
 """
 
-from libc.math cimport fabs, sqrt
+from libc.math cimport NAN, fabs, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, export
-from cext.kernels.limits cimport clip
+from cext.kernels.limits cimport clip, is_finite
 
 
 cdef struct Gains:
@@ -38,22 +38,22 @@ cdef inline double control(const Gains *gains, double r, double y, double h, dou
                            double *follower) noexcept nogil:
     """One step of PI, or of PID where there is a follower."""
     cdef double others, before, raw, u, share
-    if r != r or y != y or manual != manual:
-        return r + y + manual
+    if not (is_finite(r) and is_finite(y) and is_finite(manual)):
+        return NAN                      # and leaves no trace
     others = gains.kp * (gains.b * r - y)
     if follower != NULL:
         others += derivative(gains, gains.c * r - y, h, follower)
     if manual != 0.0:                   # 1. By hand: the integral stands ready, so that the way back has no bump.
         u = clip(by_hand, gains.lower, gains.upper)
-        if u - others - (u - others) == 0.0:
+        if is_finite(u - others):
             integral[0] = u - others
         return u
     before = integral[0]                # 2. The law.
     integral[0] += h * gains.ki * (r - y)
     raw = others + integral[0]
     u = clip(raw, gains.lower, gains.upper)
-    if raw - raw != 0.0:
-        integral[0] = before            # an infinite input leaves no trace
+    if not is_finite(raw):
+        integral[0] = before            # an overflow leaves no trace
     elif u != raw and gains.clamping:   # 3. At a limit the integral waits, unless it leads away from there,
         if (raw > u) == (integral[0] > before):
             integral[0] = before
@@ -82,8 +82,8 @@ cdef int pd_kernel(double *arena, const int32_t *slots, const int32_t *sizes) no
     for i in range(sizes[2]):
         r = arena[slots[0] + i]
         y = arena[slots[1] + i]
-        u = r + y
-        if u == u:
+        u = NAN
+        if is_finite(r) and is_finite(y):
             u = gains.kp * (gains.b * r - y) + derivative(&gains, gains.c * r - y, arena[DT], arena + slots[8] + i)
         arena[slots[2] + i] = u
     return OK

@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
-"""Interpolation tables. NaN passes."""
+"""Interpolation tables. NaN passes, and infinity becomes NaN."""
 
 from libc.stdint cimport int32_t
 
 from cext.abi cimport FIRST_OWN_STATUS, OK, export
 from cext.kernels.interpolation cimport along, between, segment, share_of
+from cext.kernels.limits cimport finite
 
 cdef enum:
     BEYOND_THE_ENDS = FIRST_OWN_STATUS
@@ -19,7 +20,7 @@ cdef inline int curve(double *arena, const int32_t *slots, const int32_t *sizes,
     cdef double x
     cdef int i, k
     for k in range(sizes[1]):
-        x = arena[slots[0] + k]
+        x = finite(arena[slots[0] + k])
         i = segment(knots, sizes[2], x)
         arena[slots[1] + k] = line(heights[i], heights[i + 1], share_of(knots, i, x))
     return OK
@@ -56,8 +57,8 @@ cdef inline int surface(double *arena, const int32_t *slots, const int32_t *size
     cdef double r, c, share
     cdef int i, j, k
     for k in range(sizes[2]):
-        r = arena[slots[0] + k]
-        c = arena[slots[1] + k]
+        r = finite(arena[slots[0] + k])
+        c = finite(arena[slots[1] + k])
         i = segment(rows, sizes[3], r)
         j = segment(columns, m, c)
         share = share_of(columns, j, c)

@@ -15,7 +15,7 @@ cdef inline double tared(double *tare, double x, bint asked) noexcept nogil:
     if asked and tare[ASKED] == 0.0:
         tare[SUM], tare[COUNTED], tare[RUNNING] = 0.0, 0.0, 1.0
     tare[ASKED] = asked
-    if tare[RUNNING] != 0.0 and x == x:
+    if tare[RUNNING] != 0.0 and x - x == 0.0:
         tare[SUM] += x
         tare[COUNTED] += 1.0
         tare[ZERO] = tare[SUM] / tare[COUNTED]

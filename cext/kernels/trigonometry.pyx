@@ -1,10 +1,11 @@
 # cython: freethreading_compatible=True
-"""Trigonometry, by libm. NaN passes; what has no real value is NaN."""
+"""Trigonometry, by libm. NaN passes; what has no real value, and what infinity gives, is NaN."""
 
 from libc.math cimport acos, asin, atan, atan2, cos, sin, tan
 from libc.stdint cimport int32_t
 
 from cext.abi cimport OK, export
+from cext.kernels.limits cimport finite
 
 ctypedef double (*function_t)(double) noexcept nogil
 
@@ -13,7 +14,7 @@ cdef inline int apply(double *arena, const int32_t *slots, const int32_t *sizes,
     # u, y
     cdef int i
     for i in range(sizes[1]):
-        arena[slots[1] + i] = function(arena[slots[0] + i])
+        arena[slots[1] + i] = function(finite(arena[slots[0] + i]))
     return OK
 
 
@@ -45,7 +46,7 @@ cdef int angle_kernel(double *arena, const int32_t *slots, const int32_t *sizes)
     # opposite, adjacent, y
     cdef int i
     for i in range(sizes[2]):
-        arena[slots[2] + i] = atan2(arena[slots[0] + i], arena[slots[1] + i])
+        arena[slots[2] + i] = atan2(finite(arena[slots[0] + i]), finite(arena[slots[1] + i]))
     return OK
 
 

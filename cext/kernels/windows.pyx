@@ -13,6 +13,7 @@ from libc.math cimport NAN, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport OK, export
+from cext.kernels.limits cimport finite, is_finite
 from cext.kernels.sums cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
 
 cdef enum: # of MovingAverage and MovingRMS
@@ -21,10 +22,6 @@ cdef enum: # of MovingAverage and MovingRMS
 cdef enum: # in SUMS, for each element, behind the two sums
     STRANGE = 4                 # how many inputs in the window are not finite
     SUMS_PER_ELEMENT
-
-
-cdef inline bint finite(double x) noexcept nogil:
-    return x - x == 0.0
 
 
 cdef inline int window_sums(double *arena, const int32_t *slots, const int32_t *sizes, bint squares) noexcept nogil:
@@ -43,12 +40,12 @@ cdef inline int window_sums(double *arena, const int32_t *slots, const int32_t *
         x = arena[slots[U] + i]
         if squares:
             x = x * x
-        if full and finite(samples[i]):
+        if full and is_finite(samples[i]):
             add(sums + RUNNING, -samples[i])
         elif full:
             sums[STRANGE] -= 1.0
         samples[i] = x
-        if finite(x):
+        if is_finite(x):
             add(sums + RUNNING, x)
             add(sums + FRESH, x)
         else:
@@ -90,7 +87,7 @@ cdef inline int window_extreme(double *arena, const int32_t *slots, const int32_
     cdef double u
     cdef int i, first, count, last
     for i in range(width):
-        u = arena[slots[0] + i]
+        u = finite(arena[slots[0] + i])
         first, count = <int>queue[0], <int>queue[1]
         if count > 0 and steps[first] <= now - length:          # 1. The oldest leaves the window.
             first = first + 1 if first + 1 < length else 0

@@ -167,7 +167,8 @@ def circumstances(outcome, diagram, schedule, program, block):
         source = origin(diagram, schedule, program.final, block)
         if source is not None:
             given = ", ".join(f"{name} = {value:g}" for name, value in program.inputs(source.block.path).items())
-            lines.append(f"it came out of {source.path}, made at {source.block.location}" + (f", from {given}" if given else ""))
+            value = worst(signal_values(schedule, program.final, source))
+            lines.append(f"it arose in {source.path} = {value:g}, made at {source.block.location}" + (f", from {given}" if given else ""))
     if outcome.status == "device fault":
         outputs = {name: program.final[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
         said = ", ".join(f"{name} = {value:g}" for name, value in outputs.items())
@@ -176,26 +177,41 @@ def circumstances(outcome, diagram, schedule, program, block):
 
 
 def origin(diagram, schedule, values, block):
-    """The signal upstream of a block that is not finite although all inputs of its own block are; None if there is none."""
+    """The signal upstream of a block that is NaN or infinite although every input of its own block is finite.
+
+    A limiter makes NaN of an infinity, so both count. None where every input of the block is finite. Of a loop in which no signal is
+    finite any more, the last one that was looked at.
+    """
     wires = {}
     for wire in diagram.wires:
         if isinstance(wire.source, Signal):
             wires.setdefault(wire.block, []).append(wire.source)
 
-    def spoilt(signal):
-        place = schedule.signals[signal.path]
-        return not all(map(math.isfinite, values[place.slot : place.slot + place.size]))
+    def spoilt(at):
+        measures = isinstance(at, Device) and at is not block           # its inputs are of the end of the tick
+        return [] if measures else [signal for signal in wires.get(at, ()) if not all(map(math.isfinite, signal_values(schedule, values, signal)))]
 
-    found, seen = None, set()
-    while block not in seen:
-        seen.add(block)
-        source = next((signal for signal in wires.get(block, ()) if spoilt(signal)), None)
-        if source is None:
+    found, waiting, seen = None, spoilt(block), {block}
+    while waiting:
+        found = waiting.pop(0)
+        before = spoilt(found.block)
+        if not before:
             break
-        found, block = source, source.block
-        if isinstance(block, Device):
-            break                                       # its inputs are of the end of the tick
+        if found.block not in seen:
+            seen.add(found.block)
+            waiting += before
     return found
+
+
+def signal_values(schedule, values, signal):
+    """The elements of a signal among all values of a tick."""
+    place = schedule.signals[signal.path]
+    return values[place.slot : place.slot + place.size]
+
+
+def worst(elements):
+    """The first element that is not finite."""
+    return next(value for value in elements if not math.isfinite(value))
 
 
 def own_traceback(file, error):

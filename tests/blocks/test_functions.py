@@ -19,9 +19,9 @@ ONE_INPUT = [Abs(), Sign(), SquareRoot(), Power(3.0), Polynomial((1.0, 2.0, 3.0)
 
 
 @given(anything, anything)
-def test_a_quotient_is_the_one_of_ieee_754(a, b):
+def test_a_quotient_is_the_one_of_ieee_754_but_that_by_infinity_is_nan_and_not_zero(a, b):
     with np.errstate(all="ignore"):
-        assert np.array_equal(Divide().step(a, b), np.divide(a, b), equal_nan=True)
+        assert np.array_equal(Divide().step(a, b), math.nan if math.isinf(b) else np.divide(a, b), equal_nan=True)
 
 
 def test_division_by_zero_is_infinite_or_nan():
@@ -37,8 +37,9 @@ def test_absolute_value_and_sign(u):
 
 @given(st.lists(anything, min_size=5, max_size=5))
 def test_min_and_max_of_five(values):
-    assert Min(5).step(*values) == min(values)
-    assert Max(5).step(*values) == max(values)
+    infinite = any(map(math.isinf, values))                 # the smallest of 0 and inf would clip the infinity
+    assert np.array_equal(Min(5).step(*values), math.nan if infinite else min(values), equal_nan=True)
+    assert np.array_equal(Max(5).step(*values), math.nan if infinite else max(values), equal_nan=True)
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -64,8 +65,8 @@ def test_the_square_root_is_rounded_correctly(u):
 @given(anything, st.sampled_from([-3.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 2.5, 3.0]) | st.floats(-20.0, 20.0))
 def test_a_power_is_that_of_libm_and_nan_for_a_root_of_a_negative_number(u, exponent):
     y = Power(exponent).step(u)
-    if u < 0.0 and exponent % 1.0:
-        assert math.isnan(y)
+    if u < 0.0 and exponent % 1.0 or math.isinf(u) and exponent <= 0.0:
+        assert math.isnan(y)                                # inf to the -1 would be 0
     elif u == 0.0 and exponent < 0.0:
         assert math.isinf(y)
     else:

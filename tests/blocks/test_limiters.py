@@ -1,4 +1,4 @@
-"""Limiters against plain Python, and what they promise: bounds that hold to the last bit, and NaN that passes."""
+"""Limiters against plain Python, and what they promise: bounds that hold to the last bit, and what is not finite comes out as NaN."""
 
 import math
 
@@ -22,7 +22,7 @@ def limited(u, limit, slew=math.inf, dt=1.0 / RATE):
     """TorqueLimiter in plain Python."""
     previous, out = 0.0, []
     for x in u:
-        target = x if math.isnan(x) else min(max(x, -limit), limit)
+        target = math.nan if not math.isfinite(x) else min(max(x, -limit), limit)
         most = slew * dt
         y = previous + most if target - previous > most else previous - most if target - previous < -most else target
         if not math.isnan(y):
@@ -47,12 +47,12 @@ def test_the_torque_limiter_is_the_oracle_to_the_bit(limit, slew):
 
 @given(u=st.lists(anything, min_size=1, max_size=40), limit=sizes, slew=st.one_of(sizes, st.just(math.inf)))
 @settings(max_examples=200, deadline=None)
-def test_a_limited_torque_never_passes_its_limit_nor_its_slew_and_only_nan_becomes_nan(u, limit, slew):
+def test_a_limited_torque_never_passes_its_limit_nor_its_slew_and_what_is_not_finite_becomes_nan(u, limit, slew):
     """The bound holds exactly; the change within one rounding of the sum that makes it."""
     block = made(TorqueLimiter, limit=limit, slew=slew)
     previous, most = 0.0, slew / RATE
     for x, y in zip(u, by_hand(block, len(u), torque=u)["limited"]):
-        assert math.isnan(x) == math.isnan(y)
+        assert math.isnan(y) == (not math.isfinite(x))
         if not math.isnan(y):
             assert abs(y) <= limit and y in block.output_range(torque=Interval())
             assert abs(y - previous) <= most + 2.0 * np.spacing(max(abs(y), abs(previous)))
@@ -67,10 +67,10 @@ def test_a_torque_limiter_climbs_in_even_steps_and_stops_at_its_limit():
     assert y.tolist() == [1.0, 2.0, 3.0, 3.0, 2.0, 1.0]
 
 
-def test_nan_passes_a_torque_limiter_and_is_not_held():
-    u = np.array([0.0, 1.0, math.nan, math.nan, 1.0, math.inf, -math.inf])
+def test_what_is_not_finite_comes_out_of_a_torque_limiter_as_nan_and_is_not_held():
+    u = np.array([0.0, 1.0, math.nan, math.nan, 1.0, math.inf, -math.inf, 1.0, 1e308])
     y = both_ways(lambda: TorqueLimiter(limit=12.0, slew=100.0), torque=u)["limited"]
-    assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, 1.0, 1.5, 1.0], equal_nan=True)
+    assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, 1.0, math.nan, math.nan, 1.0, 1.5], equal_nan=True)
 
 
 def test_a_limit_lowered_while_running_holds_at_once():
@@ -97,11 +97,11 @@ def test_parameters_of_a_torque_limiter_are_refused(parameters, said):
 
 @given(u=st.lists(anything, min_size=1, max_size=10), ends=st.tuples(finite, finite))
 @settings(max_examples=200, deadline=None)
-def test_a_saturation_clips_and_lets_nan_pass(u, ends):
+def test_a_saturation_clips_and_gives_nan_for_what_is_not_finite(u, ends):
     lower, upper = min(ends), max(ends)
     block = made(Saturation, lower=lower, upper=upper)
     y = by_hand(block, len(u), u=u)["y"]
-    assert np.array_equal(y, np.clip(u, lower, upper), equal_nan=True)
+    assert np.array_equal(y, np.where(np.isfinite(u), np.clip(u, lower, upper), math.nan), equal_nan=True)
 
 
 def test_a_saturation_clips_every_element_alone():

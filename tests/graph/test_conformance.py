@@ -179,3 +179,18 @@ def test_parameters_of_devices_and_sinks_are_fixed():
 def test_each_kind_of_broken_block_is_found(kind, said):
     with pytest.raises(AssertionError, match=said):
         check_block(kind)
+
+
+class Clipper(Sound):
+    """Clips in Python, which turns an infinity into a bound."""
+
+    def step(self, u):
+        return min(max(self.gain * u, -1.0), 1.0)
+
+    def output_range(self, u):
+        return Interval(-1.0, 1.0)
+
+
+def test_a_block_that_clips_an_infinity_is_refused():
+    with pytest.raises(AssertionError, match="Clipper hides an infinity: its outputs are {'y': 1.0}"):
+        check_block(Clipper)

@@ -1,11 +1,13 @@
 """Blocks of the gait laboratory: one in Python, one native."""
 
+import math
+
 from gaitlab import kernels
 from graph import Block, Input, Memory, Output, Param
 
 
 class CadenceMeter(Block):
-    """Steps a minute from heel strikes: 60 over the time between the last two. Zero until there are two; NaN passes."""
+    """Steps a minute from heel strikes: 60 over the time between the last two. Zero until there are two; NaN and infinity pass."""
 
     strike = Input("1", "above 0.5 while the heel is on the ground")
     cadence = Output("1", "steps a minute")
@@ -14,7 +16,7 @@ class CadenceMeter(Block):
         self.elapsed, self.down, self.rate = None, False, 0.0
 
     def step(self, strike, dt):
-        if strike != strike:
+        if not math.isfinite(strike):
             return strike
         if self.elapsed is not None:
             self.elapsed += dt

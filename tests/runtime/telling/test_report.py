@@ -175,7 +175,42 @@ def test_nan_is_traced_to_the_block_that_made_it(tmp_path):
     path = write(tmp_path, text.format(law="return math.nan if tick == 42 else 0.0"))
     lines = fault.explain(carry_out(path))
     assert lines[0] == "FAULT at knee, tick 42 (0.21 s): a command is NaN or infinite"
-    assert lines[2].startswith(f"  it came out of law.torque, made at {path}:{line_of(path, 'Law(name')}, from position = ")
+    assert lines[2].startswith(f"  it arose in law.torque = nan, made at {path}:{line_of(path, 'Law(name')}, from position = ")
+
+
+def traced(tmp_path, wired, imports, law="return 1.0", before=""):
+    """The report's line about the origin, of a knee whose torque runs through `wired`, with one line of the diagram in front."""
+    text = KNEE.replace("(limit=5.0)(torque)", f"(limit=5.0)({wired})").replace(
+        "    knee(torque", f"    {before}\n    knee(torque").replace("from blocks.limiters", f"{imports}\nfrom blocks.limiters")
+    lines = fault.explain(carry_out(write(tmp_path, text.format(law=law))))
+    assert lines[0].startswith("FAULT at knee, tick ") and lines[0].endswith("a command is NaN or infinite")
+    return lines[2].replace(str(tmp_path), "")
+
+
+def test_an_infinity_is_traced_through_the_limiter_that_made_nan_of_it(tmp_path):
+    line = traced(
+        tmp_path, 'Divide(name="share")(torque, StepSource(before=2.0, after=0.0, time=0.2, unit="1", name="step")())',
+        "from blocks.mathematics import Divide\nfrom blocks.sources import StepSource")
+    assert line == "  it arose in share.y = inf, made at /robot.py:27, from a = 1, b = 0"
+
+
+def test_a_filter_that_remembers_a_nan_is_named(tmp_path):
+    """The NaN came at tick 10 and nothing used it until tick 20, when the filter alone still had it."""
+    line = traced(
+        tmp_path, 'Switch()(Compare(">")(Clock(name="clock").time, 0.0999), Butterworth(2, 20.0, name="smooth")(torque), 0.0)',
+        "from blocks.clock import Clock\nfrom blocks.filters import Butterworth\nfrom blocks.logic import Compare, Switch",
+        law="return math.nan if tick == 10 else 1.0")
+    assert line.startswith("  it arose in smooth.y = nan, made at /robot.py:") and line.endswith(", from u = 1")
+
+
+def test_a_loop_that_holds_an_infinity_does_not_hide_where_it_arises(tmp_path):
+    """From tick 10 on the loop and what feeds it are infinite; from tick 20 on the drive would be commanded by it."""
+    line = traced(
+        tmp_path, 'Switch()(Compare(">")(Clock(name="clock").time, 0.0999), total, 0.0)',
+        "from blocks.clock import Clock\nfrom blocks.discrete import UnitDelay\nfrom blocks.logic import Compare, Switch\nfrom blocks.mathematics import Sum",
+        law="return math.inf if tick >= 10 else 1.0",
+        before='delay = UnitDelay(name="delay"); total = Sum("++")(delay.y, torque); delay(total)')
+    assert line.startswith("  it arose in law.torque = inf, made at /robot.py:")
 
 
 FAULTY_PLANT = '''
