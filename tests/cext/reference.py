@@ -82,12 +82,12 @@ ARITY = {"Sum": 3, "Product": 2, "Affine": 2, "Sine": 0, "StepSource": 0}
 
 
 def clip(x, low, high):
-    return low if x < low else high if x > high else x
+    return math.nan if math.isinf(x) else low if x < low else high if x > high else x
 
 
 def toward(previous, target, most):
     change = target - previous
-    return previous + most if change > most else previous - most if change < -most else target
+    return math.nan if math.isinf(target) else previous + most if change > most else previous - most if change < -most else target
 
 
 class Cell:

@@ -149,9 +149,9 @@ def test_nan_in_a_torque_command_is_a_fault_and_never_a_frame_behind(between):
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 20 and rig.statistics()["ticks"] == 20
 
 
-@pytest.mark.parametrize("between", ["a gain of zero", "a product", "a filter"])
+@pytest.mark.parametrize("between", BETWEEN)
 @pytest.mark.parametrize("value", [math.inf, -math.inf])
-def test_an_infinity_that_becomes_nan_is_a_fault(between, value):
+def test_an_infinity_is_a_fault_whatever_clips_it(between, value):
     rig = one_drive(lambda knee: BETWEEN[between](At(20, lambda: value).y))
     outcome = rig.run(100)
     assert outcome.status == "not finite" and 20 <= outcome.tick <= 22 and ends_in_the_safe_stop(rig)
@@ -159,9 +159,9 @@ def test_an_infinity_that_becomes_nan_is_a_fault(between, value):
     assert all(abs(torque) <= limit for torque in rig["knee.torque_sent"])
 
 
-@pytest.mark.parametrize("value", [math.inf, -math.inf, 1e308])
-def test_an_infinity_behind_a_limiter_is_its_limit_and_no_more(value):
-    rig = one_drive(lambda knee: TorqueLimiter(limit=9.0)(At(20, lambda: value).y))
+@pytest.mark.parametrize("value", [1e308, -1e308])
+def test_the_largest_number_behind_a_limiter_is_its_limit_and_no_more(value):
+    rig = one_drive(lambda knee: TorqueLimiter(limit=9.0, slew=math.inf)(At(20, lambda: value).y))
     assert rig.run(40, fade=0.0).status == "ok"
     assert abs(rig["knee.torque_sent"][20]) == pytest.approx(9.0, abs=2 * 65.0 / 4095)
     assert rig["knee.torque_sent"][21] == pytest.approx(1.0, abs=2 * 65.0 / 4095)
