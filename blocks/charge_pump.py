@@ -1,4 +1,4 @@
-"""A charge pump: an output that has to toggle for a relay to hold the power of the motors. Whatever ends the toggling ends the power."""
+"""Charge pump: an output that has to toggle for a relay to hold the power of the motors."""
 
 import binascii
 
@@ -19,11 +19,11 @@ def message(number):
 
 
 class ChargePump(GpioLine, StreamDevice):
-    """Toggles an output of the computer or of a microcontroller, behind which a circuit holds the motors' relay only while it changes.
+    """Output that toggles for a circuit to hold the relay of the motors' supply: level(k) = not level(k − 1).
 
-    level(k) = not level(k − 1), once a tick. The level changes in every round of arming, in every tick that is sent, and in the damped part of a safe stop.
-    It stops at the fence: after a fault, an emergency stop, an exception, a hung block, kill -9 of every process, and when the computer dies. It
-    needs no process to notice. A safe stop never makes a relay pull in that may have dropped.
+    The level changes once in every round of arming, in every tick that is sent, and in the damped part of a safe stop. It stands still from the fence
+    on: after a fault, an emergency stop, an exception, a hung block. It also stands still when every process is killed and when the computer dies,
+    and no process has to notice that. A safe stop never makes a relay pull in that may have dropped.
 
     With `pin` the output is a GPIO line; with `port` or `serial` a microcontroller gets a message a tick and toggles its pin by it. The rig says which.
     The circuit is the user's: a retriggerable monostable or a missing-pulse detector that drops the relay `hold` after the last edge, whatever the
@@ -90,7 +90,7 @@ class ChargePump(GpioLine, StreamDevice):
 
 
 class EmulatedChargePump(StreamDevice):
-    """Relay and circuit behind a ChargePump, for a plant: the relay holds for `hold` after each change of the level."""
+    """Relay and circuit behind a ChargePump, for a plant: the relay holds for `hold` after a change of the level."""
 
     hold = Param(0.1, "s", "time after the last change of the level after which the relay drops", above=0.0, max=1.0, fixed=True)
     messages = Param(0, "1", "1 where the level comes as messages of a microcontroller, 0 where as a GPIO line", min=0, max=1, fixed=True)

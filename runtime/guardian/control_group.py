@@ -1,4 +1,4 @@
-"""A control group for the guardian alone, so that what kills the group of the run does not reach the guardian.
+"""A control group for the guardian alone, outside of the group of its run.
 
 systemd stops a unit, and systemd-oomd frees memory, by killing every process of one control group and of those below it. `enter` moves the calling
 process out of the group in which the run was started, as far up the hierarchy (version 2) as the system permits: root may use all of it, and

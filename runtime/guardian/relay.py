@@ -1,4 +1,4 @@
-"""The relay of a charge pump from outside of the loop: it holds while its line changes, and the guardian changes it while it damps a joint."""
+"""The relay of a charge pump, held by the guardian while it damps a joint."""
 
 import fcntl
 import os

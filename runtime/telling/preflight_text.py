@@ -1,4 +1,4 @@
-"""The pre-flight table for people: rows of devices and of buses, what the guardian was granted, and how many things are out of the ordinary."""
+"""The pre-flight table: devices, buses, what the guardian was granted, and what is out of the ordinary."""
 
 from runtime.coverage import in_words
 from runtime.telling.lines import count

@@ -6,6 +6,8 @@ import subprocess
 import time
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import ENABLE
@@ -26,6 +28,7 @@ from tests.runtime.runs import ROOT, write
 RATE, PERIOD = 200, 5_000_000       # Hz, ns
 HOLD, START_UP = 0.1, 0.2           # s
 NOTED, BYTES, LOST, BACK = 2, 0, 1, 2
+MESSAGES = Wired(EmulatedChargePump, messages=1)
 
 
 def message(number):
@@ -165,6 +168,18 @@ def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_dr
     assert edges((1000, broken), (2000, bytes([9] * 30 + [0])), (3000, b"\xff\1\2\3\0"), (4000, message(1))) == [(4000, 4, 1)]
     whole = message(1) + message(2) + message(3)
     assert edges(*((1000 + 100 * place, whole[place : place + 1]) for place in range(len(whole)))) == [(1400, 4, 1), (1900, 4, 0), (2400, 4, 1)]
+
+
+@given(chunks=st.lists(st.binary(max_size=64), max_size=8), number=st.integers(0, 255))
+@settings(max_examples=100, deadline=None)
+def test_behind_any_garbage_the_emulated_microcontroller_takes_the_next_message(chunks, number):
+    relay = Wired.again(MESSAGES)
+    for chunk in chunks:
+        relay.hear(BYTES, chunk)
+    before = relay["changes"]
+    for each in (number, (number + 1) % 256):
+        relay.hear(BYTES, b"\0" + message(each))
+    assert relay["changes"] in (before + 1.0, before + 2.0)
 
 
 # What ends the toggling

@@ -4,6 +4,7 @@ On an emulated machine, where test_gpio_machine.py runs this file; its clock run
 """
 
 import os
+import signal
 import struct
 import threading
 import time
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 
 from blocks.actuators import CubeMars
+from blocks.charge_pump import ChargePump
 from blocks.gpio import EStopSwitch, GpioInput, SyncIn, SyncOut
 from blocks.recorders import CsvRecorder
 from cext.buses import MemoryBus
@@ -20,6 +22,7 @@ from cext.executor import Executor
 from cext.page import Page
 from cext.program import Program
 from graph import Diagram, StreamDevice, compile
+from runtime.guardian.relay import Relay
 from runtime.rig.gpio_line import opened
 from runtime.rig.streams import StreamLines
 from runtime.rig.troubles import Refused
@@ -198,6 +201,63 @@ def test_a_contact_that_is_open_keeps_the_robot_from_being_armed(chip):
     chip.pull("STOP", True)
     outcome = rig.run(200)
     assert (outcome.status, outcome.culprit) == ("e-stop", "stop") and rig.commands() == []
+
+
+def edges(seen):
+    """When a level changed, of (when, level) pairs."""
+    return [now[0] for now, before in zip(seen[1:], seen) if now[1] != before[1]]
+
+
+def watch(chip, name, seconds, seen):
+    """Look at a line that the computer drives."""
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
+        seen.append((time.monotonic(), chip.value(name)))
+        time.sleep(0.002)
+
+
+def test_a_charge_pump_toggles_its_line_in_arming_and_in_every_tick_and_not_after(chip):
+    with Diagram("robot", rate=20) as robot:
+        ChargePump(name="pump", hold=0.5, start_up=0.5, **at(chip, "SYNC"))
+    rig, seen = RealLines(robot), []
+    outcome = rig.run(30, lambda: watch(chip, "SYNC", 3.0, seen))
+    assert outcome.status == "ok"
+    ended = rig.page.began * 1e-9 + rig.page.first_tick * 1e-9 + 30 / 20
+    found = edges(seen)
+    assert set(np.diff(rig["pump.changes"])) == {1.0}                       # one change a tick, as many as were not missed
+    assert 20 <= len([when for when in found if when < ended]) <= rig["pump.changes"][-1]
+    assert len([when for when in found if when > ended + 0.1]) <= 1     # the line is let go
+
+
+def test_after_kill_9_the_line_of_a_charge_pump_stands_still(chip):
+    seen, after = [], []
+    child = os.fork()
+    if child == 0:                                                          # a run of its own; only a signal ends it
+        with Diagram("robot", rate=20) as robot:
+            ChargePump(name="pump", hold=0.5, start_up=0.0, **at(chip, "SYNC"))
+        RealLines(robot).run(100_000)
+    try:
+        deadline = time.monotonic() + 20.0
+        while len(edges(seen)) < 20 and time.monotonic() < deadline:
+            watch(chip, "SYNC", 0.2, seen)
+        assert len(edges(seen)) >= 20
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+    watch(chip, "SYNC", 1.0, after)
+    assert len(edges(after)) <= 1                                           # the line is let go
+
+
+def test_the_guardian_changes_the_level_of_a_line_by_itself(chip):
+    lines = StreamLines([ChargePump(name="pump", **at(chip, "SYNC"))])
+    line = lines.lines["pump"][1]
+    relay = Relay({"descriptor": line.fileno(), "gpio": True, "frames": ["01", "00"], "hold": 0.1}, 0)
+    levels = []
+    for _ in range(4):
+        relay.change(1)
+        levels.append(chip.value("SYNC"))
+    lines.close()
+    assert levels == [True, False, True, False]
 
 
 def test_what_cannot_be_taken_is_told_in_words(chip):

@@ -49,10 +49,15 @@ class Microcontroller:
     def after(self, instant):
         return [when - instant for when in self.times if when > instant]
 
-    def close(self):
+    def unplug(self):
         self.over.set()
         self.thread.join()
-        os.close(self.master)
+        if self.master >= 0:
+            os.close(self.master)
+        self.master = -1
+
+    def close(self):
+        self.unplug()
         os.close(self.slave)
 
 
@@ -139,6 +144,17 @@ def test_no_pulse_follows_the_first_frame_that_disables(lab, how):
     bus.listen(0.3)
     process.communicate(timeout=10)
     assert not [when for when in board.after(stopped) if when > LATE]
+
+
+def test_a_microcontroller_that_is_unplugged_ends_the_run_with_words(lab):
+    bus, board = lab
+    process = running(lab)
+    board.unplug()
+    unplugged = time.time()
+    _, err = process.communicate(timeout=10)
+    bus.listen()
+    assert process.returncode == 3 and "FAULT at pump, tick " in err and "its line is gone, so that the relay drops" in err, err
+    assert bus.stopped_after(unplugged) < LATE
 
 
 # The guardian's part alone
