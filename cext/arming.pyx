@@ -169,6 +169,15 @@ cdef class Arming:
         """The grid point after this one, in real time one that is not past. zero : ns from the run's begin to point 0"""
         return point + 1 if self.virtual else max(point + 1, self.pace.newest(monotonic() - self.began - zero) + 1)
 
+    cdef int advance_plant_to(self, int64_t tick) noexcept nogil:
+        """Let the plant move through the ticks that were skipped before this one, until a signal ends the run."""
+        cdef int64_t skipped = self.previous + 1
+        cdef int status = OK
+        while self.plant is not None and skipped < tick and status == OK and not self.signals.caught[0]:
+            status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
+            skipped += 1
+        return status
+
     cdef void halt(self, double timeout) noexcept nogil:
         """Fence, then zero torque and disable, again and again until every device has confirmed or time is up.
 

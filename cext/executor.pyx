@@ -20,6 +20,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.stdint cimport int64_t
 
 from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
+from cext.forks cimport begin_run
 from cext.fatal cimport give_back_fatal, take_fatal
 from cext.journal cimport Journal
 from cext.live cimport STOP_WANTED
@@ -32,7 +33,7 @@ from cext.program cimport Program
 from cext.signals cimport Signals
 from cext.stopwatch cimport RECORD, WOKEN_LATE, lap
 from cext.tape cimport Tape
-from cext.thresholds cimport ARMING_LIMIT, FADE_IN, STOP_LIMIT
+from cext.thresholds cimport ARMING_LIMIT, FADE_IN, SIGNAL_HANDLER_PERIOD, STOP_LIMIT
 from cext.tick cimport Tick
 from cext.waiting cimport ENDED, Waiting
 from cext.watchdog cimport Watchdog
@@ -123,6 +124,7 @@ cdef class Executor(Waiting):
         gc.collect()
         gc.freeze()
         gc.disable()
+        begin_run()
         self.signals.take()
         try:
             self.watchdog.start()
@@ -205,7 +207,8 @@ cdef class Executor(Waiting):
         return took
 
     cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
-        cdef int64_t now, began, skipped
+        cdef int64_t now, began
+        cdef int64_t held = 0                                      # holds of the GIL after which our handlers were installed
         cdef int64_t tick = self.armed
         cdef int64_t late = 0
         cdef int64_t epoch = self.began + self.first_tick
@@ -232,9 +235,8 @@ cdef class Executor(Waiting):
             self.tick = tick
             self.body.watch.begin(tick, began)
             status = self.journal.attend(began)
-            for skipped in range(self.previous + 1, tick):         # the plant does not stand still meanwhile
-                if status == OK:
-                    status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
+            if status == OK:
+                status = self.advance_plant_to(tick)
             if status != OK:
                 break
             self.body.set_clock(tick, self.previous, late)
@@ -247,6 +249,9 @@ cdef class Executor(Waiting):
                 lap(self.control.laps, RECORD)
             if self.layout != NULL:
                 self.count(tick, late, began)
+            if self.control.gil_taken != held and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
+                self.signals.install(NULL)                         # a block may have installed its own, or ignored them
+                held = self.control.gil_taken
             self.previous = tick
             self.late = late
             tick += 1

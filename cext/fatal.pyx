@@ -9,6 +9,7 @@ before, on a stack of its own, since there may be none left.
 from libc.stdint cimport int32_t
 from libc.string cimport memset
 
+from cext.forks cimport is_child
 from cext.page cimport PageLayout, store_i32
 from cext.posix cimport (
     SA_ONSTACK, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGSEGV, action, pthread_self, pthread_t, raise_signal, sigaction, sigaltstack, stack_t,
@@ -28,7 +29,7 @@ cdef pthread_t loop = 0
 
 
 cdef void on_fatal(int number) noexcept nogil:
-    cdef PageLayout *page = told
+    cdef PageLayout *page = told if not is_child() else NULL        # the page of a child is its parent's
     cdef int index
     if page != NULL:
         store_i32(&page.hung, 1 + busy_with[0] if pthread_self() == loop and busy_with[0] >= 0 else -1)

@@ -61,6 +61,8 @@ cdef extern from "<signal.h>" nogil:
     const int SIGINT
     const int SIGTERM
     const int SIGHUP
+    const int SIGQUIT
+    const int SIGUSR1
     const int SIGURG
     const int SIGXCPU
     const int SIGSEGV
@@ -94,6 +96,7 @@ cdef extern from "<pthread.h>" nogil:
     int pthread_join(pthread_t thread, void **result)
     int pthread_kill(pthread_t thread, int signum)
     pthread_t pthread_self()
+    int pthread_atfork(void (*prepare)() noexcept nogil, void (*parent)() noexcept nogil, void (*child)() noexcept nogil)
 
 cdef extern from "<sched.h>" nogil:
     cdef struct sched_param:

@@ -15,6 +15,7 @@ from libc.stdint cimport uintptr_t
 from libc.stdlib cimport calloc, free
 from libc.string cimport memcpy
 
+from cext.forks cimport is_child, leave
 from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
 from cext.histogram cimport add
 from cext.python_step cimport PythonStep
@@ -302,9 +303,13 @@ cdef class Program:
                         break
                     index[0] += 1
             except BaseException as error:
+                if is_child():
+                    leave()
                 self.error = error
                 self.blame_step(phase, step)
                 return PYTHON_ERROR
+        if is_child():
+            leave()
         return OK
 
     cdef uint64_t share(self, PageLayout *page):

@@ -3,10 +3,10 @@
 
 from libc.string cimport memset
 
-from cext.posix cimport SIGHUP, SIGINT, SIGTERM, sigaction
+from cext.posix cimport SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGUSR1, sigaction
 
 cdef int32_t first = 0                   # a handler has nowhere else to put it
-cdef int[3] SIGNALS = [SIGINT, SIGTERM, SIGHUP]
+cdef int[ENDING] SIGNALS = [SIGINT, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1]
 
 
 cdef void on_signal(int number) noexcept nogil:
@@ -16,22 +16,26 @@ cdef void on_signal(int number) noexcept nogil:
 
 
 cdef class Signals:
-    """SIGINT, SIGTERM and SIGHUP, from `take` to `give_back`."""
+    """SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGUSR1, from `take` to `give_back`."""
 
     def __cinit__(self):
         self.caught = &first
 
     cdef void take(self):
         global first
-        cdef action install
-        cdef int index
         first = 0
-        memset(&install, 0, sizeof(action))
-        install.sa_handler = on_signal
-        for index in range(3):
-            sigaction(SIGNALS[index], &install, &self.before[index])
+        self.install(self.before)
+
+    cdef void install(self, action *before) noexcept nogil:
+        """Install the handlers; again where a block may have replaced them. before : what they replace, or NULL"""
+        cdef action ours
+        cdef int index
+        memset(&ours, 0, sizeof(action))
+        ours.sa_handler = on_signal
+        for index in range(ENDING):
+            sigaction(SIGNALS[index], &ours, NULL if before == NULL else &before[index])
 
     cdef void give_back(self):
         cdef int index
-        for index in range(3):
+        for index in range(ENDING):
             sigaction(SIGNALS[index], &self.before[index], NULL)

@@ -29,6 +29,7 @@ MEANINGS = {
     "ARMING_LIMIT": ("ns", "in which every device must have answered"),
     "DISABLE_CONFIRM_LIMIT": ("ns", "in which a drive must have answered its disable before a run may be armed again"),
     "FADE_IN": ("ns", "over which commands grow to their full size after arming"),
+    "SIGNAL_HANDLER_PERIOD": ("ticks", "in virtual time between installations of the handlers of signals that end a run; in real time each tick with a Python step"),
     "TX_QUEUE_FULL_LIMIT": ("ticks", "in a row with a full transmit queue, which end the run"),
     "INTERFACE_FAILURE_LIMIT": ("failures", "in a row of an interface of python-can, which end the run"),
 }

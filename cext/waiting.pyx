@@ -148,10 +148,8 @@ cdef class Waiting(Arming):
         """
         cdef int computed
         cdef int standing = OK
-        cdef int64_t skipped
         self.forgive(before)
-        for skipped in range(self.previous + 1, tick):
-            self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
+        self.advance_plant_to(tick)
         self.body.set_clock(tick, self.previous, self.late)
         self.control.arena[AUTHORITY] = 0.0
         computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.pace.rate)

@@ -25,7 +25,7 @@ from cext.atomics cimport load_i64, store_i32
 from cext.pace cimport monotonic
 from cext.page cimport RUNNING
 from cext.posix cimport (
-    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGTERM, SIGURG, cpu_set_t, pthread_join,
+    CPU_COUNT, CPU_SET, CPU_ZERO, SCHED_FIFO, SCHED_RESET_ON_FORK, SIG_UNBLOCK, SIGHUP, SIGINT, SIGQUIT, SIGTERM, SIGURG, SIGUSR1, cpu_set_t, pthread_join,
     pthread_kill, pthread_self, pthread_sigmask, sched_getparam, sched_getscheduler, sched_param, sched_setaffinity, sigaddset, sigemptyset,
     sigset_t,
 )
@@ -180,4 +180,6 @@ cdef void hear_signals() noexcept nogil:
     sigaddset(&ours, SIGINT)
     sigaddset(&ours, SIGTERM)
     sigaddset(&ours, SIGHUP)
+    sigaddset(&ours, SIGQUIT)
+    sigaddset(&ours, SIGUSR1)
     pthread_sigmask(SIG_UNBLOCK, &ours, NULL)

@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP end a run in the safe stop, in real processes; afterwards Python's own handlers are back."""
+"""Signals end a run in the safe stop, in real processes; afterwards Python's own handlers are back."""
 
 import json
 import os
@@ -34,14 +34,31 @@ class Slow(Block):
             pass
         return 5.0
 
+class Ignoring(Slow):
+    "Ignores what ends a run, in every step."
+    def step(self, u):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1):
+            signal.signal(number, signal.SIG_IGN)
+        return 5.0
+
+class Forking(Slow):
+    "Forks once; both processes return."
+    children = 0
+    def step(self, u):
+        if u and self.children == 0:
+            self.children = 1
+            os.fork()
+        return 5.0
+
 heard = []
-for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR2):
     signal.signal(number, lambda number, frame: heard.append(number))
 mine = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 
 with Diagram("robot", rate=200) as robot:
     knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)
-    knee(torque_command=Slow()(knee.torque) if "slow" in sys.argv else 5.0)
+    kind = {"slow": Slow, "ignoring": Ignoring, "forking": Forking}.get((sys.argv[3:] or [None])[0])
+    knee(torque_command=kind()(knee.torque) if kind else 5.0)
 rig = Rig(robot, None if "deaf" in sys.argv else plant_of(robot), page=Page(fd=int(sys.argv[1])), virtual=False,
           spin=1.0 if "spin" in sys.argv else 0.0)
 outcome = rig.run(int(sys.argv[2]), arming_timeout=20.0)
@@ -83,7 +100,7 @@ def stopped_safely(told):
     return sent[-4:] == [NOTHING, DISABLE] * 2 and told["state"] == "safe" and sent.index(DISABLE) == len(sent) - 3
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1])
 def test_a_signal_ends_in_zero_torque_then_disable_and_the_recording_is_complete(number):
     told = robot(sends(number))
     assert told["status"] == "ok" and told["signal"] == number and told["unconfirmed"] == []
@@ -119,9 +136,31 @@ def test_the_first_of_two_signals_is_told_and_the_second_does_not_cut_the_stop_s
 
 
 def test_a_signal_of_someone_elses_neither_ends_the_run_nor_shortens_a_tick():
-    told = robot(*[sends(signal.SIGUSR1)] * 5, ticks=100)
+    told = robot(*[sends(signal.SIGUSR2)] * 5, ticks=100)
     assert told["signal"] == 0 and told["tick"] <= 99 and len(told["ticks"]) + told["statistics"]["missed"] == 100 and stopped_safely(told)
-    assert signal.SIGUSR1 in told["during"] + told["after"]
+    assert signal.SIGUSR2 in told["during"] + told["after"]
+
+
+def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
+    def twice(child):
+        child.send_signal(signal.SIGINT)                                    # the first may fall into the step itself
+        time.sleep(0.05)
+        child.send_signal(signal.SIGINT)
+
+    told = robot(twice, options=["ignoring"])
+    assert told["status"] == "ok" and told["signal"] == signal.SIGINT and stopped_safely(told)
+
+
+def test_a_block_that_forks_and_returns_leaves_one_run():
+    page = Page(1 << 22)
+    done = subprocess.run(
+        [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"], cwd=ROOT, env=ENVIRONMENT, pass_fds=[page.fd], stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, timeout=60)
+    assert done.stdout.count("statistics") == 1 and done.stderr == (
+        "tickwork: a block has forked and its child process returned into the loop: the child ends here, the run continues\n")
+    told = json.loads(done.stdout)
+    assert told["status"] == "ok" and len(told["ticks"]) + told["statistics"]["missed"] == 100 and stopped_safely(told)
+    assert told["ticks"] == sorted(set(told["ticks"]))
 
 
 def test_a_process_that_was_stopped_and_continued_goes_on_where_time_is():
