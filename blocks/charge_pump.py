@@ -6,10 +6,12 @@ from blocks.gpio import GpioLine
 from blocks.serial_lines import speed_of
 from cext.kernels import charge_pump as kernels
 from cext.kernels import quiet
-from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
+from graph.budget import BITS_OF_A_BYTE
 
 MESSAGE = 5                     # bytes of a counter and its checksum, stuffed
+WORST_LOAD = 0.7                # share of the line that messages may take
 
 
 def message(number):
@@ -62,11 +64,11 @@ class ChargePump(GpioLine, StreamDevice):
         if self.hold <= stall:
             raise ValueError(
                 f"hold {self.hold:g} s: the relay must hold for longer than {stall:g} s, in which the guardian notices that the run has stalled")
-        speed = speed_of(self.port, self.baudrate)
-        if speed and 10 * MESSAGE / dt > 0.7 * speed:
+        speed, needed = speed_of(self.port, self.baudrate), BITS_OF_A_BYTE * MESSAGE / min(dt, 1e-9 * STOP_ROUND)
+        if speed and needed > WORST_LOAD * speed:
             raise ValueError(
-                f"baudrate {self.baudrate:g}: a message of {MESSAGE} bytes every {dt:g} s takes {10 * MESSAGE / dt / speed:.0%} of the line. What waits "
-                f"in its queue would hold the relay after the run has died; set baudrate to {10 * MESSAGE / dt / 0.7:.0f} or more")
+                f"baudrate {self.baudrate:g}: messages of {MESSAGE} bytes take {needed / speed:.0%} of the line. What waits in its queue would hold the relay "
+                f"after the run has died; set baudrate to {needed / WORST_LOAD:.0f} or more")
 
     def opening(self):
         if self.line == "serial":

@@ -72,7 +72,8 @@ def pump_diagram(rate=RATE, **parameters):
 
 @pytest.mark.parametrize("rate, parameters, words", [
     (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than 0.25 s"),
-    (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "takes 87% of the line"),
+    (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "take 87% of the line"),
+    (50, {"port": "/dev/ttyS0", "baudrate": 9600, "hold": 0.5}, "take 104% of the line"),       # a safe stop has rounds of 5 ms
     (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
     (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
 ])
