@@ -65,6 +65,7 @@ cdef enum: # what decode_t returns
     COMMANDED = 3           # for this device, from somebody else who commands it
     MOVING = 4              # an answer of this device, which says that it is not at rest: none to the safe stop
     PRESSED = 5             # an answer of this device, which says that somebody wants the run to end
+    ANSWERED = 6            # an answer of this device without a sample, as to a question about its faults
     MALFORMED = -1          # for this device, but short, long or corrupt: nothing was changed
 
 cdef enum:

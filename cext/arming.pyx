@@ -44,7 +44,7 @@ cdef class Arming:
         cdef int status = OK
         self.journal.attend(monotonic())
         self.journal.set_state(ARMING)
-        self.control.devices.want_replies(True, False)
+        self.control.devices.begin_arming()
         for round in range(rounds + 1 if self.control.devices.count else 0):
             self.now = now = self.pace.grid(round)
             if not self.virtual:

@@ -1,6 +1,6 @@
 from libc.stdint cimport int32_t, int64_t
 
-from cext.abi cimport FRAME_BYTES, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.batch cimport Batch
 from cext.buses cimport BusEnd
 from cext.drive_watch cimport DriveWatch
@@ -19,6 +19,7 @@ cdef struct Device:
     int bus
     int age                      # slot, -1 if it has none
     int fault                    # slot, -1 if it has none
+    int ready                    # slot, -1 if arming reads nothing back
     double timeout               # s
     Batch enable
     Batch zero
@@ -33,6 +34,7 @@ cdef struct Device:
     int64_t heard                # ns, when the newest sample arrived
     int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
     Histogram *latency           # from a command to its answer; NULL where time is not real
+    bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: from another controller such a frame is no command
     bint owed                    # the newest command has not been answered
     int64_t missed               # commands that were not, when the next went out
     int64_t replies
@@ -93,6 +95,8 @@ cdef class Devices:
     cdef void begin_stop(self) noexcept nogil
     cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil
     cdef void note_speeds(self, PageLayout *page) noexcept nogil
+    cdef bint has_answered(self, const Device *device) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
+    cdef void begin_arming(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil

@@ -14,7 +14,7 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport (
-    BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
+    ANSWERED, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
     SILENT, TAKEN, TICK,
 )
 from cext.batch cimport load_batch
@@ -84,12 +84,15 @@ cdef class Devices:
         return self.schedule.buses[self.failed.bus] if self.failed.bus >= 0 else None
 
     def silent(self):
-        """Paths of the devices that have sent fewer replies than were wanted of them."""
+        """Paths of the devices that have sent fewer replies than were wanted of them, or are not ready."""
+        return [self.schedule.devices[index].name for index in range(self.count) if not self.has_answered(&self.devices[index])]
+
+    @property
+    def unready(self):
+        """Paths of the devices that answer, and have not returned what arming wrote."""
         return [
-            self.schedule.devices[index].name
-            for index in range(self.count)
-            if self.devices[index].replies < self.devices[index].replies_wanted
-        ]
+            self.schedule.devices[index].name for index in range(self.count)
+            if self.devices[index].ready >= 0 and self.devices[index].answered and self.arena[self.devices[index].ready] == 0.0]
 
     @property
     def latencies(self):
@@ -142,7 +145,10 @@ cdef class Devices:
             device.slots = <int32_t *><uintptr_t>slots.ctypes.data + 4
             device.sizes = <int32_t *><uintptr_t>sizes.ctypes.data
             device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+            device.ready = entry.ready
             load_batch(&device.enable, entry.enable)
+            for place, frame in enumerate(entry.enable):
+                device.only_reads[place] = frame in entry.reads
             load_batch(&device.zero, entry.zero)
             load_batch(&device.disable, entry.disable)
             device.bands = NULL
@@ -217,6 +223,8 @@ cdef class Devices:
                     self.failed.device = number
                     status = ESTOP
                     answer = TAKEN
+                if answer == ANSWERED:
+                    device.owed, device.asked = False, -1
                 if answer == TAKEN or answer == MOVING:
                     if device.doubtful and self.alone:         # it answers under its own id: the other frame was a command
                         self.failed.device = number
@@ -255,8 +263,8 @@ cdef class Devices:
         cdef int number
         for number in range(self.count):
             if self.devices[number].bus == frame.bus and (
-                    is_like(&self.devices[number].zero, frame) or is_like(&self.devices[number].disable, frame)
-                    or is_like(&self.devices[number].enable, frame)):
+                    is_like(&self.devices[number].zero, frame, NULL) or is_like(&self.devices[number].disable, frame, NULL)
+                    or is_like(&self.devices[number].enable, frame, self.devices[number].only_reads)):
                 return number
         return -1
 
@@ -367,7 +375,7 @@ cdef class Devices:
             device = &self.devices[number]
             if not disable and page != NULL and load_i32(&page.fence):
                 return FENCED
-            if enable and device.replies < device.replies_wanted and device.enable.count > 0:
+            if enable and not self.has_answered(device) and device.enable.count > 0:
                 if device.rounds % device.enable.count == 0:       # many frames, seldom: the bus has to carry them
                     status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
                 device.rounds += 1
@@ -457,12 +465,23 @@ cdef class Devices:
                     page.frames_received += 1
                     log_frame(page, &self.received[index])
 
+    cdef bint has_answered(self, const Device *device) noexcept nogil:
+        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0 or self.arena[device.ready] != 0.0)
+
     cdef bint all_answered(self) noexcept nogil:
         cdef int number
         for number in range(self.count):
-            if self.devices[number].replies < self.devices[number].replies_wanted:
+            if not self.has_answered(&self.devices[number]):
                 return False
         return True
+
+    cdef void begin_arming(self) noexcept nogil:
+        """Every device has to answer, and to return what is written into it, however often it has before: its power may have been off."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                self.arena[self.devices[number].ready] = 0.0
+        self.want_replies(True, False)
 
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
         cdef int number
@@ -492,9 +511,11 @@ cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept n
     return due + round if due + round > now else now + round
 
 
-cdef inline bint is_like(const Batch *batch, const Frame *frame) noexcept nogil:
+cdef inline bint is_like(const Batch *batch, const Frame *frame, const bint *left_out) noexcept nogil:
     cdef int index
     for index in range(batch.count):
+        if left_out != NULL and left_out[index]:
+            continue
         if batch.frames[index].id == frame.id and batch.frames[index].length == frame.length:
             return True
     return False

@@ -162,6 +162,11 @@ cdef class Program:
         """Frames that devices have rejected, as cext.devices.Devices.malformed has it."""
         return self.devices.malformed
 
+    @property
+    def unready(self):
+        """Devices that answer and have not returned what arming wrote, as cext.devices.Devices.unready has it."""
+        return self.devices.unready
+
     def count_from(self, int64_t tick):
         """What is not answered in time before this tick, when arming may still fill the bus, is not counted."""
         self.devices.counted_from = tick

@@ -208,7 +208,7 @@ cdef class Waiting(Arming):
             self.tick = tick
             status = self.hear_while_arming()
             if round == 0:
-                self.control.devices.want_replies(True, False)     # from here on: what comes now answers the disabling
+                self.control.devices.begin_arming()                # from here on: what comes now answers the disabling
             elif status == OK and self.control.devices.all_answered():
                 status = self.control.devices.watch(self.now)
                 if status == OK:

@@ -99,6 +99,7 @@ class Device(Block):
     relay_time = start_time = 0.0
     protects = ()               # paths or buses of the devices whose power its relay switches
     own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
+    ready = None                # (name of a memory, index) that its kernel sets once it has read back what arming wrote; None: nothing to read
     unanswered_frames = 0       # how many of its disable_frames have no answer
     hot = None
     hardware = ()
@@ -135,6 +136,10 @@ class Device(Block):
         """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the newest"""
         return "; ".join(f"{frames} frame{'s' * (frames != 1)} of {length} bytes that it rejects" for length, frames in lengths.items())
 
+    def unready_in_words(self):
+        """Why a device that answers is not `ready`, and the remedy."""
+        return "it answers, but does not return what arming wrote"
+
     def replies(self):
         """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended, first bytes).
 
@@ -154,6 +159,10 @@ class Device(Block):
 
     def enable_frames(self):
         """Frames, (arbitration id, is extended, data), that make the device ready without moving it."""
+        return []
+
+    def read_frames(self):
+        """Those of `enable_frames` that read and change nothing."""
         return []
 
     def zero_frames(self):

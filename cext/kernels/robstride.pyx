@@ -4,6 +4,7 @@
     identifier   29 bits: type 5, data 16, target 8
     type 1       operation control: torque is the data of the identifier; position, velocity, stiffness, damping, u16 each, big-endian
     type 2       feedback: mode 2 bits, faults 6 bits, motor 8 bits; position, velocity, torque, temperature x 10
+    type 17      read a parameter: index u16, 0; answered by type 17, with the value, and 0 in bits 16 to 23 of the identifier if it is known
     type 18      write a parameter: index u16, 0, four bytes, little-endian; answered by type 2
     type 21      faults and warnings, u32 each, little-endian
     type 24      as type 2, without being asked
@@ -36,12 +37,28 @@ cdef enum: # what comes behind the inputs
     SENT_LAW                    # position, velocity, stiffness, damping, torque of the last frame in operation control
     STATE                       # has been seen running, replies in a row that say it is not, faults of type 21
     WRITTEN                     # index of the command, its scale to the motor, whether the offset moves it, index of the current limit, A
+    TIMEOUT_READ                # as the enum below
 
 cdef enum:
     RUN = 2                     # mode of a drive that obeys
     PATIENCE = 12               # replies of a drive that has stopped by itself; those to the frames of arming are fewer
     STOPPED = 64                # in FAULT, beside the six bits of type 2
+    NO_TIMEOUT = 128            # the same: the time-out that was read is not the one that was written
     WORD = 256                  # and where the 32 of type 21 begin
+
+
+cdef enum: # of TIMEOUT_READ
+    READY                       # the drive has returned the time-out that was written, or another one too often
+    DIFFERENT                   # how often
+    COUNTS                      # that were written
+
+cdef enum:
+    TIMEOUT_INDEX = 0x7028
+    WRONG_READS = 3             # a write may get lost, and is repeated
+
+
+cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
+    return <uint32_t>data[3] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[1] << 8 | data[0]
 
 
 cdef inline double big_endian(const uint8_t *data, double half) noexcept nogil:
@@ -63,7 +80,8 @@ cdef int feedback(double *arena, const int32_t *own, const Frame *frame, bint as
         state[0], state[1] = 1.0, 0.0
     elif state[0] != 0.0 and state[1] <= PATIENCE:
         state[1] += 1.0
-    arena[own[FAULT]] = faults + (STOPPED if state[1] > PATIENCE else 0) + WORD * state[2]
+    arena[own[FAULT]] = faults + (STOPPED if state[1] > PATIENCE else 0) + WORD * state[2] + (
+        NO_TIMEOUT if arena[own[TIMEOUT_READ] + DIFFERENT] >= WRONG_READS else 0)
     if not asked:
         return NOTED            # a drive that only reports has not heard us
     return TAKEN if state[0] != 0.0 or faults != 0 else NOTED       # one that does not run yet has not answered to arming
@@ -73,9 +91,24 @@ cdef int report(double *arena, const int32_t *own, const Frame *frame) noexcept 
     cdef double *state = arena + own[STATE]
     cdef const uint8_t *data = &frame.data[0]
     cdef double known = arena[own[FAULT]] - WORD * state[2]
-    state[2] = <uint32_t>data[3] << 24 | data[2] << 16 | data[1] << 8 | data[0]
+    state[2] = little_endian(data)
     arena[own[FAULT]] = known + WORD * state[2]
-    arena[own[WARNING]] = <uint32_t>data[7] << 24 | data[6] << 16 | data[5] << 8 | data[4]
+    arena[own[WARNING]] = little_endian(data + 4)
+    return NOTED
+
+
+cdef int parameter(double *arena, const int32_t *own, const Frame *frame) noexcept nogil:
+    """The content of type 17: the time-out, which arming reads back."""
+    cdef double *read = arena + own[TIMEOUT_READ]
+    if (<uint32_t>frame.data[1] << 8 | frame.data[0]) != TIMEOUT_INDEX or read[READY] != 0.0:
+        return NOTED
+    if (frame.id >> 16 & 255) == 0 and little_endian(&frame.data[4]) == read[COUNTS]:
+        read[READY], read[DIFFERENT] = 1.0, 0.0
+        return NOTED
+    read[DIFFERENT] += 1.0
+    if read[DIFFERENT] >= WRONG_READS:
+        read[READY] = 1.0
+        arena[own[FAULT]] += NO_TIMEOUT
     return NOTED
 
 
@@ -89,7 +122,7 @@ cdef int robstride_decode(double *arena, const int32_t *slots, const int32_t *si
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED:
         return FOREIGN
     if target == motor and type in (1, 3, 4, 6, 7, 18):
-        return COMMANDED        # by somebody else: we do not hear ourselves; reading harms nobody
+        return COMMANDED        # by another controller: frames of this run do not come back; reading harms nobody
     if type == 21:              # the manual has motor and host both ways round
         if not (target == host and source == motor or target == motor and source == host):
             return FOREIGN
@@ -98,7 +131,7 @@ cdef int robstride_decode(double *arena, const int32_t *slots, const int32_t *si
         return FOREIGN
     if frame.length != 8:
         return MALFORMED
-    return NOTED if type == 17 else feedback(arena, own, frame, type == 2)
+    return parameter(arena, own, frame) if type == 17 else feedback(arena, own, frame, type == 2)
 
 
 cdef inline void address(double *arena, const int32_t *own, Frame *frame, uint32_t type, uint32_t data) noexcept nogil:

@@ -37,6 +37,11 @@ def rejected(result, block):
     return block.malformed_in_words(*found) if found else ""
 
 
+def instead(result, block):
+    """What a device did that has not answered arming, in words; '' for nothing."""
+    return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
+
+
 def nearby(diagram, block):
     """Paths of the scalar signals that a block takes and gives; of what is asked of every actuator and heard from it if there is no block."""
     wanted = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
@@ -72,7 +77,7 @@ def meaning(block, heard, result):
     """What an actuator's state says, in words."""
     words = []
     if block.path in result.outcome.unanswered:
-        return rejected(result, block) or "it never answered"
+        return instead(result, block) or "it never answered"
     if heard.get("fault"):
         words.append(f"fault: {block.fault_in_words(int(heard['fault']))}")
     age = heard.get("age", 0.0)

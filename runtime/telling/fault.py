@@ -78,7 +78,7 @@ def unanswered(result):
     """Who did not answer, and what was heard instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
-    instead = [f"{block.path}: {words}" for block in silent if (words := aftermath.rejected(result, block))]
+    instead = [f"{block.path}: {words}" for block in silent if (words := aftermath.instead(result, block))]
     if instead:
         return f"no answer from {names}; {'; '.join(instead)}"
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))

@@ -30,7 +30,7 @@ def get_id(can_id, host=HOST):
 
 
 def read(index, can_id, host=HOST):
-    return frames.frame(frames.READ, host, can_id, struct.pack("<Hxxxxxx", index))
+    return frames.read(index, can_id, host)
 
 
 def write(parameter, value, can_id, is_cybergear=False, host=HOST):
@@ -95,11 +95,11 @@ def feedback(identifier, extended, data, can_id, model=None, host=HOST):
     if not is_feedback(identifier, extended, can_id, host) or len(data) != 8 or bytes(data[:3]) == VERSION + b"\x56":
         return None
     position, velocity, torque, temperature = struct.unpack(">3Hh", data)
-    meanings = frames.FAULTS_OF_CYBERGEAR if model is not None and model.is_cybergear else frames.FAULTS
+    meanings = frames.meanings(model is not None and model.is_cybergear)
     half = model.wire_position if model is not None else POSITION
     found = Answer(
         EITHER, can_id, position=symmetric(position, half, 16), temperature=temperature / 10.0,
-        fault=", ".join(frames.names(identifier >> 16 & 0x3F, meanings)), enabled=identifier >> 22 & 3 == RUN)
+        fault=frames.in_words(identifier >> 16 & 0x3F, meanings), enabled=identifier >> 22 & 3 == RUN)
     if model is not None:
         found.velocity, found.torque = symmetric(velocity, model.wire_velocity, 16), symmetric(torque, model.wire_torque, 16)
     return found

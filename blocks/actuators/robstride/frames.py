@@ -17,10 +17,12 @@ TIMEOUT_COUNTS = 20000                              # of CAN_TIMEOUT, a second
 # The output `fault`: six bits of the feedback, one of ours, and from bit 8 on the 32 of a fault report.
 FAULTS = {
     0: "under-voltage", 1: "over-current or driver", 2: "over-temperature", 3: "magnetic encoder", 4: "stalled or overloaded",
-    5: "not calibrated", 6: "has stopped by itself", 8: "motor too hot", 9: "driver chip", 10: "under-voltage", 11: "over-voltage",
+    5: "not calibrated", 6: "has stopped by itself", 7: "time-out is not the one that was written", 8: "motor too hot", 9: "driver chip", 10: "under-voltage", 11: "over-voltage",
     12: "current of phase B", 13: "current of phase C", 15: "encoder not calibrated", 16: "hardware identification",
     17: "position at the start", 22: "stalled", 24: "current of phase A",
 }
+NO_TIMEOUT = 1 << 7
+REPORTED = 8                                        # where the fault report begins
 FAULTS_OF_CYBERGEAR = FAULTS | {4: "Hall sensor", **dict.fromkeys(range(16, 24), "overloaded")}
 
 
@@ -34,11 +36,40 @@ def write(index, value, can_id, host_id):
     return frame(WRITE, host_id, can_id, struct.pack("<HH", index, 0) + struct.pack(WHOLE.get(index, "<f"), value))
 
 
+def read(index, can_id, host_id):
+    return frame(READ, host_id, can_id, struct.pack("<Hxxxxxx", index))
+
+
+def timeout_counts(seconds):
+    """Of CAN_TIMEOUT; at least 1 where it is not 0."""
+    return max(round(seconds * TIMEOUT_COUNTS), int(seconds > 0.0))
+
+
 def reports(on, can_id, host_id):
     """Reports of the state every 10 ms, without being asked."""
     return frame(REPORT, host_id, can_id, bytes([1, 2, 3, 4, 5, 6, int(on), 8]))
 
 
+def meanings(is_cybergear):
+    return FAULTS_OF_CYBERGEAR if is_cybergear else FAULTS
+
+
 def names(fault, meanings=FAULTS):
-    """In words, what a value of `fault` says."""
-    return [meanings.get(bit, f"bit {bit}") for bit in range(40) if int(fault) >> bit & 1]
+    """In words, what a value of `fault` means."""
+    return [meanings.get(bit, bit_in_words(bit)) for bit in range(40) if int(fault) >> bit & 1]
+
+
+def in_words(fault, meanings=FAULTS):
+    """The same, with the bits: 'over-voltage (bit 3 of the fault report), bit 9 of the fault report'; '' for none."""
+    return ", ".join(
+        f"{meanings[bit]} ({bit_in_words(bit)})" if bit in meanings else bit_in_words(bit) for bit in range(40) if int(fault) >> bit & 1)
+
+
+def bit_in_words(bit):
+    return f"bit {bit}" if bit < REPORTED else f"bit {bit - REPORTED} of the fault report"
+
+
+def warning_in_words(bit):
+    """Of the second word of a fault report, whose bits are those of the first."""
+    name = FAULTS.get(REPORTED + bit)
+    return f"{name} (bit {bit})" if name else f"bit {bit}"

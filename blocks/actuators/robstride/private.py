@@ -29,7 +29,8 @@ class RobStride(Joint, Actuator):
     damping the drive gives `torque_command` alone. So in operation control; in the modes position, csp (cyclic position), velocity and
     current the drive has one input, `position_command`, `velocity_command` or `current_command`, and its current is limited to that of
     the torque `limit`. Modes and limits are written while it is stopped, and are forgotten with its power. The drive stops by itself
-    when it has heard nothing for `can_timeout`; the CyberGear cannot. Faults are never cleared from here.
+    when it has received nothing for `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and is refused where the
+    drive returns another one or none. Faults are never cleared from here.
     """
 
     can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
@@ -43,6 +44,8 @@ class RobStride(Joint, Actuator):
     warning = Output("1", "the drive's warnings, bit by bit as it last reported them", dtype=int)
     state = Memory((0.0,) * 3, "seen running, replies since it is not, faults that it has reported")
     written = Memory((0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit")
+
+    timeout_read = Memory((0.0,) * 3, "whether the drive has returned its time-out, how often another one, counts that were written")
 
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
@@ -61,6 +64,8 @@ class RobStride(Joint, Actuator):
             if self.active_reporting:
                 raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
         self.own_timeout = self.can_timeout if self.found.own_timeout and self.can_timeout > 0.0 else None
+        self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
+        self.ready = ("timeout_read", 0) if self.own_timeout is not None else None
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = self.found.rated_current if self.torque_limit <= self.found.rated * self.gear_ratio else self.found.peak_current
         self.current_limit = min(self.motor_torque / self.found.torque_constant, most)
@@ -141,7 +146,7 @@ class RobStride(Joint, Actuator):
         found, ratio = self.found, self.gear_ratio
         told = [self.command(frames.STOP)]
         if found.own_timeout:
-            told.append(self.write(frames.CAN_TIMEOUT, round(self.can_timeout * frames.TIMEOUT_COUNTS)))
+            told.append(self.write(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)))
         told += [self.write(frames.RUN_MODE, RUN_MODES[self.mode]), self.write(frames.LIMIT_TORQUE, self.motor_torque)]
         if self.mode in POSITION_MODES:
             faster = frames.VEL_MAX if self.mode == "position" and not found.is_cybergear else frames.LIMIT_SPD
@@ -151,7 +156,10 @@ class RobStride(Joint, Actuator):
         told += self.zero_frames() if self.mode != "operation" else []
         if self.active_reporting:
             told.append(frames.reports(True, self.can_id, self.host_id))
-        return [*told, self.command(frames.ENABLE)]
+        return [*told, *self.read_frames(), self.command(frames.ENABLE)]
+
+    def read_frames(self):
+        return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []
 
     def zero_frames(self):
         """No torque: by the command, or by a limit of no current where the command is none of torque."""
@@ -173,7 +181,14 @@ class RobStride(Joint, Actuator):
         return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff0000") + code.to_bytes(2, "big"))]
 
     def fault_in_words(self, code):
-        return ", ".join(frames.names(code, frames.FAULTS_OF_CYBERGEAR if self.found.is_cybergear else frames.FAULTS))
+        words = frames.in_words(code, frames.meanings(self.found.is_cybergear))
+        return f"{words}; {self.remedy()}" if int(code) & frames.NO_TIMEOUT else words
+
+    def remedy(self):
+        return f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely on the guardian alone"
+
+    def unready_in_words(self):
+        return f"it answers, but not the read of its time-out (type 17, parameter 0x7028); {self.remedy()}"
 
     @property
     def unanswered_frames(self):

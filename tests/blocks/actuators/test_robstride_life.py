@@ -152,7 +152,7 @@ def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
 
 
 def test_a_drive_that_does_not_answer_is_told_again_no_oftener_than_the_bus_can_carry():
-    """Five frames of arming go out in every fifth round, a zero in each: twice what a tick takes, not six times."""
+    """Six frames of arming go out in every sixth round, a zero in each: twice what a tick takes, not seven times."""
     with Diagram("robot", rate=200) as robot:
         drive = RobStride("RS03", name="drive")
         drive(torque_command=0.1)
@@ -161,10 +161,10 @@ def test_a_drive_that_does_not_answer_is_told_again_no_oftener_than_the_bus_can_
     assert (outcome.status, outcome.unanswered) == ("no answer", ("drive",))
     kinds = [frame.id >> 24 & 31 for frame in rig.frames if frame.sent]
     rounds = kinds.count(1)
-    assert 40 <= rounds - 2 <= 90 and len(drive.enable_frames()) == 5
-    assert (rounds - 45) // 5 <= kinds.count(3) <= rounds // 5 + 1
+    assert 40 <= rounds - 2 <= 90 and len(drive.enable_frames()) == 6
+    assert (rounds - 45) // 6 <= kinds.count(3) <= rounds // 6 + 1
     stop = kinds[kinds.index(4, len(kinds) - 3) :]
-    assert kinds[:6] == [4, 18, 18, 18, 3, 1] and stop[-1] == 4
+    assert kinds[:7] == [4, 18, 18, 18, 17, 3, 1] and stop[-1] == 4
 
 
 class Outage(Block):

@@ -260,7 +260,7 @@ def leaves_all_else_alone(identifier, data, length):
     answer = wired.hear(identifier, data, length)
     assert answer in (FOREIGN, TAKEN, NOTED, COMMANDED, MALFORMED)
     mine = np.zeros(len(before), bool)
-    for name in ("position", "velocity", "torque", "temperature", "fault", "warning", "state"):
+    for name in ("position", "velocity", "torque", "temperature", "fault", "warning", "state", "timeout_read"):
         mine[wired.place[name]] = True
     changed = wired.arena != before
     assert not (changed & ~mine).any()
