@@ -3,6 +3,7 @@ from libc.stdint cimport int32_t, int64_t
 from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
 from cext.batch cimport Batch
 from cext.buses cimport BusEnd
+from cext.drive_warnings cimport DriveWarnings
 from cext.drive_watch cimport DriveWatch
 from cext.histogram cimport Histogram
 from cext.page cimport PageLayout
@@ -65,6 +66,7 @@ cdef class Devices:
     cdef int32_t *outgoing_count # a bus
     cdef Blame failed
     cdef DriveWatch drives
+    cdef DriveWarnings warnings
     cdef Laps *laps              # NULL: no stamps
     cdef int item                # of the stopwatch: that of the first device
     cdef bint ran

@@ -50,6 +50,7 @@ cdef class Devices:
             self.bus_ends[index] = <void *>(<BusEnd?>end)
             self.rounds[index] = 1 if medium == "can" else DEEPEST
         self.drives = DriveWatch(schedule)
+        self.warnings = DriveWarnings(schedule)
         self.load()
 
     def __dealloc__(self):
@@ -75,6 +76,7 @@ cdef class Devices:
                 memset(self.devices[index].latency, 0, sizeof(Histogram))
         self.failed.device = self.failed.bus = -1
         self.drives.reset()
+        self.warnings.reset()
 
     @property
     def culprit(self):
@@ -291,6 +293,7 @@ cdef class Devices:
             if device.fault >= 0 and self.arena[device.fault] != 0.0:
                 self.failed.device = number
                 return DEVICE_FAULT
+        self.warnings.look(self.arena, <int64_t>self.arena[TICK])
         status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
         if status != OK:
             self.failed.device = self.drives.failed

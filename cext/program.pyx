@@ -320,7 +320,7 @@ cdef class Program:
     cdef uint64_t share(self, PageLayout *page):
         """Where to tell of exceptions held and of actuators; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
         self.page = page
-        return self.devices.drives.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
+        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
 
     cdef int start_from_here(self) noexcept nogil:
         """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""

@@ -164,7 +164,8 @@ class Assembly:
             enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
             damp=self.damped_stop(block), unanswered=block.unanswered_frames,
             relay_time=block.relay_time, start_time=block.start_time,
-            watch=self.watch_steps(block, slot), reads=tuple(block.read_frames()),
+            watch=self.watch_steps(block, slot), warning=slot("warning") if isinstance(block, Actuator) else -1,
+            warnings=block.warnings_in_words() if isinstance(block, Actuator) and "warning" in block.outputs else (), reads=tuple(block.read_frames()),
             ready=self.memory[block][block.ready[0]][0] + block.ready[1] if block.ready else -1)
 
     def damped_stop(self, block):

@@ -205,6 +205,10 @@ class Actuator(Device):
         """In words, where the limits come from, for the proof: 'rated torque of AK80-9'."""
         return ""
 
+    def warnings_in_words(self):
+        """Words for each of the 32 bits of its output `warning`."""
+        return tuple(f"warning: bit {bit}" for bit in range(32))
+
     def fault_in_words(self, code):
         """What its output `fault` says."""
         return f"code {code}"

@@ -59,6 +59,8 @@ class DeviceSteps:
     relay_time: float = 0.0     # s without a frame after which its relay drops; 0: it holds none
     start_time: float = 0.0     # s of arming in which others are sent nothing
     watch: WatchSteps | None = None
+    warning: int = -1           # slot of what it warns of, bit by bit
+    warnings: tuple = ()        # words for each bit
     reads: tuple = ()           # those of `enable` that read and change nothing
     ready: int = -1             # slot that is not 0 once it has read back what arming wrote; -1: nothing is read back
 

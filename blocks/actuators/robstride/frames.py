@@ -59,6 +59,11 @@ def names(fault, meanings=FAULTS):
     return [meanings.get(bit, bit_in_words(bit)) for bit in range(40) if int(fault) >> bit & 1]
 
 
+def word_in_words(fault):
+    """The same of a word of 32 faults alone."""
+    return ", ".join(warning_in_words(bit) for bit in range(32) if int(fault) >> bit & 1)
+
+
 def in_words(fault, meanings=FAULTS):
     """The same, with the bits: 'over-voltage (bit 3 of the fault report), bit 9 of the fault report'; '' for none."""
     return ", ".join(

@@ -76,6 +76,12 @@ MODELS = {
     )
 }
 
+# The oldest firmware that reads and writes parameters in MIT mode, and with it the time-out. (RobStride user manuals of 2026-04-28, section 6.)
+MIT_FIRMWARE = {
+    "RS00": "0.0.3.27", "RS01": "0.1.3.14", "RS02": "0.2.3.32", "RS03": "0.3.1.41", "RS04": "0.4.1.29", "RS05": "0.5.0.13", "RS06": "0.6.0.11",
+    "EL05": "1.0.5.0.4",
+}
+
 # Names of the vendor's shops and of papers for the same motors.
 ALSO = {"EduLite05": "EL05", **{f"RobStride{name[2:]}": name for name in MODELS if name.startswith("RS")}}
 

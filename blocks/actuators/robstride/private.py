@@ -184,6 +184,10 @@ class RobStride(Joint, Actuator):
         words = frames.in_words(code, frames.meanings(self.found.is_cybergear))
         return f"{words}; {self.remedy()}" if int(code) & frames.NO_TIMEOUT else words
 
+    def warnings_in_words(self):
+        family = "CyberGear" if self.found.is_cybergear else "RobStride"
+        return tuple(f"{family} warning: {frames.warning_in_words(bit)}" for bit in range(32))
+
     def remedy(self):
         return f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely on the guardian alone"
 

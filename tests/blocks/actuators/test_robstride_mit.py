@@ -108,9 +108,10 @@ def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(ide
 
 def test_arming_disables_chooses_operation_and_enables_and_the_cybergear_has_no_such_protocol():
     block = RobStrideMIT("RS03", can_id=5)
-    assert [data for _, _, data in block.enable_frames()] == [mit.DISABLE, mit.OPERATION, mit.ENABLE]
+    to_drive = [data for identifier, _, data in block.enable_frames() if identifier == 5]
+    assert to_drive == [mit.DISABLE, mit.OPERATION, mit.FAULTS, mit.ENABLE] and block.enable_frames()[-1][2] == mit.ENABLE
     frames = block.enable_frames() + block.zero_frames() + block.disable_frames()
-    assert {(identifier, extended) for identifier, extended, _ in frames} == {(5, False)}
+    assert {(identifier, extended) for identifier, extended, _ in frames} == {(5, False), (0x305, False), (0x405, False)}
     assert block.replies() == [(0xFD, 0x7FF, False, b"\5")], "the guardian tells drives apart by their first byte"
     with pytest.raises(DiagramError, match="the CyberGear has no MIT protocol: use RobStride"):
         RobStrideMIT("CyberGear")

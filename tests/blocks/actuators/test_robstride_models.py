@@ -132,8 +132,8 @@ def test_the_cybergear_is_told_nothing_that_it_does_not_know():
 
 
 def test_the_drives_own_time_out_is_known_to_who_asks():
-    assert RobStride("RS03").own_timeout == 0.1 and RobStride("RS03", can_timeout=5.0).own_timeout == 5.0
-    for drive in (RobStride("RS03", can_timeout=0.0), RobStride("CyberGear"), CubeMars("AK80-9"), RobStrideMIT("RS03")):
+    assert RobStride("RS03").own_timeout == RobStrideMIT("RS03").own_timeout == 0.1 and RobStride("RS03", can_timeout=5.0).own_timeout == 5.0
+    for drive in (RobStride("RS03", can_timeout=0.0), RobStride("CyberGear"), CubeMars("AK80-9"), RobStrideMIT("RS03", can_timeout=0.0)):
         assert drive.own_timeout is None
     assert told(RobStride("RS03", can_timeout=0.0))[1][0x7028] == 0, "0 writes it off"
 

@@ -1,0 +1,235 @@
+"""RobStride in MIT mode: faults that are asked for, and the drive's own time-out, frame by frame."""
+
+import struct
+
+import pytest
+
+from blocks.actuators import EmulatedRobStrideMIT, RobStrideMIT
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
+from blocks.actuators.robstride import mit
+from blocks.models import Limb
+from graph import Block, Diagram, DiagramError, Output, Param
+from tests.blocks.actuators.wire import AUTHORITY, FOREIGN, MALFORMED, TAKEN, Wired
+from tests.cext.rigs import Rig
+
+NOTED, COMMANDED, ANSWERED = 2, 3, 6            # cext/abi.pxd
+TIME, PERIOD = 0, 3                             # slots of the arena
+QUESTION = bytes.fromhex("ffffffffffff00fb")
+WRITTEN = bytes.fromhex("28700000d0070000")     # 100 ms, as the manual writes it
+REST = bytes.fromhex("057fff7ff7ff012c")        # a reply of drive 5: at rest, 30 °C
+
+
+def faults(word, order="little", can_id=5):
+    return bytes([can_id]) + word.to_bytes(4, order) + bytes(3)
+
+
+def drive(**parameters):
+    return Wired(RobStrideMIT, "RS03", can_id=5, **parameters)
+
+
+def test_arming_writes_and_reads_the_time_out_and_asks_for_faults_before_it_enables():
+    limit = struct.pack("<f", 20.0)
+    assert RobStrideMIT("RS03", can_id=5).enable_frames() == [
+        (5, False, DISABLE), (5, False, mit.OPERATION), (0x405, False, WRITTEN), (0x405, False, b"\x0b\x70\0\0" + limit),
+        (0x305, False, b"\x28\x70" + bytes(6)), (5, False, QUESTION), (5, False, ENABLE)]
+    plain = RobStrideMIT("RS03", can_id=5, can_timeout=0.0)
+    assert plain.enable_frames() == [(5, False, data) for data in (DISABLE, mit.OPERATION, ENABLE)]
+    assert (plain.own_timeout, plain.ready, RobStrideMIT("RS03").own_timeout) == (None, None, 0.1)
+
+
+def test_a_time_out_that_three_ticks_outlast_is_refused():
+    with pytest.raises(DiagramError, match="shorter than three ticks"), Diagram("robot", rate=20) as robot:
+        RobStrideMIT("RS03", name="knee")(torque_command=0.0)
+        from graph import compile
+
+        compile(robot)
+
+
+def test_the_faults_come_behind_the_answer_to_the_read_and_are_no_motion():
+    wired = drive()
+    assert wired.hear(0xFD, REST) == TAKEN
+    before = wired["position"]
+    assert wired.hear(0x405, WRITTEN) == NOTED and wired.hear(0x305, WRITTEN) == NOTED and wired["talk"][0] == 1.0
+    assert wired.hear(0xFD, faults(1 << 14 | 1 << 2)) == ANSWERED
+    assert (wired["position"], wired["fault"]) == (before, 1 << 14 | 1 << 2)
+    assert wired.block.fault_in_words(wired["fault"]) == "under-voltage (bit 2), stalled (bit 14)"
+    assert wired.hear(0xFD, faults(0)) == TAKEN, "not asked for: it is a reply, whatever it holds"
+
+
+@pytest.mark.parametrize("word, order, read", [
+    (0, "little", 0), (1, "little", 1), (0x408F, "little", 0x408F), (1 << 7, "big", 1 << 7), (0x4001, "big", 0x4001),
+    (1 << 9, "little", 1 << 9), (1 << 16, "little", 1 << 16)])
+def test_a_word_is_read_in_the_order_in_which_its_bits_exist(word, order, read):
+    wired = drive()
+    wired.hear(0x305, WRITTEN)
+    assert wired.hear(0xFD, faults(word, order)) == ANSWERED and wired["fault"] == read
+    assert wired.block.fault_in_words(1 << 9 | 1 << 20) == "position at the start (bit 9), bit 20"
+
+
+@pytest.mark.parametrize("value", [0, 1999, 20000])
+def test_another_time_out_is_a_fault_that_names_the_firmware(value):
+    wired = drive()
+    for _ in range(3):
+        assert wired["fault"] == 0 and wired["talk"][0] == 0.0
+        wired.hear(0x305, b"\x28\x70\0\0" + value.to_bytes(4, "little"))
+    assert wired["fault"] == 1 << 32 and wired["talk"][0] == 1.0
+    assert "RS03 has it in MIT mode from firmware 0.3.1.41 on" in wired.block.fault_in_words(wired["fault"])
+
+
+def test_what_another_controller_writes_is_a_command_and_what_it_reads_is_none():
+    wired = drive()
+    wired.hear(0x305, WRITTEN)
+    assert wired.hear(0x405, WRITTEN) == NOTED and wired.hear(0x305, bytes.fromhex("1970000000000000")) == NOTED
+    assert wired.hear(0x405, bytes.fromhex("2870000000000000")) == COMMANDED, "the drive's time-out switched off"
+    assert wired.hear(0x405, WRITTEN[:7]) == MALFORMED and wired.hear(0x306, WRITTEN) == FOREIGN
+
+
+def ticks(wired, count, rate=200.0, answer=True, first=0):
+    """Data of the frames of so many ticks, each answered before the next."""
+    said = []
+    wired.arena[PERIOD] = 1.0 / rate
+    for tick in range(first, first + count):
+        wired.arena[TIME] = tick / rate
+        (identifier, data), = wired.say(torque_command=1.0)
+        assert identifier == 5
+        said.append(data)
+        if answer:
+            wired.hear(0xFD, faults(0) if data == QUESTION else REST)
+    return said
+
+
+def test_a_question_goes_out_once_a_second_in_place_of_a_command():
+    said = ticks(drive(), 1001)
+    assert [tick for tick, data in enumerate(said) if data == QUESTION] == [200, 400, 600, 800, 1000]
+
+
+def test_a_question_waits_until_no_reply_is_owed():
+    wired = drive()
+    assert QUESTION not in ticks(wired, 199) + ticks(wired, 1, answer=False, first=199) + ticks(wired, 40, answer=False, first=200)
+    for _ in range(41):
+        wired.hear(0xFD, REST)
+    assert ticks(wired, 1, first=240) == [QUESTION]
+
+
+def test_a_reply_that_was_lost_puts_the_question_off_by_fifty_ticks_at_most():
+    wired = drive()
+    ticks(wired, 190)
+    ticks(wired, 1, answer=False, first=190)
+    assert [tick for tick, data in enumerate(ticks(wired, 100, first=191), 191) if data == QUESTION] == [249]
+
+
+def test_before_torque_is_let_through_nothing_is_asked():
+    wired = drive()
+    wired.arena[AUTHORITY] = 0.0
+    assert QUESTION not in ticks(wired, 300)
+
+
+def test_a_command_that_is_not_finite_is_refused_in_the_tick_of_a_question_too():
+    wired = drive()
+    ticks(wired, 200)
+    wired.arena[TIME] = 1.0
+    assert wired.say(torque_command=float("nan")) == -1
+
+
+def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
+    wired = drive()
+    ticks(wired, 200)
+    before = wired["torque_sent"], wired["sent"].tolist()
+    wired.arena[TIME] = 1.0
+    (_, data), = wired.say(torque_command=-3.0)
+    assert data == QUESTION and (wired["torque_sent"], wired["sent"].tolist()) == before
+
+
+def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
+    wired = drive()
+    ticks(wired, 200)
+    assert ticks(wired, 1, first=200, answer=False) == [QUESTION]
+    assert wired.hear(0xFD, REST) == TAKEN, "a reply that was late"
+    assert wired.hear(0xFD, faults(1 << 3)) == ANSWERED and wired["fault"] == 1 << 3
+    ticks(wired, 199, first=201)
+    assert ticks(wired, 1, first=400, answer=False) == [QUESTION], "whose answer is lost"
+    for _ in range(3):
+        assert wired.hear(0xFD, REST) == TAKEN
+    assert wired.hear(0xFD, faults(0)) == TAKEN, "nothing is awaited any more"
+
+
+# Whole runs
+
+class Late(Block):
+    """A word of faults from 0.5 s on."""
+
+    word = Param(0, "1", "bits")
+    y = Output("1", dtype=int)
+
+    def step(self, t):
+        return self.word if t >= 0.5 else 0
+
+
+def lived(ticks=400, word=0, torque=2.0, rate=200, drive_parameters=None, **emulator):
+    with Diagram("robot", rate=rate) as robot:
+        knee = RobStrideMIT("RS03", can_id=5, name="knee", **(drive_parameters or {}))
+        knee(torque_command=torque)
+    with Diagram("plant", rate=rate * 5) as plant:
+        emulated, limb = knee.emulator(**emulator), Limb(inertia=0.5, damping=5.0, stiffness=20.0, reflex=0.0)
+        limb(torque=emulated.torque)
+        emulated(position=limb.position, velocity=limb.velocity, fault=Late(word)())
+    rig = Rig(robot, plant)
+    return rig, rig.run(ticks, fade=0.0, arming_timeout=0.5), knee
+
+
+def test_a_run_asks_for_faults_and_motion_is_undisturbed():
+    rig, outcome, _ = lived(1000)
+    assert outcome.status == "ok" and outcome.unconfirmed == () and rig["knee.fault"].max() == 0
+    commands = [frame.data for frame in rig.frames if frame.sent and frame.id == 5]
+    assert 5 <= commands.count(QUESTION) <= 7
+    assert abs(rig["knee.position"][-1] - 0.1) < 3e-3 and abs(rig["knee.position"]).max() < 0.11
+    assert rig.control.missed["knee"] == 0
+
+
+def test_a_fault_while_running_ends_the_run_with_its_name():
+    rig, outcome, knee = lived(word=1 << 14)
+    assert (outcome.status, outcome.culprit) == ("device fault", "knee") and 100 <= outcome.tick <= 310
+    assert knee.fault_in_words(rig.control.final[rig.schedule.signals["knee.fault"].slot]) == "stalled (bit 14)"
+
+
+def test_a_drive_with_a_fault_is_not_armed():
+    with Diagram("robot", rate=200) as robot:
+        knee = RobStrideMIT("RS03", can_id=5, name="knee")
+        knee(torque_command=2.0)
+    with Diagram("plant", rate=1000) as plant:
+        knee.emulator()(position=0.0, velocity=0.0, fault=1 << 1)
+    rig = Rig(robot, plant)
+    outcome = rig.run(50, fade=0.0)
+    assert (outcome.status, outcome.culprit) == ("device fault", "knee") and outcome.tick <= 0
+    commands = {frame.data for frame in rig.frames if frame.sent and frame.id == 5}
+    assert commands == {DISABLE, mit.OPERATION, QUESTION, ENABLE, NOTHING}
+
+
+def test_firmware_without_parameters_is_not_armed_unless_it_is_told_to_be():
+    rig, outcome, knee = lived(parameters_known=False)
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",)) and rig.control.unready == ["knee"]
+    assert "from firmware 0.3.1.41 on" in knee.unready_in_words()
+    assert lived(parameters_known=False, drive_parameters={"can_timeout": 0.0})[1].status == "ok"
+
+
+def test_the_emulated_drive_stops_by_itself_after_its_time_out():
+    wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=5)
+    for identifier, data in ((0x405, WRITTEN), (5, ENABLE), (5, NOTHING)):
+        assert wired.hear(identifier, data) == TAKEN
+    for time, runs in ((0.09, 1.0), (0.11, 0.0)):
+        wired.arena[TIME] = time
+        wired.step(position=0.0, velocity=0.0)
+        assert wired["enabled"] == runs
+
+
+def test_the_emulated_drive_returns_its_faults_and_its_parameters():
+    wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=5)
+    wired.step(position=0.0, velocity=0.0, fault=1 << 14 | 1)
+    for identifier, data in ((0x405, WRITTEN), (0x305, bytes.fromhex("2870000000000000")), (5, QUESTION)):
+        wired.hear(identifier, data)
+    assert wired.say() == [(0x405, WRITTEN), (0x305, WRITTEN), (0xFD, faults(1 << 14 | 1))]
+    wired.step(position=0.0, velocity=0.0, fault=0)
+    wired.hear(5, QUESTION)
+    assert wired.say() == [(0xFD, faults(1 << 14 | 1))], "latched until they are cleared"
+    wired.hear(5, mit.CLEAR_FAULT), wired.hear(5, QUESTION)
+    assert wired.say()[1] == (0xFD, faults(0))
