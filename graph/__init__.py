@@ -7,7 +7,7 @@ from graph.arithmetic import stack
 from graph.block import Block, Sink
 from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
-from graph.device import Actuator, DampedStop, Device, ReplyField, Watch
+from graph.device import Actuator, DampedStop, Device, ReplyField, TorqueBound, Watch
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Signal, subsystem
 from graph.function import block

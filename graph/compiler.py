@@ -364,11 +364,13 @@ class Compilation:
 
     def prove(self):
         self.ranges = find_ranges(self.blocks, self.order, self.sources, self.attempt)
-        self.proofs = []
+        self.proofs, self.torque_bounds = [], {}
         for block in self.blocks:
             if isinstance(block, Actuator):
                 for name, limit in (self.attempt(block, block.command_limits) or {}).items():
                     self.prove_command(block, name, limit)
+                commands = {name: interval_of(self.sources[block, name], self.ranges) for name in block.inputs}
+                self.torque_bounds[block.path] = self.attempt(block, block.torque_bound, commands, 1.0 / self.diagram.rate)
 
     def prove_command(self, block, name, limit):
         source = self.sources[block, name]

@@ -76,6 +76,25 @@ class DampedStop:
     limit: float
 
 
+@dataclass(frozen=True)
+class TorqueBound:
+    """What bounds the torque of an actuator.
+
+    kind : "proved", by the bounds of its commands alone; "assumed", while an assumption holds; "drive", by a limit inside the drive that nothing
+        here verifies; "none", by nothing that is sent
+    limit : N·m, or None
+    holds : where the kind is not "proved": in words, on what it rests
+    acceleration : rad/s² that is assumed, or None
+    figures : what follows from the assumption, as (name, value, unit, description)
+    """
+
+    kind: str
+    limit: float | None = None
+    holds: str = ""
+    acceleration: float | None = None
+    figures: tuple = ()
+
+
 class Device(Block):
     """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at the end.
 
@@ -208,6 +227,13 @@ class Actuator(Device):
     def warnings_in_words(self):
         """Words for each of the 32 bits of its output `warning`."""
         return tuple(f"warning: bit {bit}" for bit in range(32))
+
+    def torque_bound(self, commands, period):
+        """What bounds its torque: a TorqueBound.
+
+        commands : Interval by name of input; period : s between two frames
+        """
+        return TorqueBound("proved")
 
     def fault_in_words(self, code):
         """What its output `fault` says."""

@@ -30,7 +30,11 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the GIL, or null)
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
-  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds, safe_stop
+  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds, safe_stop,
+                                assumes (on what the torque limit of its actuator rests besides; null for nothing)
+  torque                        what bounds the torque of each actuator: actuator, bound, limit (N·m), holds, acceleration (rad/s²), figures
+    bound                         proved; assumed, while |α| <= acceleration; drive, by a limit in the drive; none
+    figures                       name, value, unit, description: usable damping, smallest inertia, what a stall can add
   buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known bitrate (bit/s),
                                 frames (1/s), typical, worst (of the bitrate)
     coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or which drives nothing stops)
@@ -78,7 +82,8 @@ def check(path, settings=(), rate=None, rig=None):
         "blocks": blocks(diagram, found),
         "schedule": None if schedule is None else describe_schedule(schedule),
         "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in found.holds],
-        "proofs": [describe_proof(proof, diagram) for proof in found.proofs],
+        "proofs": [describe_proof(proof, diagram, found.torque_bounds[proof.path]) for proof in found.proofs],
+        "torque": [describe_torque(path, torque) for path, torque in found.torque_bounds.items() if torque is not None],
         "buses": buses(diagram, schedule),
         "plant": plant,
         "errors": [describe(d) for d in errors],
@@ -88,7 +93,7 @@ def check(path, settings=(), rate=None, rig=None):
 
 def refused(path, diagnostics):
     """What is told of a file whose diagram could not be made."""
-    nothing = {key: [] for key in ("blocks", "holds", "proofs", "buses", "warnings")}
+    nothing = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
     return nothing | {
         "diagram": path.stem, "file": str(path), "rate": None, "ok": False, "schedule": None, "plant": None,
         "errors": [describe(d) for d in diagnostics],
@@ -139,13 +144,19 @@ def describe_steps(schedule, steps, names, sections):
     return described
 
 
-def describe_proof(proof, diagram):
+def describe_torque(path, torque):
+    return {
+        "actuator": path, "bound": torque.kind, "limit": torque.limit, "holds": torque.holds or None, "acceleration": torque.acceleration,
+        "figures": [dict(zip(("name", "value", "unit", "description"), figure)) for figure in torque.figures]}
+
+
+def describe_proof(proof, diagram, torque):
     source, actuator = diagram.blocks.get(proof.bounded_by), diagram[proof.path]
     return {
         "command": f"{proof.path}.{proof.port}", "unit": proof.unit, "low": bound(proof.interval.low), "high": bound(proof.interval.high),
         "limit_low": bound(proof.limit.low), "limit_high": bound(proof.limit.high), "rating": actuator.rating(),
         "bounded_by": proof.bounded_by, "at": place(source.location) if source is not None else "", "holds": proof.holds,
-        "safe_stop": stop_of(actuator),
+        "safe_stop": stop_of(actuator), "assumes": (torque and torque.holds) or None,
     }
 
 

@@ -3,7 +3,8 @@
 import math
 from numbers import Real
 
-from graph import Input, Interval, Memory, Output, Param, Watch
+from blocks.actuators import law_figures
+from graph import Input, Interval, Memory, Output, Param, TorqueBound, Watch
 from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
@@ -184,6 +185,15 @@ class Joint:
     def rating(self):
         source = f"{self.limit} torque" if isinstance(self.limit, str) else "its limit"
         return f"{source} and wire ranges of {self.found.name}"
+
+    def torque_bound(self, commands, period):
+        """Proved for torque alone. Stiffness and damping rest on the assumption about acceleration."""
+        stiffness, damping = commands["stiffness_command"], commands["damping_command"]
+        limit = self.torque_limit
+        if stiffness.high <= 0.0 and damping.high <= 0.0:
+            return TorqueBound("proved", limit)
+        law = law_figures.Law(limit, self.max_acceleration, period, stiffness & Interval(0.0, self.wire[2]), damping & Interval(0.0, self.wire[3]))
+        return TorqueBound("assumed", limit, f"while |α| <= {self.max_acceleration:g} rad/s²", self.max_acceleration, law.figures())
 
     def output_range(self, **commands):
         position = self.wire[0] + abs(self.offset)

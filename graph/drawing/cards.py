@@ -172,7 +172,7 @@ def block_card(block, found, targets, place):
         "inputs": [input_card(block, port, found) for port in block.inputs.values()] + tap_cards(block, found),
         "outputs": [output_card(block, port, found, targets) for port in block.outputs.values()],
         "parameters": parameter_cards(block),
-        "proofs": proof_texts([proof for proof in found.proofs if proof.path == block.path]),
+        "proofs": proof_texts([proof for proof in found.proofs if proof.path == block.path]) + torque_texts(found.torque_bounds.get(block.path)),
         "bounds": [f"{proof.path}.{proof.port}" for proof in found.proofs if proof.bounded_by == block.path],
         "errors": [diagnostic_text(d) for d in found.errors if d.path == block.path],
         "warnings": [diagnostic_text(d) for d in found.diagnostics if d.path == block.path and d.severity == "warning"],
@@ -190,6 +190,11 @@ def proof_texts(proofs):
         interval, limit = interval_text(proof.interval, proof.unit) or "anything", interval_text(proof.limit, proof.unit)
         texts.append(f"{proof.port}: {interval}, {inside} {limit}; bounded by {proof.bounded_by}")
     return texts + (["constant: " + ", ".join(constants)] if constants else [])
+
+
+def torque_texts(bound):
+    """On what the torque limit of an actuator rests besides its commands; nothing where it is proved."""
+    return [f"torque, not proved: {bound.holds}"] if bound is not None and bound.holds else []
 
 
 def diagnostic_text(diagnostic):

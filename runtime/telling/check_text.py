@@ -129,8 +129,21 @@ def proofs(found, paper):
         still = [f"{proof['command'].rpartition('.')[2]} = {proof['low']:g}" for proof in own if proof not in wired]
         if still:
             lines += paper.hang("    constant: ", ", ".join(still), paper.faint)
+        lines += torque(next((bound for bound in found["torque"] if bound["actuator"] == path), None), paper)
         if own[0]["safe_stop"].startswith("damped"):
             lines += paper.hang("    safe stop: ", own[0]["safe_stop"], paper.faint)
+    return lines
+
+
+def torque(bound, paper):
+    """What bounds the torque of an actuator, where that is more than its commands."""
+    if bound is None or bound["bound"] == "proved":
+        return []
+    words = {"assumed": f"holds {bound['holds']}", "none": bound["holds"]}.get(bound["bound"], f"limited {bound['holds']}")
+    limit = "" if bound["limit"] is None else f"{bound['limit']:g} N·m, "
+    lines = paper.hang("    torque, not proved: ", limit + words, paper.dubious)
+    for figure in bound["figures"]:
+        lines += paper.hang("      ", f"{figure['description']}: {figure['value']:.3g} {figure['unit']}", paper.faint)
     return lines
 
 
@@ -185,5 +198,18 @@ def verdict(found, paper):
     if found["errors"]:
         return paper.bad(f"{count(len(found['errors']), 'error')}, {warnings}: this diagram does not run")
     actuators = {proof["command"].rpartition(".")[0] for proof in found["proofs"]}
-    proved = f"every command of {count(len(actuators), 'actuator')} is proved, " if actuators else ""
-    return paper.good(f"ok: {proved}{warnings}")
+    rest = {}
+    for bound in found["torque"]:
+        if bound["bound"] != "proved":
+            rest.setdefault(claim(bound), []).append(bound["actuator"])
+    proved = len(actuators) - sum(map(len, rest.values()))
+    said = [f"every command of {count(proved, 'actuator')} is proved"] if proved > 0 else []
+    said += [words.format(" and ".join(paths)) for words, paths in rest.items()]
+    return paper.good("ok: " + ", ".join([*said, warnings]))
+
+
+def claim(bound):
+    """On what a torque limit rests, in a few words."""
+    return {
+        "assumed": f"the torque limit of {{}} holds {bound['holds']}", "drive": "the torque of {} is limited by the drive alone",
+        "none": "nothing here limits the torque of {}"}[bound["bound"]]

@@ -96,6 +96,44 @@ def test_the_proof_names_the_block_and_the_line_that_bounds(exo):
     assert "rated torque" in proof["rating"] and "AK10-9-V2.0" in proof["rating"]
 
 
+MIXED = '''
+from blocks.actuators import CubeMars, CubeMarsServo, RobStride
+from graph import Diagram
+
+with Diagram("mixed", rate=200) as diagram:
+    CubeMars("AK80-9", name="hip", can_id=1, limit=5.0)(torque_command=1.0)
+    CubeMars("AK10-9-V2.0", name="knee", can_id=2, limit=12.0)(stiffness_command=30.0, damping_command=1.0)
+    RobStride("RS02", name="elbow", can_id=3, mode="position", range=(-1.0, 1.0))(position_command=0.1)
+    CubeMarsServo("AK80-9", name="wrist", bus="two", can_id=4, mode="velocity")(velocity_command=0.1)
+'''
+
+
+def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_path):
+    found = check(write(tmp_path, MIXED))
+    bounds = {torque["actuator"]: torque for torque in found["torque"]}
+    assert {path: torque["bound"] for path, torque in bounds.items()} == {"hip": "proved", "knee": "assumed", "elbow": "drive", "wrist": "none"}
+    assert (bounds["knee"]["limit"], bounds["knee"]["acceleration"], bounds["knee"]["holds"]) == (12.0, 500.0, "while |α| <= 500 rad/s²")
+    figures = {figure["name"]: (figure["value"], figure["unit"]) for figure in bounds["knee"]["figures"]}
+    assert figures["usable_damping"] == (pytest.approx(3.2), "N·m·s/rad") and figures["stall_time"] == (pytest.approx(0.045), "s")
+    assert set(figures) == {"usable_damping", "smallest_inertia", "stall_time", "stall_torque", "stall_torque_slower"}
+    assumed = {proof["command"].partition(".")[0]: proof["assumes"] for proof in found["proofs"]}
+    assert assumed["hip"] is None and assumed["knee"] == "while |α| <= 500 rad/s²" and "nothing here verifies" in assumed["elbow"]
+    said = columns(found, 500)
+    assert "    torque, not proved: 12 N·m, holds while |α| <= 500 rad/s²" in said
+    assert "      usable damping, where the whole law does not fit into the limit: 3.2 N·m·s/rad" in said
+    assert any(line.startswith("    torque, not proved: 6 N·m, limited by the drive's own current limit of ") for line in said)
+    assert sum(line.startswith("    torque, not proved: ") for line in said) == 3
+    assert said[-1] == (
+        "ok: every command of 1 actuator is proved, the torque of elbow is limited by the drive alone, the torque limit of knee holds while "
+        "|α| <= 500 rad/s², nothing here limits the torque of wrist, 0 warnings")
+
+
+def test_with_stiffness_at_every_joint_nothing_is_called_proved(tmp_path):
+    two = "".join(line + "\n" for line in MIXED.splitlines() if "elbow" not in line and "wrist" not in line)
+    said = columns(check(write(tmp_path, two.replace("torque_command=1.0", "stiffness_command=5.0"))), 500)
+    assert said[-1] == "ok: the torque limit of hip and knee holds while |α| <= 500 rad/s², 0 warnings"
+
+
 def test_buses_and_plant_are_told(exo):
     [bus] = exo["buses"]
     assert (bus["bus"], bus["devices"], bus["bitrate"]) == ("legs", ["left/knee", "right/knee"], 1e6)

@@ -7,7 +7,7 @@ from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
 from cext.kernels import cubemars_servo as kernels
 from cext.thresholds import STOP_DAMP_ROUND
-from graph import Actuator, DampedStop, Input, Interval, Memory, Output, Param
+from graph import Actuator, DampedStop, Input, Interval, Memory, Output, Param, TorqueBound
 
 KINDS = {
     "duty": frames.DUTY, "current": frames.CURRENT, "current_brake": frames.BRAKE, "velocity": frames.SPEED, "position": frames.POSITION,
@@ -149,6 +149,11 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         if self.mode in CURRENTS:
             return f"current of the torque limit of {self.found.name}, and of its motor"
         return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(self.mode, f"range of what {self.found.name} reports")
+
+    def torque_bound(self, commands, period):
+        if self.mode in CURRENTS:
+            return TorqueBound("proved", self.torque_limit)
+        return TorqueBound("none", None, f"in mode {self.mode} no frame bounds the torque: the drive's own settings do")
 
     def output_range(self, **commands):
         feedback = self.feedback_range()

@@ -5,7 +5,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels import robstride as kernels
-from graph import Actuator, Input, Interval, Memory, Output, Param, ReplyField
+from graph import Actuator, Input, Interval, Memory, Output, Param, ReplyField, TorqueBound
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
@@ -111,6 +111,14 @@ class RobStride(Joint, Actuator):
         if self.mode == "velocity":
             return "its velocity_limit"
         return super().rating() if self.mode == "operation" else f"current of the torque limit of {self.found.name}"
+
+    def torque_bound(self, commands, period):
+        if self.mode == "operation":
+            return super().torque_bound(commands, period)
+        if self.mode == "current":
+            return TorqueBound("proved", self.torque_limit)
+        return TorqueBound(
+            "drive", self.torque_limit, f"by the drive's own current limit of {self.current_limit:.3g} A, which nothing here verifies")
 
     def output_range(self, **commands):
         ranges = super().output_range() | {

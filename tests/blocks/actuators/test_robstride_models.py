@@ -118,6 +118,11 @@ def test_arming_stops_the_drive_tells_it_its_mode_limits_and_time_out_and_enable
     assert len(drive.zero_frames()) == len(drive.disable_frames()) == 1 and drive.disable_frames() == drive.enable_frames()[:1]
 
 
+@pytest.mark.parametrize("limit, ratio, motor", [("rated", 1.0, 6.0), ("peak", 1.0, 17.0), ("peak", 4.0, 17.0), (10.0, 4.0, 2.5)])
+def test_arming_gives_the_drive_its_torque_limit_as_a_second_layer(limit, ratio, motor):
+    assert told(RobStride("RS02", limit=limit, gear_ratio=ratio))[1][0x700B] == pytest.approx(motor), "N·m at the motor"
+
+
 def test_the_cybergear_is_told_nothing_that_it_does_not_know():
     """No time-out, no accelerations; and on none of them type 22, which saves on a RobStride and changes the bit rate on a CyberGear."""
     for mode, expected in (

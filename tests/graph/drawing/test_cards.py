@@ -130,3 +130,9 @@ def test_inputs_tell_their_constant_or_their_default():
         Two()(b=2.0)
     a, b = draw(diagram).cards["two"]["inputs"]
     assert a["default"] == "0.5 rad" and "constant" not in a and b["constant"] == "2 rad"
+
+
+def test_the_card_of_an_actuator_that_closes_its_own_law_tells_on_what_its_limit_rests():
+    with Diagram("leg", rate=200) as diagram:
+        CubeMars("AK80-9", name="knee", max_acceleration=300.0)(stiffness_command=5.0)
+    assert draw(diagram).cards["knee"]["proofs"][-1] == "torque, not proved: while |α| <= 300 rad/s²"
