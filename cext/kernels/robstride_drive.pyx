@@ -22,6 +22,7 @@ cdef enum: # memory behind that of every drive
     REGISTERS = OWN            # values of the parameters 0x7000 to 0x703F
     DEFAULTS                    # the same after power on
     MEMORY                      # as the enum below
+    IDENTITY                    # eight bytes of its unique number, five of its firmware, whether it is a CyberGear
 
 cdef enum: # in MEMORY
     HOST                        # who spoke last
@@ -37,6 +38,12 @@ cdef enum: # parameters
 
 cdef enum: # values of RUN_MODE
     OPERATION, PP, SPEED, CURRENT, CSP = 5
+
+cdef enum:
+    FIRMWARE = 8                # in IDENTITY
+    CYBERGEAR = 13
+    HIGHEST_ID = 127
+    NEWCOMER = 0xFE             # target of the answer that has its unique number
 
 cdef enum:
     FAULTS = 63
@@ -151,6 +158,47 @@ cdef void write(double *arena, const int32_t *slots, const uint8_t *data) noexce
         kept(arena, slots, REGISTERS)[place] = single
 
 
+cdef void tell_identity(double *arena, const int32_t *slots) noexcept nogil:
+    """The answer to get id and set id, at once."""
+    cdef double *identity = kept(arena, slots, IDENTITY)
+    cdef uint8_t data[8]
+    cdef int i
+    for i in range(8):
+        data[i] = <uint8_t>identity[i]
+    owe(arena, slots, <uint32_t>EXTENDED | own_id(arena, slots) << 8 | NEWCOMER, 8, data)
+
+
+cdef void tell_firmware(double *arena, const int32_t *slots) noexcept nogil:
+    """The answer to a stop that asks for it: feedback whose data are no state."""
+    cdef double *identity = kept(arena, slots, IDENTITY)
+    cdef double *memory = kept(arena, slots, MEMORY)
+    cdef uint8_t data[8]
+    cdef int i
+    data[0], data[1], data[2] = 0x00, 0xC4, 0x56
+    for i in range(5):
+        data[3 + i] = <uint8_t>identity[FIRMWARE + i]
+    owe(arena, slots, <uint32_t>EXTENDED | 2 << 24 | <uint32_t>memory[LATCHED] << 16 | own_id(arena, slots) << 8 | <uint32_t>memory[HOST], 8, data)
+
+
+cdef void save(double *arena, const int32_t *slots) noexcept nogil:
+    """Parameters as they are come back with the power, all but the mode and what is commanded."""
+    cdef double *registers = kept(arena, slots, REGISTERS)
+    cdef double *defaults = kept(arena, slots, DEFAULTS)
+    cdef int place
+    for place in range(64):
+        if place not in (RUN_MODE, IQ_REF, SPD_REF, LOC_REF):
+            defaults[place] = registers[place]
+
+
+cdef inline bint counts_up(const uint8_t *data) noexcept nogil:
+    """01 02 .. 08."""
+    cdef int i
+    for i in range(8):
+        if data[i] != i + 1:
+            return False
+    return True
+
+
 cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
     cdef double *memory = kept(arena, slots, MEMORY)
     cdef double *wire = kept(arena, slots, WIRE)
@@ -158,11 +206,11 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
     cdef const uint8_t *data = &frame.data[0]
     cdef uint32_t type = frame.id >> 24 & 31
     cdef uint32_t field = frame.id >> 8 & 0xFFFF
-    cdef uint8_t name[8]
+    cdef bint cybergear = kept(arena, slots, IDENTITY)[CYBERGEAR] != 0.0
     if (frame.id & ~<uint32_t>ID_MASK) != EXTENDED or (frame.id & 255) != <uint32_t>arena[slots[CAN_ID]]:
         return FOREIGN
-    if type not in (0, 1, 3, 4, 6, 17, 18, 24):
-        return FOREIGN
+    if type not in (0, 1, 3, 4, 6, 7, 17, 18, 24) and not (type == 22 and not cybergear and frame.length == 8 and counts_up(data)):
+        return FOREIGN          # type 22 changes the baud rate of a CyberGear, which is not emulated
     if frame.length != 8:
         return MALFORMED
     if unreachable(arena, slots):
@@ -170,9 +218,10 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
     kept(arena, slots, STATE)[HEARD] = arena[TIME]
     if type != 1:
         memory[HOST] = field & 255
-    if type == 0:
-        memset(name, 0x5A, 8)
-        owe(arena, slots, <uint32_t>EXTENDED | own_id(arena, slots) << 8 | 0xFE, 8, name)
+    if type == 0 or type == 7:
+        if type == 7 and 0 < field >> 8 <= HIGHEST_ID:
+            arena[slots[CAN_ID]] = field >> 8                   # at once, and for good
+        tell_identity(arena, slots)
         return TAKEN
     if type == 17:
         read(arena, slots, field & 255, <uint32_t>data[1] << 8 | data[0])
@@ -193,10 +242,15 @@ cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes,
         stop(arena, slots)
         if data[0] == 1:
             memory[LATCHED] = 0.0
+        if data[0] == 0 and data[1] == 0xC4 and not cybergear:
+            tell_firmware(arena, slots)
+            return TAKEN
     elif type == 6 and data[0] == 1:
         kept(arena, slots, STATE)[ZERO] += seen_position(arena, slots)
     elif type == 18:
         write(arena, slots, data)
+    elif type == 22:
+        save(arena, slots)
     owe(arena, slots, 0, 0, NULL)
     return TAKEN
 

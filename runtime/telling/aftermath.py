@@ -64,13 +64,18 @@ def actuators(result):
         asked = {name: value for name, value in inputs(block.path).items() if name in wired}
         table.append([
             block.path, spelled(block.inputs, asked, "_command") + "".join(f"; {text}" for text in [spelled(block.outputs, sent)] if text),
-            spelled(block.outputs, {name: value for name, value in outputs.items() if name not in ("fault", "age")}),
+            spelled(block.outputs, {name: value for name, value in outputs.items() if name not in ("fault", "age") and not absent(name, value)}),
             meaning(block, outputs, result)])
     return aligned(table) if len(table) > 1 else []
 
 
 def spelled(ports, values, suffix=""):
     return ", ".join(f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}" for name, value in values.items())
+
+
+def absent(name, value):
+    """Whether a drive's replies carry no such thing."""
+    return name == "temperature" and value != value
 
 
 def meaning(block, heard, result):

@@ -171,7 +171,8 @@ def circumstances(outcome, diagram, schedule, program, block):
             lines.append(f"it arose in {source.path} = {value:g}, made at {source.block.location}" + (f", from {given}" if given else ""))
     if outcome.status == "device fault":
         outputs = {name: program.final[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
-        said = ", ".join(f"{name} = {value:g}" for name, value in outputs.items())
+        said = ", ".join(
+            f"{name} = {int(value)}" if block.outputs[name].dtype == "int" else f"{name} = {value:g}" for name, value in outputs.items())
         lines.append(f"it says: {block.fault_in_words(int(outputs['fault']))} ({said})")
     return lines
 

@@ -1,7 +1,10 @@
 """A RobStride drive that is not there: it speaks the same bytes, for a plant."""
 
+import hashlib
+import re
+
 from blocks.actuators.emulated import Emulated
-from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride import frames, models, parameters
 from cext.kernels import robstride_drive as kernels
 from graph import Device, Memory, Param
 
@@ -15,17 +18,23 @@ class EmulatedRobStride(Emulated, Device):
 
     Torque is the law of its run mode, up to its limits and the peak torque, and zero until it is enabled, after it is stopped, while it has
     a fault and when it has heard nothing for its canTimeout. `fault`: its six bits of the feedback, which stay until they are cleared,
-    and from bit 8 on those of a fault report. Its parameters can be read and written. `EmulatedRobStride.of(robot["left/knee"])` plays
-    the drive that a robot's block commands.
+    and from bit 8 on those of a fault report. Its parameters can be read, written and, on a RobStride, saved; it takes another id, and answers
+    with its unique number and its firmware. `EmulatedRobStride.of(robot["left/knee"])` plays the drive that a robot's block commands.
     """
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)
     trip_temperature = Param(
         None, "°C", "temperature at which it protects itself with a fault; the model's by default", dtype=float, fixed=True)
 
+    unique = Param("", "1", "its unique number, 16 hex digits; made from model and id by default", dtype=str)
+    firmware = Param("", "1", "its version, as in 0.3.1.41; the oldest with a time-out in MIT mode by default", dtype=str)
+    gains = Param((), "1", "(name, value) of parameters that this one has otherwise, as in ((\"loc_kp\", 40.0),)")
+
     registers = Memory((0.0,) * 64, "values of the parameters 0x7000 to 0x703F")
     defaults = Memory((0.0,) * 64, "the same after power on")
     memory_of_drive = Memory((0.0,) * 6, "host, faults latched, faults reported, whether it reports, when next, torque constant")
+
+    identity = Memory((0.0,) * 14, "bytes of its unique number and of its firmware, whether it is a CyberGear")
 
     find = staticmethod(models.find)
     kernel = kernels.drive
@@ -43,8 +52,34 @@ class EmulatedRobStride(Emulated, Device):
         }
         if not found.is_cybergear:                      # which knows one limit of speed, LIMIT_SPD
             values |= {frames.VEL_MAX: 10.0, frames.ACC_SET: 10.0, frames.ACC_RAD: 20.0}
+        values |= self.own_gains(found.is_cybergear)
         self.registers = self.defaults = tuple(values.get(0x7000 + place, 0.0) for place in range(64))
         self.memory_of_drive = (0xFD, 0.0, 0.0, 0.0, 0.0, found.torque_constant)
+
+        self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(found.is_cybergear))
+
+    def own_gains(self, is_cybergear):
+        """{index: value} of `gains`. ValueError for what the drive does not have or nobody may write."""
+        values = {}
+        for name, value in self.gains:
+            parameter = parameters.find(name)
+            if not parameter.writable or (is_cybergear and not parameter.cybergear):
+                raise ValueError(f"gains: {parameter.name} is not a parameter of {self.found.name} that can be set")
+            values[parameter.index] = float(value)
+        return values
+
+    def unique_bytes(self):
+        text = self.unique or hashlib.blake2b(f"{self.found.name} {self.can_id}".encode(), digest_size=8).hexdigest()
+        if not re.fullmatch("[0-9A-Fa-f]{16}", text):
+            raise ValueError(f"unique is 16 hex digits, got {text!r}")
+        return tuple(map(float, bytes.fromhex(text)))
+
+    def firmware_bytes(self):
+        text = self.firmware or models.MIT_FIRMWARE.get(self.found.name, "0")
+        parts = [int(part) if part.isdigit() else -1 for part in text.split(".")]
+        if len(parts) > 5 or not all(0 <= part <= 255 for part in parts):
+            raise ValueError(f"firmware is at most five numbers up to 255, as in 0.3.1.41, got {text!r}")
+        return tuple(map(float, parts + [0] * (5 - len(parts))))
 
     def addresses(self):
         return [(self.can_id, True)]
