@@ -210,6 +210,8 @@ cdef class Arming:
                 rounds += since >= damping
             self.journal.make_room(True)
             due = began + self.control.devices.send_stop(since, now, round, self.layout)
+            if limit == 0:
+                break
             self.body.advance_plant_until(due)
             if not self.virtual:
                 self.pace.sleep_until(self.began + due)

@@ -28,3 +28,14 @@ cdef extern from *:
     int pthread_mutex_unlock(pthread_mutex_t *hold) noexcept nogil
     const int EOWNERDEAD
     const int EDEADLK
+
+
+cdef inline bint find_dead(pthread_mutex_t *hold) noexcept nogil:
+    """Whether the thread that had it has died. Of one thread of a process, which has it from then on.
+
+    One that another thread has is left as it is, without a system call.
+    """
+    cdef int status = pthread_mutex_trylock(hold)
+    if status == 0:
+        pthread_mutex_unlock(hold)                  # nobody had it
+    return status == EOWNERDEAD or status == EDEADLK

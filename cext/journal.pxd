@@ -18,6 +18,7 @@ cdef class Journal:
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil
     cdef bint fenced(self) noexcept nogil
+    cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
     cdef bint guardian_is_late(self) noexcept nogil
     cdef int attend(self, int64_t now) noexcept nogil
     cdef void raise_fence(self) noexcept nogil

@@ -6,6 +6,7 @@ from libc.string cimport memcpy, memset
 
 from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.histogram cimport Histogram
+from cext.hold cimport find_dead
 from cext.mailbox cimport CHANGES, LETTERS, Change
 from cext.pace cimport monotonic
 from cext.page cimport (
@@ -92,11 +93,15 @@ cdef class Journal:
         store_i64(&self.layout.beat, now)
         if self.fenced():
             return FENCED
-        return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK
+        return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
+
+    cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
+        """Whether the guardian has not looked for too long, or its thread has died: the kernel marks the mutex that it holds."""
+        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold)
 
     cdef bint guardian_is_late(self) noexcept nogil:
         """Whether drives that seem silent may be so because the guardian is, which carries their frames."""
-        return self.guard > 0 and monotonic() - load_i64(&self.layout.guard) > self.guard // 2
+        return self.guard > 0 and (find_dead(&self.layout.guard_hold) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
 
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:
@@ -113,7 +118,7 @@ cdef class Journal:
         store_i64(&self.layout.beat, now)
         if load_i32(&self.layout.fence) == FENCED_FOR_GOOD:
             return FENCED
-        return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK
+        return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
 
     cdef void raise_fence_for(self, int item) noexcept nogil:
         """The same where a tick hangs with an item of the stopwatch, -1 where that is not known: the page says why first."""

@@ -47,6 +47,7 @@ cdef struct PageLayout:
     int32_t hung                # 1 + item of the stopwatch with which a tick hung, -1 where that is not known, 0: none did
     int32_t crashed             # number of the signal that kills the control process from within; then `hung` is what it was working on
     pthread_mutex_t hold        # the loop's thread has it from before the guardian is there until after that has gone
+    pthread_mutex_t guard_hold  # the guardian's thread has it as long as it lives
     int64_t control             # number of the control process
     int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t guard               # the same of the guardian's newest look; 0 without one

@@ -9,7 +9,7 @@ from libc.string cimport memcpy, memset
 from posix.unistd cimport close
 
 from cext.histogram cimport buckets, summary
-from cext.hold cimport EDEADLK, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
+from cext.hold cimport EDEADLK, find_dead, make_hold, pthread_mutex_trylock, pthread_mutex_unlock
 
 cdef uint64_t MAGIC = 0x314B52574B434954 + sizeof(PageLayout)      # "TICKWRK1", and another for another layout
 
@@ -46,7 +46,7 @@ cdef class Page:
             self.layout.tick = -1
             memset(ring(self.layout), 0, self.layout.capacity)     # the loop is not to be the first to touch it
             self.layout.control = os.getpid()
-            failed = make_hold(&self.layout.hold)
+            failed = make_hold(&self.layout.hold) or make_hold(&self.layout.guard_hold)
             if failed:
                 raise OSError(failed, os.strerror(failed))
             self.layout.live_count, self.layout.live_bytes = live[0], len(live[1])
@@ -66,6 +66,17 @@ cdef class Page:
         if failed and failed != EDEADLK:
             raise OSError(failed, "somebody else has the hold on this page")
         self.held = True
+
+    def take_guard(self):
+        """The calling thread is the guardian's: the loop sees at its next tick when this thread dies. OSError"""
+        failed = pthread_mutex_trylock(&self.layout.guard_hold)
+        if failed and failed != EDEADLK:
+            raise OSError(failed, "another guardian is on this page")
+
+    @property
+    def guardian_died(self):
+        """Whether the thread that took guard has died. From then on for good."""
+        return find_dead(&self.layout.guard_hold)
 
     cpdef let_go(self):
         """Nobody is told any more. Of the thread that took hold."""

@@ -25,6 +25,7 @@ MEANINGS = {
     "GUARDIAN_SILENCE": ("ns", "without a look of the guardian before the loop ends the run"),
     "GUARDIAN_LOOK_LIMIT": ("ns", "in which a guardian that runs has looked at least once more"),
     "GUARDIAN_DEATH": ("ns", "without a look of the guardian before the recorder reports that it is dead"),
+    "GUARDIAN_KILL_LIMIT": ("ns", "for a guardian that the run has killed to be gone, before the run sends in its place"),
     "BUS_LOCK_RELEASE_LIMIT": ("ns", "for the guardian of a dead run to release its buses"),
     "ARMING_LIMIT": ("ns", "in which every device must have answered"),
     "DISABLE_CONFIRM_LIMIT": ("ns", "in which a drive must have answered its disable before a run may be armed again"),

@@ -212,8 +212,7 @@ def asked(prepared, page, control):
 
 def stopped_by_hand(outcome, rig, page):
     """The Outcome, once the actuators have been stopped from here where the guardian that carries their frames no longer answers."""
-    lost = outcome.unconfirmed and rig.carries and not looks(page)
-    if not lost and outcome.status != "unguarded":
+    if outcome.status != "unguarded" and not (outcome.unconfirmed and rig.carries and not looks(page)):
         return outcome
     if outcome.status in ("silent", "no answer", "bus error"):      # its drives are silent because it is
         outcome = replace(outcome, status="unguarded", culprit=None)

@@ -18,8 +18,8 @@ The plan is a dict that JSON can carry:
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
-The guardian writes on the page when it has looked last: where that is longer ago than GUARDIAN_SILENCE the loop ends the run. The actuators on
-buses that the guardian carried are then stopped from here, by `take_over`.
+The guardian writes on the page when it has looked last, and holds a mutex there: where its look is longer ago than GUARDIAN_SILENCE, or its
+thread has died, the loop ends the run. The actuators on buses that the guardian carried are then stopped from here, by `take_over`.
 """
 
 import json
@@ -28,12 +28,15 @@ import os
 import signal
 import subprocess
 import time
+from contextlib import suppress
+from importlib import import_module
 
 from cext.stopwatch import names
-from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from cext.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from runtime.child import ChildProcess
+from runtime.guardian.relay import Relay
 from runtime.guardian import control_group
-from runtime.guardian.stopping import SafeStop
+from runtime.guardian.stopping import SafeStop, decoded
 from runtime.guardian.wires import CannotOpen, open_wire
 
 READY_TIMEOUT = 30.0        # s
@@ -77,6 +80,7 @@ class GuardianProcess(ChildProcess):
         try:
             self._child.stdin.write(json.dumps(plan).encode() + b"\n")
             self._child.stdin.flush()
+            import_interfaces(plan["buses"])            # meanwhile: `take_over` has no time for it
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -128,15 +132,15 @@ class GuardianProcess(ChildProcess):
 
         Returns (how the guardian ended, {bus: why it could not be opened}, the report of the stop).
         """
-        from runtime.guardian.process import decoded
-        from runtime.guardian.relay import Relay
-
-        how = self.kill()
+        self._child.kill()                              # it is reaped below, once the actuators are stopped
+        deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
+        while not self._page.guardian_died and time.monotonic() < deadline:
+            time.sleep(0.0002)
         wires, troubles = {}, {}
         devices = [decoded(device) for device in self._plan["devices"]]
         for index, bus in enumerate(self._plan["buses"]):
             try:
-                wires[index] = open_wire(bus)
+                wires[index] = open_wire(bus, again=True)
             except CannotOpen as error:
                 troubles[bus["name"]] = str(error)
         now = time.monotonic_ns()
@@ -155,7 +159,17 @@ class GuardianProcess(ChildProcess):
             drained = before
         for wire in wires.values():
             wire.close()
-        return how, troubles, stop.report()
+        return self.kill(), troubles, stop.report()
+
+
+def import_interfaces(buses):
+    """Import what `open_wire` needs for the buses that the guardian carries. An interface that cannot be imported is reported by the guardian."""
+    for bus in buses:
+        if bus["line"] is not None:
+            with suppress(Exception):
+                import can.interfaces
+
+                import_module(can.interfaces.BACKENDS[bus["interface"]][0])
 
 
 def ending(code):

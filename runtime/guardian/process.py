@@ -10,7 +10,6 @@ It ends with the control process, or when that says so. Signals do not end it.
 
 import gc
 import json
-import math
 import os
 import resource
 import select
@@ -28,7 +27,7 @@ from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
-from runtime.guardian.stopping import SafeStop
+from runtime.guardian.stopping import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
 
@@ -90,6 +89,7 @@ class Guardian:
         granted = ["own control group"] * (self.groups is not None) + hold_on(plan["priority"])
         self.mourner = Mourner(self.page, plan["priority"] or 0)
         self.poll.register(self.mourner.fd, select.POLLIN)
+        self.page.take_guard()
         self.page.look_after(time.monotonic_ns())
         self.answer({"ready": True, "granted": granted, "group": None if self.groups is None else str(self.groups[0])})
         return True
@@ -255,25 +255,6 @@ class Guardian:
         """One line of JSON to the control process, if it still listens."""
         with suppress(BrokenPipeError):
             os.write(self.answers, json.dumps(message).encode() + b"\n")
-
-
-def decoded(device):
-    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its velocity."""
-    damp = device["damp"]
-    if damp is not None:
-        damp = damp | {"bands": [(math.inf if speed is None else speed, in_bytes(frames)) for speed, frames in damp["bands"]]}
-    speeds = damp["velocity"]["frames"] if damp is not None and damp["velocity"] is not None else []
-    return device | {"zero": in_bytes(device["zero"]), "disable": in_bytes(device["disable"]), "damp": damp, "speeds": speeds}
-
-
-def in_bytes(frames):
-    return [(identifier, bytes.fromhex(data)) for identifier, data in frames]
-
-
-def frames_of_stop(device):
-    """Every frame that a safe stop may send to a device: the only ones that pass the fence."""
-    damping = [frame for _, frames in device["damp"]["bands"] for frame in frames] if device["damp"] is not None else []
-    return device["zero"] + device["disable"] + damping
 
 
 def in_words(verdict):

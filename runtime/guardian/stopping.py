@@ -5,6 +5,7 @@ An actuator with `damp` is damped for its time before that, so that no joint dro
 Answers look alike. Those in the first round may be to what was commanded before, so that they confirm nothing.
 """
 
+import math
 import re
 from types import SimpleNamespace
 
@@ -112,6 +113,25 @@ class Damped:
     def frames(self, now):
         self.due = now + self.bands.round
         return self.bands.frames(now)
+
+
+def decoded(device):
+    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its velocity."""
+    damp = device["damp"]
+    if damp is not None:
+        damp = damp | {"bands": [(math.inf if speed is None else speed, in_bytes(frames)) for speed, frames in damp["bands"]]}
+    speeds = damp["velocity"]["frames"] if damp is not None and damp["velocity"] is not None else []
+    return device | {"zero": in_bytes(device["zero"]), "disable": in_bytes(device["disable"]), "damp": damp, "speeds": speeds}
+
+
+def in_bytes(frames):
+    return [(identifier, bytes.fromhex(data)) for identifier, data in frames]
+
+
+def frames_of_stop(device):
+    """Every frame that a safe stop may send to a device: the only ones that pass the fence."""
+    damping = [frame for _, frames in device["damp"]["bands"] for frame in frames] if device["damp"] is not None else []
+    return device["zero"] + device["disable"] + damping
 
 
 def is_reply(device, identifier, data):

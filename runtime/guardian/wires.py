@@ -24,6 +24,7 @@ FRAMES_AT_ONCE = 64             # that a wire gives at most
 ECHO = 0.1                      # s within which an interface hands back what was sent
 TIMEOUT = 0.002                 # s that an interface may take to accept a frame
 QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
+STARTED = {"slcan": {"sleep_after_open": 0.0}}      # for an adapter that was open until now: else it would wait 2 s for it to start
 NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}     # for a frame that has not come; others are heard in a thread
 WAIT = 0.05                     # s that such a thread waits for a frame before it looks whether it is over
 BREATH = 0.0005                 # s between two tries of an interface that fails
@@ -267,13 +268,14 @@ class Unwatched(Wire):
         pass
 
 
-def open_wire(bus):
-    """The wire of a bus of the plan. CannotOpen."""
+def open_wire(bus, again=False):
+    """The wire of a bus of the plan. CannotOpen. again : its adapter has been open until now, and need not start"""
     if bus["interface"] == "udp":
         return Unwatched()
     if bus["interface"] == "socketcan":
         return SocketCanWire(bus["channel"], bus["fd"], bus["virtual"])
-    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], bus.get("options"))
+    options = (bus.get("options") or {}) | (STARTED.get(bus["interface"], {}) if again else {})
+    return PythonCanWire(bus["interface"], bus["channel"], bus["bitrate"], bus["fd"], options)
 
 
 def forget(sent, now):

@@ -1,5 +1,6 @@
 """The loop and its guardian on the page: each sees whether the other lives; and nobody else may command a guarded robot."""
 
+import os
 import time
 
 import pytest
@@ -55,6 +56,31 @@ def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
     rig = guarded(lambda: rig.page.look_after(0))
     outcome = rig.run(200)
     assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+
+
+def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
+    """It has looked just now; the kernel tells that its thread is gone."""
+    page = Page(1 << 20)
+    alive, dying = os.pipe(), os.pipe()
+    guardian = os.fork()
+    if guardian == 0:
+        page.take_guard()
+        os.write(alive[1], b"!")
+        os.read(dying[0], 1)
+        os._exit(0)
+    os.read(alive[0], 1)
+
+    def kill():
+        os.write(dying[1], b"!")
+        os.waitpid(guardian, 0)
+
+    rig = guarded(kill, page=page)
+    assert not page.guardian_died
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    assert page.guardian_died and page.guardian_died
+    for descriptor in (*alive, *dying):
+        os.close(descriptor)
 
 
 def test_a_guardian_that_looks_no_more_ends_the_run_as_well():

@@ -106,8 +106,8 @@ def test_kill_9_leaves_a_joint_that_moves_damped_inside_its_limit(tmp_path):
             assert len(speeds) > 100 and speeds[0] > 7.9 and speeds[-1] < 0.7 * speeds[0]
 
 
-@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGSTOP])
-def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by):
+@pytest.mark.parametrize("by, allowed", [(signal.SIGKILL, DEATH), (signal.SIGSTOP, 0.1 + STALL)])
+def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by, allowed):
     process = bus.start("--no-record")
     bus.await_torque()
     everybody = family(process)
@@ -115,7 +115,7 @@ def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by):
     guardian_of(process).send_signal(by)
     _, err = process.communicate(timeout=10)
     bus.listen()
-    assert bus.stopped_after(killed) < 0.1 + STALL
+    assert bus.stopped_after(killed) < allowed                      # 5 to 15 ms after SIGKILL where the machine is not busy
     assert process.returncode == 3 and "the guardian" in err and "SIGKILL" in err
     assert_nothing_is_left(everybody, bus.channel)
 
@@ -185,6 +185,22 @@ def test_a_hundred_kills(tmp_path):
             process.communicate(timeout=10)
             took.append(bus.stopped_after(killed))
     assert sorted(took)[98] < 0.02, took
+
+
+@pytest.mark.soak
+def test_a_hundred_guardians_killed(tmp_path):
+    """p95 of 20 ms from the kill -9 of a guardian that carries the bus to the last first stop frame, and none missed."""
+    took = []
+    for _ in range(100):
+        with Bus(tmp_path, number=3) as bus:
+            process = bus.start("--no-record")
+            bus.await_torque()
+            killed = time.time()
+            guardian_of(process).kill()
+            bus.listen(0.1)
+            process.communicate(timeout=10)
+            took.append(bus.stopped_after(killed))
+    assert sorted(took)[94] < 0.02, took
 
 
 @pytest.mark.soak

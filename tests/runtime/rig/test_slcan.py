@@ -22,6 +22,7 @@ from runtime.rig.file import RigBus
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused
 from tests.blocks.actuators import reference
+from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, knee, started, write
 
@@ -64,7 +65,7 @@ class Adapter:
             try:
                 heard += os.read(self.master, 4096)
             except OSError:                 # nobody has the port open
-                time.sleep(0.02)
+                time.sleep(0.001)
                 continue
             *commands, heard = heard.split(b"\r")
             for command in commands:
@@ -91,8 +92,8 @@ def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
     return write(folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{channel}"\n[bus.legs.options]\n{more}', "lab.toml")
 
 
-def run(folder, adapter, *words):
-    robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel)
+def run(folder, adapter, *words, **options):
+    robot, rig = knee(folder, "return 2.0"), rig_of(folder, adapter.channel, **options)
     return started(robot, "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder)
 
 
@@ -125,6 +126,24 @@ def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
         assert "Traceback" not in errors
         assert "FAULT at legs, tick " in errors and "the bus can neither send nor receive" in errors
         assert f"slcan {adapter.channel}: the interface has hung up" in errors and "is the adapter plugged in" in errors
+
+
+def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_adapter(tmp_path):
+    """The adapter has been open until then: the run does not wait for it to start."""
+    with Adapter() as adapter:
+        process = run(tmp_path, adapter, more="sleep_after_open = 0.5\n")
+        assert awaited(adapter.torque), "no torque was commanded"
+        before = len(adapter.frames)
+        guardian_of(process).kill()
+        at = time.monotonic()
+        while not any(data == DISABLE for _, data in adapter.frames[before:]) and time.monotonic() < at + 2.0:
+            time.sleep(0.001)
+        took = time.monotonic() - at
+        _, errors = process.communicate(timeout=10)
+        assert took < 0.1, took                         # 5 to 15 ms where the machine is not busy
+        assert process.returncode == FAULT and "SIGKILL" in errors
+        told = [data for _, data in adapter.frames]
+        assert set(told[told.index(DISABLE) :]) == {NOTHING, DISABLE}
 
 
 @pytest.mark.soak
