@@ -132,6 +132,36 @@ def test_a_group_that_a_guardian_has_left_behind_is_removed_by_the_next(group):
     assert in_a_child(group, action) == 0
 
 
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to give it up")
+def test_a_user_without_permission_stays_in_the_group_of_the_run(group):
+    def action():
+        os.setuid(65534)
+        return int(control_group.enter() is not None or control_group.group_of("self") != group.name)
+
+    assert in_a_child(group, action) == 0
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to give it up")
+def test_a_user_with_a_delegated_part_of_the_hierarchy_leaves_the_scope_of_the_run_within_it(group):
+    """As below user@UID.service: the user owns the folder, its list of processes, and the scope in it."""
+    scope = group / "run.scope"
+    scope.mkdir()
+    for path in (group, group / "cgroup.procs", group / "cgroup.subtree_control", scope, scope / "cgroup.procs"):
+        os.chown(path, 65534, 65534)
+
+    def action():
+        os.setuid(65534)
+        own, came_from = control_group.enter()
+        outside = own.parent == group and came_from == scope and control_group.group_of("self") == f"{group.name}/{own.name}"
+        control_group.leave(own, came_from)
+        return 0 if outside and not own.exists() else 1
+
+    try:
+        assert in_a_child(scope, action) == 0
+    finally:
+        scope.rmdir()
+
+
 def test_where_the_system_permits_nothing_the_guardian_stays_where_it_is_and_no_folder_is_made(tmp_path, monkeypatch):
     (tmp_path / "system.slice" / "robot.service").mkdir(parents=True)
     monkeypatch.setattr(control_group, "hierarchy", lambda: tmp_path)       # folders without cgroup.procs
