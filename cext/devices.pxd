@@ -10,6 +10,7 @@ from cext.page cimport PageLayout
 from cext.stopwatch cimport Laps
 
 cdef enum:
+    READY_NUMBERS = 16           # most that outlive the start
     DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold so many times FRAMES_PER_TICK
 
 cdef struct Device:
@@ -21,6 +22,8 @@ cdef struct Device:
     int age                      # slot, -1 if it has none
     int fault                    # slot, -1 if it has none
     int ready                    # slot, -1 if arming reads nothing back
+    int ready_size               # numbers from there on that outlive the start of the blocks
+    double ready_kept[READY_NUMBERS]
     double timeout               # s
     Batch enable
     Batch zero
@@ -100,5 +103,7 @@ cdef class Devices:
     cdef bint has_answered(self, const Device *device) noexcept nogil
     cdef bint all_answered(self) noexcept nogil
     cdef void begin_arming(self) noexcept nogil
+    cdef void keep_ready(self) noexcept nogil
+    cdef void restore_ready(self) noexcept nogil
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil
     cdef void discard(self) noexcept nogil

@@ -147,7 +147,9 @@ cdef class Devices:
             device.slots = <int32_t *><uintptr_t>slots.ctypes.data + 4
             device.sizes = <int32_t *><uintptr_t>sizes.ctypes.data
             device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
-            device.ready = entry.ready
+            device.ready, device.ready_size = entry.ready, entry.ready_size
+            if entry.ready_size > READY_NUMBERS:
+                raise ValueError(f"{entry.name}: at most {READY_NUMBERS} numbers outlive the start, not {entry.ready_size}")
             load_batch(&device.enable, entry.enable)
             for place, frame in enumerate(entry.enable):
                 device.only_reads[place] = frame in entry.reads
@@ -485,6 +487,19 @@ cdef class Devices:
             if self.devices[number].ready >= 0:
                 self.arena[self.devices[number].ready] = 0.0
         self.want_replies(True, False)
+
+    cdef void keep_ready(self) noexcept nogil:
+        """Before the blocks start anew: what arming has read back is no state of theirs."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                memcpy(self.devices[number].ready_kept, self.arena + self.devices[number].ready, self.devices[number].ready_size * sizeof(double))
+
+    cdef void restore_ready(self) noexcept nogil:
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                memcpy(self.arena + self.devices[number].ready, self.devices[number].ready_kept, self.devices[number].ready_size * sizeof(double))
 
     cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
         cdef int number

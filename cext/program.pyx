@@ -327,7 +327,9 @@ cdef class Program:
         cdef int status = self.run(&self.look, 0, -1)
         self.at = -1
         if status == OK:
+            self.devices.keep_ready()
             status = self.reset_blocks()
+            self.devices.restore_ready()
         if status == OK:
             status = self.run(&self.settle, 0, -1)
         return status

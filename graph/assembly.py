@@ -166,12 +166,18 @@ class Assembly:
             relay_time=block.relay_time, start_time=block.start_time,
             watch=self.watch_steps(block, slot), warning=slot("warning") if isinstance(block, Actuator) else -1,
             warnings=block.warnings_in_words() if isinstance(block, Actuator) and "warning" in block.outputs else (), reads=tuple(block.read_frames()),
-            ready=self.memory[block][block.ready[0]][0] + block.ready[1] if block.ready else -1)
+**self.ready_place(block))
 
     def damped_stop(self, block):
         """Its DampedStop with the round that its bus can carry."""
         stop = block.damped_stop()
         return stop and replace(stop, round=max(stop.round, damping_round(block.bus, self.blocks)))
+
+    def ready_place(self, block):
+        if block.ready is None:
+            return {}
+        slot, size = self.memory[block][block.ready][:2]
+        return {"ready": slot, "ready_size": size}
 
     def watch_steps(self, block, slot):
         watch = block.watched()

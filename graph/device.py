@@ -118,7 +118,7 @@ class Device(Block):
     relay_time = start_time = 0.0
     protects = ()               # paths or buses of the devices whose power its relay switches
     own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
-    ready = None                # (name of a memory, index) that its kernel sets once it has read back what arming wrote; None: nothing to read
+    ready = None                # name of a memory whose first number its kernel sets once it has read back what arming wrote; it outlives the start
     unanswered_frames = 0       # how many of its disable_frames have no answer
     hot = None
     hardware = ()

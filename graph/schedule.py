@@ -63,6 +63,7 @@ class DeviceSteps:
     warnings: tuple = ()        # words for each bit
     reads: tuple = ()           # those of `enable` that read and change nothing
     ready: int = -1             # slot that is not 0 once it has read back what arming wrote; -1: nothing is read back
+    ready_size: int = 0         # numbers from there on that outlive the start of the blocks
 
 
 @dataclass(frozen=True)

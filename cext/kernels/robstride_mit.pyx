@@ -153,6 +153,8 @@ cdef inline bint reads_faults_now(double *arena, const int32_t *slots, double *t
     """Whether this tick carries the question instead of a command."""
     if not arena[AUTHORITY] > 0.0 or arena[TIME] + 1e-9 < talk[NEXT]:
         return False            # of a run that waits to be armed again nothing is sent
+    if talk[READY] == 0.0 and talk[COUNTS] != 0.0:
+        return False            # a drive that was never armed has nothing to answer
     if talk[OWED] > 0.0:
         talk[WAITED] += 1.0
         if talk[WAITED] < LOST_AFTER:
@@ -171,7 +173,7 @@ cdef int mit_encode(double *arena, const int32_t *slots, const int32_t *sizes, F
     cdef int count
     memcpy(held, sent, sizeof(held))
     # The command before a question is in force for one period more: its law is bounded over that, too.
-    talk[PREPARED] = not asks and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[slots[AGE]] <= 2.0 * period + 1e-9
+    talk[PREPARED] = not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0) and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[slots[AGE]] <= 2.0 * period + 1e-9
     if talk[PREPARED] != 0.0:
         arena[PERIOD] = 1.5 * period
     count = encode_command(arena, slots, &frames[0])

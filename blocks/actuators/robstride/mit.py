@@ -51,7 +51,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         if self.can_id == self.host_id:
             raise ValueError(f"can_id and host_id are both {self.can_id}: the drive and its host need ids of their own")
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
-        self.ready = ("talk", 0) if self.own_timeout is not None else None
+        self.ready = "talk" if self.own_timeout is not None else None
         limit = int.from_bytes(self.torque_bytes(), "little")
         self.talk = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)), float(limit), 0.0, 0.0, READ_AGAIN, 0.0, 0.0, 0.0)
 

@@ -65,7 +65,7 @@ class RobStride(Joint, Actuator):
                 raise ValueError("the CyberGear does not report without being asked: leave active_reporting out")
         self.own_timeout = self.can_timeout if self.found.own_timeout and self.can_timeout > 0.0 else None
         self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
-        self.ready = ("timeout_read", 0) if self.own_timeout is not None else None
+        self.ready = "timeout_read" if self.own_timeout is not None else None
         self.motor_torque = self.torque_limit / self.gear_ratio
         most = self.found.rated_current if self.torque_limit <= self.found.rated * self.gear_ratio else self.found.peak_current
         self.current_limit = min(self.motor_torque / self.found.torque_constant, most)

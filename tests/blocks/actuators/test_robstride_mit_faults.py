@@ -27,6 +27,13 @@ def drive(**parameters):
     return Wired(RobStrideMIT, "RS03", can_id=5, **parameters)
 
 
+def armed():
+    """A drive that has returned its time-out and no faults."""
+    wired = drive()
+    assert wired.hear(0x305, WRITTEN) == NOTED and wired.hear(0xFD, faults(0)) == ANSWERED
+    return wired
+
+
 def test_arming_writes_and_reads_the_time_out_and_asks_for_faults_before_it_enables():
     limit = struct.pack("<f", 20.0)
     assert RobStrideMIT("RS03", can_id=5).enable_frames() == [
@@ -99,12 +106,12 @@ def ticks(wired, count, rate=200.0, answer=True, first=0):
 
 
 def test_a_question_goes_out_once_a_second_in_place_of_a_command():
-    said = ticks(drive(), 1001)
+    said = ticks(armed(), 1001)
     assert [tick for tick, data in enumerate(said) if data == QUESTION] == [200, 400, 600, 800, 1000]
 
 
 def test_a_question_waits_until_no_reply_is_owed():
-    wired = drive()
+    wired = armed()
     assert QUESTION not in ticks(wired, 199) + ticks(wired, 1, answer=False, first=199) + ticks(wired, 40, answer=False, first=200)
     for _ in range(41):
         wired.hear(0xFD, REST)
@@ -112,27 +119,31 @@ def test_a_question_waits_until_no_reply_is_owed():
 
 
 def test_a_reply_that_was_lost_puts_the_question_off_by_fifty_ticks_at_most():
-    wired = drive()
+    wired = armed()
     ticks(wired, 190)
     ticks(wired, 1, answer=False, first=190)
     assert [tick for tick, data in enumerate(ticks(wired, 100, first=191), 191) if data == QUESTION] == [249]
 
 
+def test_a_drive_that_was_not_armed_is_never_asked():
+    assert QUESTION not in ticks(drive(), 500)
+
+
 def test_before_torque_is_let_through_nothing_is_asked():
-    wired = drive()
+    wired = armed()
     wired.arena[AUTHORITY] = 0.0
     assert QUESTION not in ticks(wired, 300)
 
 
 def test_a_command_that_is_not_finite_is_refused_in_the_tick_of_a_question_too():
-    wired = drive()
+    wired = armed()
     ticks(wired, 200)
     wired.arena[TIME] = 1.0
     assert wired.say(torque_command=float("nan")) == -1
 
 
 def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
-    wired = drive()
+    wired = armed()
     ticks(wired, 200)
     before = wired["torque_sent"], wired["sent"].tolist()
     wired.arena[TIME] = 1.0
@@ -141,7 +152,7 @@ def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
 
 
 def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
-    wired = drive()
+    wired = armed()
     ticks(wired, 200)
     assert ticks(wired, 1, first=200, answer=False) == [QUESTION]
     assert wired.hear(0xFD, REST) == TAKEN, "a reply that was late"
