@@ -14,7 +14,7 @@ from graph.block import Sink, size_of, suggestion
 from graph.budget import bus_loads, line_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
-from graph.diagram import Signal
+from graph.diagram import Signal, check_name
 from graph.inference import infer_shapes, infer_units
 from graph.order import cluster, computes, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
@@ -118,6 +118,13 @@ class Compilation:
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
             self.report("TW009", f"the name is taken by the block made at {first.location}", block, hint="choose another `name=`")
+        for block in self.blocks:
+            if isinstance(block, Device) and block.bus not in ("", block.path):     # the line of one device has its path
+                try:
+                    check_name(block.bus, block.location)
+                except DiagramError as error:
+                    [wrong] = error.diagnostics
+                    self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
 
     def check_wires(self):
         for wire in self.diagram.wires:

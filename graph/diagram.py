@@ -10,6 +10,9 @@ import numpy as np
 
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 
+NAME_LENGTH = 100               # characters
+MAXIMUM_RATE = 1e9              # Hz; deadlines are whole ns
+
 _scope = ContextVar("tickwork_scope", default=None)
 
 
@@ -135,8 +138,11 @@ class Diagram:
     """
 
     def __init__(self, name, rate):
-        if not isinstance(rate, numbers.Real) or not 0 < rate < float("inf"):
-            raise DiagramError(Diagnostic("TW010", f"the rate must be a number above 0 Hz, got {rate!r}", path=str(name), where=caller()))
+        check_name(name, caller())
+        if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
+            digits = repr(rate) if len(repr(rate)) <= 40 else f"{repr(rate)[:20]}..."
+            raise DiagramError(Diagnostic(
+                "TW010", f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {digits}", path=name, where=caller()))
         self.name, self.rate = name, rate
         self.blocks = {}
         self.wires = []
@@ -234,11 +240,16 @@ class subsystem:
 
 
 def check_name(name, where):
-    """A name is text that a path, a column and a command line can carry: without `/`, which parts subsystems, and `.`, which parts ports."""
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or set(name) & set("/.="):
+    """Raise DiagramError for a name that a path, a column, a file name or a command line cannot carry.
+
+    `/` separates subsystems and `.` ports.
+    """
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or set(name) & set("/.=") or len(name) > NAME_LENGTH:
+        shown = repr(name) if len(repr(name)) <= NAME_LENGTH + 2 else f"{repr(name)[:NAME_LENGTH]}... ({len(repr(name))} characters)"
         raise DiagramError(Diagnostic(
-            "TW010", f"{name!r} cannot be a name", where=where,
-            hint="a name is printable text without '/', '.' and '='; subsystems make paths, as in `with subsystem(\"left\")`"))
+            "TW010", f"{shown} cannot be a name", where=where,
+            hint=f"a name is printable text of at most {NAME_LENGTH} characters without '/', '.' and '='; subsystems make paths, as in "
+                 "`with subsystem(\"left\")`"))
 
 
 def is_count(every):

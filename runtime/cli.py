@@ -42,6 +42,7 @@ def main(arguments=None):
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     DiagramError = refusal(arguments)
     try:
+        check_encoding(arguments)
         code = command(arguments)
     except BadInput as error:
         complain([f"tickwork: {error}"])
@@ -55,6 +56,14 @@ def main(arguments=None):
         code = INTERRUPTED
     tell([])                                    # what the user's own code has printed
     return code
+
+
+def check_encoding(arguments):
+    """Raise BadInput for an argument that is not valid UTF-8: no file, title or recording could hold it."""
+    for argument in arguments:
+        if not argument.isascii() and any("\ud800" <= character <= "\udfff" for character in argument):
+            shown = argument.encode(errors="surrogateescape").decode(errors="backslashreplace")
+            raise BadInput(f"the argument '{shown}' is not valid UTF-8: retype it, or rename the file")
 
 
 def refusal(arguments):

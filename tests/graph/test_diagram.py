@@ -9,6 +9,7 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.controllers import GaitPhase
+from blocks.actuators import CubeMars
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
@@ -19,8 +20,13 @@ from tests.graph.complaints import complaints, here, refusal
 @pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, "200", None, 1j])
 def test_a_rate_is_a_number_above_zero(rate):
     found = refusal(Diagram, "d", rate)
-    assert found.code == "TW010" and found.message == f"the rate must be a number above 0 Hz, got {rate!r}"
+    assert found.code == "TW010" and found.message == f"the rate must be a number above 0 Hz and at most 1e+09 Hz, got {rate!r}"
     assert found.where.file == refusal.__code__.co_filename
+
+
+def test_a_rate_that_no_float_holds_is_refused_in_one_short_line():
+    message = refusal(Diagram, "d", 10**400).message
+    assert message == "the rate must be a number above 0 Hz and at most 1e+09 Hz, got 10000000000000000000..."
 
 
 @pytest.mark.parametrize("rate", [1, 0.5, np.float32(200), np.int64(200), Fraction(400, 3)])
@@ -62,6 +68,20 @@ def test_a_name_is_text_that_a_path_can_carry(name):
     with Diagram("d", rate=100):
         assert refusal(Gain, name=name).message == f"{name!r} cannot be a name"
         assert refusal(subsystem, name).message == f"{name!r} cannot be a name"
+    assert refusal(Diagram, name, 100).message == f"{name!r} cannot be a name"
+
+
+def test_a_name_is_short_enough_for_a_file():
+    message = refusal(Diagram, "k" * 300, 100).message
+    assert message.endswith("... (302 characters) cannot be a name") and len(message) < 160
+
+
+@pytest.mark.parametrize("bus", ["le/gs", "le\x1bgs"])
+def test_the_name_of_a_bus_is_checked_as_that_of_a_block_is(bus):
+    with Diagram("d", rate=100) as diagram:
+        CubeMars("AK80-9", bus=bus, name="knee")
+    found = complaints(diagram)[0]
+    assert found.message == f"its bus: {bus!r} cannot be a name" and found.path == "knee"
 
 
 def test_names_may_be_of_any_script():

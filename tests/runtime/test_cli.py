@@ -36,6 +36,12 @@ def test_without_a_file_it_asks_for_one(command_line, words):
     assert command_line.refused(*words).startswith("which file? name a diagram file, such as diagrams/knee_exo.py")
 
 
+@pytest.mark.parametrize("word", ["caf\udce9.py", "notes=caf\udce9"])
+def test_an_argument_that_is_not_utf_8_is_refused_before_anything_runs(command_line, word):
+    shown = word.replace("\udce9", "\\xe9")
+    assert command_line.refused(KNEE_EXO, "--trial", word) == f"the argument '{shown}' is not valid UTF-8: retype it, or rename the file"
+
+
 @pytest.mark.parametrize("word, meant", [("chek", "check"), ("benhc", "bench"), ("runn", "run")])
 def test_a_mistyped_command_is_suggested(command_line, word, meant):
     assert command_line.refused(word) == f"there is neither a command nor a file {word!r}; did you mean {meant!r}?"

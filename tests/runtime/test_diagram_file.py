@@ -251,7 +251,7 @@ def test_a_mistake_in_a_blocks_parameter_has_its_line(tmp_path, refused):
 @pytest.mark.parametrize("rate", ["0", "-5", "float('nan')", "float('inf')", "'fast'"])
 def test_a_diagram_whose_own_rate_is_impossible(tmp_path, refused, rate):
     path = write(tmp_path, f"from graph import Diagram\nwith Diagram('d', rate={rate}) as diagram:\n    pass\n")
-    assert refused(path.name).startswith("robot.py:2: error TW010 wrong parameter: d: the rate must be a number above 0 Hz, got ")
+    assert refused(path.name).startswith("robot.py:2: error TW010 wrong parameter: d: the rate must be a number above 0 Hz and at most 1e+09 Hz, got ")
 
 
 def test_a_diagram_that_does_not_compile_is_no_bad_input(tmp_path, refused):
