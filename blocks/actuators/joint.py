@@ -72,7 +72,7 @@ class Joint:
     wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
     max_acceleration = Param(
         500.0, "rad/s²", "largest acceleration of the joint for which the limit holds where the drive adds stiffness or damping",
-        above=0.0, fixed=True)
+        above=0.0, max=1e5, fixed=True)
 
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)

@@ -99,8 +99,8 @@ cdef inline int quantise(
     if (not -limits[0] <= law.position <= limits[0] or not -limits[1] <= law.velocity <= limits[1]
             or not 0.0 <= law.stiffness <= limits[2] or not 0.0 <= law.damping <= limits[3] or not -limits[4] <= law.torque <= limits[4]):
         return OUT_OF_LIMITS
-    if not 0.0 <= share <= 1.0:
-        return OUT_OF_LIMITS    # a share of NaN would be full torque
+    if not (0.0 <= share <= 1.0 and limits[5] >= 0.0):
+        return OUT_OF_LIMITS    # with NaN it would be full torque
     limited = fabs(law.torque) > limits[5]
     if limited:
         law.torque = copysign(limits[5], law.torque)

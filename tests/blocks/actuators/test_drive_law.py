@@ -12,9 +12,10 @@ from scipy.interpolate import CubicSpline
 from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.models import Limb
 from blocks.sources import Sine
-from graph import Diagram
+from graph import Block, Diagram, DiagramError, Input, Output, Param
 from tests.blocks.actuators.drives_observed import KINDS, observed
 from tests.blocks.actuators.observer import torque_of, worst
+from tests.blocks.actuators.wire import OUT_OF_LIMITS
 from tests.cext.rigs import Rig
 from tests.shared import shared
 
@@ -148,6 +149,43 @@ def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_
     assert rig.run(400).status == "ok"
     assert rig["knee.limited"][-1] > 100                                # it acts, and often
     assert 3.9 < abs(rig["knee.torque"]).max() <= 4.0 + 36.0 / 4095
+
+
+class Mover(Block):
+    """Moves a joint whatever torque acts on it, and keeps the torques."""
+
+    amplitude, frequency = Param(0.0, "rad"), Param(0.0, "Hz")
+    torque = Input("N·m")
+    position, velocity = Output("rad"), Output("rad/s")
+
+    feedthrough = ()
+
+    def reset(self):
+        self.felt = []
+
+    def step(self, t):
+        w = 2.0 * math.pi * self.frequency
+        return self.amplitude * math.sin(w * t), self.amplitude * w * math.cos(w * t)
+
+    def update(self, torque):
+        self.felt.append(torque)
+
+
+@pytest.mark.parametrize("name", ["AK80-9", "RS02", "RS03 MIT", "AK10-9 V3.0"])
+def test_in_a_running_loop_an_imposed_motion_is_felt_with_the_limit_and_no_more(name):
+    """Ages as the loop measures them, 20 instants a tick; with the drive's own emulator, whose law is compared elsewhere."""
+    kind, model, _ = KINDS[name]
+    with Diagram("robot", rate=200) as robot:
+        knee = kind(model, name="knee", limit=5.0)
+        knee(position_command=0.2, stiffness_command=20.0, damping_command=3.0)
+    with Diagram("plant", rate=4000) as plant:
+        motor = robot["knee"].emulator()
+        mover = Mover(amplitude=0.2, frequency=5.0)
+        motor(position=mover.position, velocity=mover.velocity)
+        mover(torque=motor.torque)
+    rig = Rig(robot, plant)
+    assert rig.run(200).status == "ok"
+    assert 4.9 < np.abs(mover.felt).max() <= 5.0 + 2.0 * knee.wire[4] / 4095 and rig["knee.limited"][-1] > 50
 
 
 # What is left of the impedance.
@@ -316,6 +354,25 @@ def test_at_the_ends_of_the_ranges_of_position_and_velocity_there_is_torque_alon
     drive.hear(sign * position, sign * velocity, drive.period)
     law = drive.law(stiffness=2.0, damping=0.1)
     assert law[2] == law[3] == 0.0 and law[4] == pytest.approx(-5.0 * sign if end == "position" else -velocity * 0.1 * sign, abs=1.0)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_limit_or_a_share_of_gains_that_is_no_number_opens_nothing(name):
+    drive = observed(name, limit=5.0)
+    drive.hear(0.5, 1.0, drive.period)
+    limits = drive.wired["limits"]
+    drive.wired["limits"] = [*limits[:6], math.nan]
+    law = drive.law(position=-0.5, stiffness=100.0, damping=1.0)
+    assert worst(law, 0.5, 1.0, drive.period, drive.period, 500.0) <= 5.0 + drive.torque_code
+    for bad in (math.nan, -1.0):
+        drive.wired["limits"] = [*limits[:5], bad, 1.0]
+        assert drive.wired.say(torque_command=3.0) == OUT_OF_LIMITS
+
+
+@pytest.mark.parametrize("acceleration", [0.0, -1.0, math.inf, math.nan, 2e5])
+def test_an_assumption_that_is_no_bound_is_refused(acceleration):
+    with pytest.raises(DiagramError, match="max_acceleration"):
+        CubeMars("AK80-9", max_acceleration=acceleration)
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
