@@ -96,6 +96,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", frames.CAN_TIMEOUT))] if self.ready else []
 
     def fault_in_words(self, code):
+        if not code and self.ready is None:
+            return "not read before the start"
         words = [frames.word_in_words(int(code) & 0xFFFFFFFF)] if int(code) & 0xFFFFFFFF else []
         if int(code) >> 32:
             words.append(f"its time-out is not the one that was written; {self.remedy()}")

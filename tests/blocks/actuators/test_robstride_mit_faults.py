@@ -1,5 +1,6 @@
 """RobStride in MIT mode: faults that are asked for, and the drive's own time-out, frame by frame."""
 
+import math
 import struct
 
 import pytest
@@ -7,7 +8,9 @@ import pytest
 from blocks.actuators import EmulatedRobStrideMIT, RobStrideMIT
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.actuators.robstride import mit
+from blocks.limiters import TorqueLimiter
 from blocks.models import Limb
+from blocks.safety import Rearm
 from graph import Block, Diagram, DiagramError, Output, Param
 from tests.blocks.actuators.wire import AUTHORITY, FOREIGN, MALFORMED, TAKEN, Wired
 from tests.cext.rigs import Rig
@@ -244,3 +247,37 @@ def test_the_emulated_drive_returns_its_faults_and_its_parameters():
     assert wired.say() == [(0xFD, faults(1 << 14 | 1))], "latched until they are cleared"
     wired.hear(5, mit.CLEAR_FAULT), wired.hear(5, QUESTION)
     assert wired.say()[1] == (0xFD, faults(0))
+
+
+class Broken(Block):
+    """2 N·m, and NaN in one tick."""
+
+    torque = Output("N·m")
+
+    def step(self, tick):
+        return math.nan if tick == 60 else 2.0
+
+
+class Ask(Block):
+    """True in one tick."""
+
+    asked = Output("1", dtype=bool)
+
+    def step(self, tick):
+        return tick == 120
+
+
+def test_arming_again_reads_the_time_out_back_again():
+    with Diagram("robot", rate=200) as robot:
+        knee = RobStrideMIT("RS03", can_id=5, name="knee")
+        knee(torque_command=TorqueLimiter(limit=5.0)(Broken(name="law")()))
+        Rearm(name="again")(Ask(name="ask")())
+    with Diagram("plant", rate=1000) as plant:
+        knee.emulator(name="drive")(position=0.0, velocity=0.0)
+    rig = Rig(robot, plant)
+    outcome = rig.run(600, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], told=lambda what, outcome: None)
+    reads = [frame.time for frame in rig.frames if frame.sent and frame.id == 0x305]
+    questions = [frame.time for frame in rig.frames if frame.sent and frame.data == QUESTION]
+    assert outcome.status == "ok" and len(outcome.faults) == 1 and len(reads) == 2
+    assert not [time for time in questions if 0.31e9 < time < 0.6e9], "while it waits nothing is asked"
+    assert [time for time in questions if time > 1.5e9]
