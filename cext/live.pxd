@@ -15,6 +15,7 @@ cdef struct LiveParameter:
     bint whole                  # an int or a bool
     double low, high
     double slew                 # unit per second; infinite where it steps
+    double built_slew           # at reset
     double built                # at reset
     double value
     double target
@@ -25,6 +26,7 @@ cdef struct Scripted:           # a change that a recording has
     int64_t tick
     int32_t parameter
     double value
+    double slew
 
 cdef class LiveTable:
     cdef LiveParameter *parameters

@@ -44,7 +44,7 @@ cdef class LiveTable:
             parameter.slot = entry.slot
             parameter.low, parameter.high, parameter.built = entry.low, entry.high, entry.built
             parameter.whole = entry.dtype != "float"
-            parameter.slew = INFINITY if parameter.whole else entry.slew
+            parameter.built_slew = INFINITY if parameter.whole else entry.slew
             parameter.block = <PyObject *>entry.block if entry.block is not None else NULL
         self.reset()
 
@@ -55,14 +55,16 @@ cdef class LiveTable:
     def follow(self, changes):
         """From now on make these changes in every run, besides what the mailbox brings.
 
-        changes : (tick, index of the parameter, value), in the order of ticks. ValueError for one that the table does not allow
+        changes : (tick, index of the parameter, value, slew), in the order of ticks; from each change on the parameter ramps with its slew,
+            as it did in the run that was recorded. ValueError for one that the table does not allow
         """
         cdef Letter letter
         free(self.script)
         self.scripted = len(changes)
         self.script = <Scripted *>calloc(max(1, self.scripted), sizeof(Scripted))
-        for position, (tick, index, value) in enumerate(changes):
+        for position, (tick, index, value, slew) in enumerate(changes):
             self.script[position].tick, self.script[position].parameter, self.script[position].value = tick, index, value
+            self.script[position].slew = slew
             letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
             if self.check(&letter) != TAKEN:
                 raise ValueError("parameter %d cannot be %r" % (index, value))
@@ -82,6 +84,7 @@ cdef class LiveTable:
         for index in range(self.count):
             parameter = &self.parameters[index]
             parameter.value = parameter.target = parameter.built
+            parameter.slew = parameter.built_slew
             parameter.changed = parameter.block != NULL
         if self.tell_python(NULL) != OK:
             raise self.error
@@ -159,6 +162,7 @@ cdef class LiveTable:
         letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
         while self.played < self.scripted and self.script[self.played].tick <= tick:
             letter.parameters[0], letter.values[0] = self.script[self.played].parameter, self.script[self.played].value
+            self.parameters[letter.parameters[0]].slew = self.script[self.played].slew
             if not self.carry_out(page, &letter, tick):
                 break                           # the ring is full: in the next tick then
             self.played += 1

@@ -5,6 +5,7 @@ from it. Within a block each name is used once.
 """
 
 import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ import numpy as np
 from graph import units
 from graph.diagram import Signal
 from graph.interval import Interval
+
+RAMP_TIME = 1.0                 # s in which a live parameter crosses its whole range, where no slew is given
 
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 
@@ -87,9 +90,10 @@ class Param(Declaration):
     unit : of the value
     min, max : inclusive bounds; above, below : exclusive ones
     choices : the values allowed
-    live : may change while running; needs min and max
+    live : may change while running; needs min and max, both finite
     fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
-    slew : how fast it may change while running, in its unit per second
+    slew : how fast it may change while running, in its unit per second; its whole live range in a second if left out, a step if infinite.
+        Whole numbers and truths step
     required : there is no default
     file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
     kernel : it is among the items of a native block's kernel, if it is a number
@@ -99,23 +103,29 @@ class Param(Declaration):
                  live=False, fixed=False, slew=None, required=False, dtype=None, file=False, kernel=True):
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
-        self.live, self.slew, self.required = live, math.inf if slew is None else slew, required
+        self.live, self.slew, self.required = live, slew, required
         self.file, self.kernel = file, kernel
         self.dtype = dtype or (float if default is None else type(default))
         self.fixed = fixed or not self.numeric
-        if live and (min is None or max is None):
-            raise TypeError("a live parameter needs both bounds, min and max")
+        if live and (min is None or max is None or not (math.isfinite(min) and math.isfinite(max))):
+            raise TypeError("a live parameter needs both bounds, min and max, both finite")
         if not kernel and not self.fixed:
             raise TypeError("a parameter that no kernel is told of is fixed")
         if self.fixed and (live or slew is not None):
             raise TypeError("a fixed parameter does not change while running, so it is not live and has no slew")
-        if not self.slew > 0.0:
+        if slew is not None and not slew > 0.0:
             raise TypeError(f"a slew is above 0, in the parameter's unit per second, not {slew!r}")
 
     @property
     def live_bounds(self):
         """LiveBounds of a parameter declared live, else None."""
-        return LiveBounds(self.min, self.max, self.slew) if self.live else None
+        return LiveBounds(self.min, self.max, self.live_slew(self.min, self.max)) if self.live else None
+
+    def live_slew(self, low, high):
+        """The fastest change while running between two bounds, in the parameter's unit per second; infinite for what steps."""
+        if self.dtype is not float or low == high:
+            return math.inf
+        return min(high - low, sys.float_info.max) / RAMP_TIME if self.slew is None else float(self.slew)
 
     @property
     def numeric(self):
@@ -190,7 +200,8 @@ class LiveBounds(NamedTuple):
 class Live:
     """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0, slew=2.0)`.
 
-    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over all of them.
+    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over all of them. Where
+    neither has a slew, the value crosses the whole range in a second; `slew=math.inf` asks for a step. Whole numbers and truths step.
     """
 
     def __init__(self, value, *, min=None, max=None, slew=None):
@@ -203,14 +214,15 @@ class Live:
                              "--set chooses another for the next run")
         low = param.min if self.min is None else param.check(self.min)
         high = param.max if self.max is None else param.check(self.max)
-        slew = param.slew if self.slew is None else self.slew
         if low is None or high is None:
             raise ValueError("a live parameter needs both bounds: write Live(value, min=..., max=...)")
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise ValueError(f"live bounds must be finite and in order, got {low:g} to {high:g}")
-        if not (isinstance(slew, (int, float)) and slew > 0.0):
-            raise ValueError(f"a live parameter's slew must be above 0, in its unit per second, got {slew!r}")
-        return LiveBounds(low, high, float(slew))
+        if self.slew is None or param.dtype is not float:
+            return LiveBounds(low, high, param.live_slew(low, high))
+        if not (isinstance(self.slew, (int, float)) and self.slew > 0.0):
+            raise ValueError(f"a live parameter's slew must be above 0, in its unit per second, got {self.slew!r}")
+        return LiveBounds(low, high, float(self.slew))
 
 
 class Memory(Declaration):

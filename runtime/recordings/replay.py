@@ -6,6 +6,7 @@ An unchanged diagram must give every recorded signal and every frame again, bit 
 """
 
 import json
+import math
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -207,7 +208,7 @@ def order(schedule):
 
 
 def live_changes(trial, schedule):
-    """What was changed while it ran: (tick, index among the live parameters, value). BadInput for what the diagram does not allow."""
+    """What was changed while it ran: (tick, index among the live parameters, value, slew). BadInput for what the diagram does not allow."""
     index = {live.path: number for number, live in enumerate(schedule.live)}
     changes = []
     for event in trial.events:
@@ -220,7 +221,7 @@ def live_changes(trial, schedule):
         live = schedule.live[index[path]]
         if not live.low <= value <= live.high:
             raise BadInput(f"{what}, and the diagram has it live from {live.low:g} to {live.high:g}")
-        changes.append((event["tick"], index[path], float(value)))
+        changes.append((event["tick"], index[path], float(value), event.get("slew", math.inf)))
     return changes
 
 

@@ -273,17 +273,17 @@ def test_the_page_shows_values_and_targets():
     found = rig(lambda: spring(slew=200.0), {2: lambda writer: writer.set([(0, 40.0), (1, 2.0)])}, page=page)
     seen = {}
     poster = found.schedule.python_blocks[0]
-    poster.script |= {tick: lambda writer, tick=tick: seen.update({tick: page.live_values()}) for tick in (0, 3, 20)}
-    found.run(25)
+    poster.script |= {tick: lambda writer, tick=tick: seen.update({tick: page.live_values()}) for tick in (0, 3, 30)}
+    found.run(35)
     assert page.live == b"two parameters" and Page(fd=page.fd).live == page.live
-    assert seen == {0: [(30.0, 30.0), (1.0, 1.0)], 3: [(31.0, 40.0), (2.0, 2.0)], 20: [(40.0, 40.0), (2.0, 2.0)]}
+    assert seen == {0: [(30.0, 30.0), (1.0, 1.0)], 3: [(31.0, 40.0), (1.05, 2.0)], 30: [(40.0, 40.0), (2.0, 2.0)]}
 
 
 def test_an_attribute_whose_own_code_raises_is_a_fault_of_its_block():
     class Guarded(Block):
         """Takes no gain above 1, although it says so nowhere."""
 
-        gain = Param(0.5, "1", min=0.0, max=2.0, live=True)
+        gain = Param(0.5, "1", min=0.0, max=2.0, live=True, slew=math.inf)
         y = Output("1")
 
         def __setattr__(self, name, value):

@@ -19,7 +19,7 @@ def test_a_live_parameter_is_narrowed_where_a_proof_rests_on_it():
         knee = CubeMars("AK10-9-V2.0", name="knee")
         knee(torque_command=TorqueLimiter(limit=Live(12.0, max=15.0))(knee.torque))
     (proof,) = [proof for proof in compile(diagram).proofs if proof.port == "torque_command"]
-    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0, math.inf)
+    assert diagram["torque_limiter"].limit == 12.0 and diagram["torque_limiter"].live("limit") == (0.0, 15.0, 15.0)
     assert proof.interval == Interval(-15.0, 15.0)
 
 

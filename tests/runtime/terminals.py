@@ -16,8 +16,10 @@ from tests.runtime.runs import environment, write
 
 WIDE = struct.pack("HHHH", 24, 160, 0, 0)
 
-# A spring that pushes with -K: live parameters of a native block, with and without a slew, and of a Python block.
+# A spring that pushes with -K: live parameters of a native block, with a slew of their own and with the default one, and of a Python block.
 LIVE = '''
+import math
+
 from blocks.controllers import Impedance
 from blocks.recorders import CsvRecorder
 from graph import Block, Diagram, Live, Output, Param
@@ -26,7 +28,7 @@ from graph import Block, Diagram, Live, Output, Param
 class Wave(Block):
     """Nothing but its parameters."""
 
-    angle = Param(0.5, "rad", "of the wave", min=-1.0, max=1.5, live=True)
+    angle = Param(0.5, "rad", "of the wave", min=-1.0, max=1.5, live=True, slew=math.inf)
     count = Param(3, "1", min=0, max=12, live=True)
     on = Param(True, "1", min=False, max=True, live=True)
     shape = Param(2.0, "1", "of the wave; not live")

@@ -42,7 +42,7 @@ def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
     assert head.startswith(f"springs (process {run.pid}, running, tick ")
     assert lines == [
         "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  K",
-        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad)  B",
+        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; by 10 N·m·s/rad a second at most)  B",
         "  wave.angle        0.5 rad  (-1 to 1.5 rad; built as 0.5 rad)  of the wave",
         "  wave.count        3  (0 to 12; built as 3)",
         "  wave.on           true  (false or true; built as true)",
@@ -105,7 +105,7 @@ def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, comm
         f"spring.stiffness: 30 N·m/rad to 40 N·m/rad from tick {first} on, over 0.05 s",
         f"wave.angle: 0.5 rad to 1.0472 rad from tick {first} on",
         f"wave.count: 3 to 5 from tick {first} on", f"wave.on: true to false from tick {off} on",
-        f"spring.damping: 1 N·m·s/rad to 2.5 N·m·s/rad from tick {damping} on", f"wave.on: false to true from tick {on} on"]
+        f"spring.damping: 1 N·m·s/rad to 2.5 N·m·s/rad from tick {damping} on, over 0.15 s", f"wave.on: false to true from tick {on} on"]
     assert [event["tick"] for event in events[:3]] == [first] * 3 and first < off < damping < on
     assert all(event["event"] == "set" and event["by"].startswith("set ") and int(event["by"][4:]) != run.pid for event in events)
     assert events[1]["value"] == np.deg2rad(60) and events[1]["from"] == 0.5
