@@ -56,12 +56,13 @@ class TorqueLimiter(Block):
     """Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew.
 
     Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never leaves the interval that
-    holds both. A limit lowered while running holds at once. Starts at zero. NaN passes, infinity becomes NaN, neither is held, and both are
-    a fault at the actuator.
+    holds both. Where no slew is given, the torque crosses the whole range in 0.1 s: slew = 20 limit per second, of the limit as it is now
+    where that is live; `slew=math.inf` asks for none. A limit lowered while running holds at once. Starts at zero. NaN passes, infinity
+    becomes NaN, neither is held, and both are a fault at the actuator.
     """
 
     limit = Param(1.0, "N·m", "largest torque, either way", min=0.0, required=True)
-    slew = Param(math.inf, "N·m/s", "fastest change, either way", min=0.0)
+    slew = Param(None, "N·m/s", "fastest change, either way; the whole range in 0.1 s if left out", min=0.0, dtype=float)
 
     torque = Input("N·m", "asked for")
     limited = Output("N·m", "let through")
@@ -72,6 +73,11 @@ class TorqueLimiter(Block):
 
     def output_range(self, torque):
         return Interval(-self.span("limit").high, self.span("limit").high)
+
+    @property
+    def output_slew(self):
+        """The fastest change in N·m/s: the slew, or what the largest limit gives."""
+        return 20.0 * self.span("limit").high if self.slew is None else self.span("slew").high
 
 
 class DeadZone(Block):

@@ -42,6 +42,7 @@ class Block:
     models_heat = False         # tells how hot an actuator is that does not tell by itself
     always = False              # must run in every tick: in no slower subsystem, and in none that may be disabled
     abstract = False            # what others are made of, and stands in no list: where a class itself says so
+    output_slew = None          # fastest change of its output per second, where the block bounds it
     jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
     compiled = False            # it has been
     diagram = None

@@ -30,7 +30,8 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
     output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the GIL, or null)
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
-  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), holds, safe_stop,
+  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), slew (fastest change
+                                of the command in its unit per second; null where nothing bounds it), holds, safe_stop,
                                 assumes (on what the torque limit of its actuator rests besides; null for nothing)
   torque                        what bounds the torque of each actuator: actuator, bound, limit (N·m), holds, acceleration (rad/s²), figures
     bound                         proved; assumed, while |α| <= acceleration; drive, by a limit in the drive; none
@@ -155,7 +156,8 @@ def describe_proof(proof, diagram, torque):
     return {
         "command": f"{proof.path}.{proof.port}", "unit": proof.unit, "low": bound(proof.interval.low), "high": bound(proof.interval.high),
         "limit_low": bound(proof.limit.low), "limit_high": bound(proof.limit.high), "rating": actuator.rating(),
-        "bounded_by": proof.bounded_by, "at": place(source.location) if source is not None else "", "holds": proof.holds,
+        "bounded_by": proof.bounded_by, "at": place(source.location) if source is not None else "",
+        "slew": bound(source.output_slew) if source is not None and source.output_slew is not None else None, "holds": proof.holds,
         "safe_stop": stop_of(actuator), "assumes": (torque and torque.holds) or None,
     }
 

@@ -44,9 +44,13 @@ cdef int slew_settle(double *arena, const int32_t *slots, const int32_t *sizes) 
 
 
 cdef int torque_limiter_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
-    # torque, limited, limit, slew, previous
+    # torque, limited, limit, slew, previous; a slew that is not given, NaN, is the whole range in 0.1 s
     cdef double limit = arena[slots[2]]
-    cdef double y = toward(clip(arena[slots[4]], -limit, limit), clip(arena[slots[0]], -limit, limit), arena[slots[3]] * arena[DT])
+    cdef double slew = arena[slots[3]]
+    cdef double y
+    if slew != slew:
+        slew = 20.0 * limit
+    y = toward(clip(arena[slots[4]], -limit, limit), clip(arena[slots[0]], -limit, limit), slew * arena[DT])
     arena[slots[1]] = y
     if y == y:
         arena[slots[4]] = y

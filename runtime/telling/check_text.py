@@ -125,7 +125,7 @@ def proofs(found, paper):
             name = proof["command"].rpartition(".")[2]
             inside = f"{interval(proof['low'], proof['high'])} inside {interval(proof['limit_low'], proof['limit_high'])} {proof['unit']}"
             lines += paper.hang(f"    {name:<{width}}  {paper.good(bar(proof))}  ", inside)
-            lines += paper.hang(f"    {'':<{width}}  ", f"bounded by {proof['bounded_by']}, {proof['at']}", paper.faint)
+            lines += paper.hang(f"    {'':<{width}}  ", f"bounded by {proof['bounded_by']}, {proof['at']}{slew(proof)}", paper.faint)
         still = [f"{proof['command'].rpartition('.')[2]} = {proof['low']:g}" for proof in own if proof not in wired]
         if still:
             lines += paper.hang("    constant: ", ", ".join(still), paper.faint)
@@ -133,6 +133,15 @@ def proofs(found, paper):
         if own[0]["safe_stop"].startswith("damped"):
             lines += paper.hang("    safe stop: ", own[0]["safe_stop"], paper.faint)
     return lines
+
+
+def slew(proof):
+    """'; its whole range in 0.1 s at most, 240 N·m/s' of a command whose change is bounded."""
+    if proof["slew"] is None:
+        return "; it may step"
+    if not proof["slew"]:
+        return "; it cannot change"
+    return f"; from end to end in {(proof['high'] - proof['low']) / proof['slew']:.3g} s at the fastest, {proof['slew']:g} {proof['unit']}/s"
 
 
 def torque(bound, paper):

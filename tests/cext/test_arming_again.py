@@ -94,7 +94,7 @@ class Survivor:
         with Diagram("robot", rate=RATE) as robot:
             self.law = Law({tick: self.act(action) for tick, action in script.items()}, name="law")
             drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
-            drive(torque_command=TorqueLimiter(limit=5.0)(self.law(drive.position)))
+            drive(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(self.law(drive.position)))
             Rearm(name="again")(Ask(set(asks), name="ask")())
             more()
         self.rig = Rig(robot, (plant or plant_of)(robot), **options)

@@ -43,7 +43,7 @@ def two_drives():
     with Diagram("robot", rate=200) as robot:
         knee = damp(robot, can_id=1, name="knee", stop_damping=2.0, stop_time=0.3)
         hip = CubeMars("AK10-9-V2.0", can_id=2, name="hip")
-        torque = TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0))
+        torque = TorqueLimiter(limit=10.0, slew=math.inf)(Trip(name="trip")(5.0))
         knee(torque_command=torque)
         hip(torque_command=torque)
     return robot
@@ -73,7 +73,7 @@ def test_a_damped_limb_comes_to_rest_and_a_disabled_one_swings_on():
     for how in ("damp", "disable"):
         with Diagram("robot", rate=200) as robot:
             knee = CubeMars("AK10-9-V2.0", can_id=1, name="knee", safe_stop=how, stop_damping=2.0, stop_time=0.5)
-            knee(torque_command=TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0)))
+            knee(torque_command=TorqueLimiter(limit=10.0, slew=math.inf)(Trip(name="trip")(5.0)))
         with Diagram("plant", rate=1000) as plant:
             drive = EmulatedCubeMars.of(robot["knee"], name="drive")
             limb = Limb(inertia=0.2, damping=0.0, stiffness=0.0, reflex=0.0, name="limb")
@@ -107,7 +107,7 @@ def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
             return False
 
     with Diagram("robot", rate=200) as robot:
-        damp(robot, stop_time=0.1)(torque_command=TorqueLimiter(limit=10.0)(Trip(name="trip")(5.0)))
+        damp(robot, stop_time=0.1)(torque_command=TorqueLimiter(limit=10.0, slew=math.inf)(Trip(name="trip")(5.0)))
         Rearm(name="again")(Never(name="never")())
     rig = Rig(robot, plant_of(robot))
     outcome = rig.run(100, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]], told=lambda *told: None)

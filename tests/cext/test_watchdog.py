@@ -2,6 +2,7 @@
 
 import ctypes
 import json
+import math
 import os
 import signal
 import subprocess
@@ -72,7 +73,7 @@ def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
     with Diagram("robot", rate=rate) as diagram:
         for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
             knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, name=f"{side}_knee", timeout=0.0)
-            knee(torque_command=TorqueLimiter(limit=5.0)(law(side, knee)))
+            knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law(side, knee)))
     page = Page(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)

@@ -92,7 +92,7 @@ def test_the_proof_names_the_block_and_the_line_that_bounds(exo):
     [proof] = [p for p in exo["proofs"] if p["command"] == "left/knee.torque_command"]
     line = line_of(KNEE_EXO, "TorqueLimiter(limit=12.0")
     assert (proof["low"], proof["high"], proof["limit_low"], proof["limit_high"], proof["unit"]) == (-12.0, 12.0, -18.0, 18.0, "N·m")
-    assert proof["bounded_by"] == "left/torque_limiter" and proof["at"].endswith(f"knee_exo.py:{line}") and proof["holds"]
+    assert proof["bounded_by"] == "left/torque_limiter" and proof["at"].endswith(f"knee_exo.py:{line}") and proof["holds"] and proof["slew"] == 200.0
     assert "rated torque" in proof["rating"] and "AK10-9-V2.0" in proof["rating"]
 
 
@@ -266,3 +266,11 @@ def test_how_a_damped_joint_is_stopped_is_told(command_line):
     write(command_line.folder, KNEE.format(law="return 0.0").replace("can_id=", 'safe_stop="damp", can_id='), "damped.py")
     code, out, err = command_line("check", "damped.py")
     assert (code, err) == (OK, "") and "    safe stop: damped within 18 N·m for 1 s then disable\n" in out
+
+
+def test_check_tells_how_fast_a_torque_can_change(tmp_path, command_line):
+    """Ten newton metres, from end to end in 0.1 s, where the limiter has no slew; and that it may step where it asks for that."""
+    out = command_line("check", knee(tmp_path))[1]
+    assert "; from end to end in 0.1 s at the fastest, 100 N·m/s" in " ".join(out.split())
+    text = knee(tmp_path).read_text().replace("(limit=5.0)", "(limit=5.0, slew=math.inf)")
+    assert "; it may step" in " ".join(command_line("check", write(tmp_path, text))[1].split())

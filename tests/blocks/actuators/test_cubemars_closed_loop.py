@@ -134,7 +134,7 @@ def test_an_impedance_in_the_diagram_closes_the_same_loop_one_tick_later():
     with Diagram("impedance", rate=RATE) as robot:
         drive = CubeMars("AK80-9", name="drive")
         torque = Impedance(stiffness=stiffness, damping=damping)(drive.position, drive.velocity, target)
-        drive(torque_command=TorqueLimiter(limit=9.0)(torque))
+        drive(torque_command=TorqueLimiter(limit=9.0, slew=math.inf)(torque))
     recording = run(robot, RATE, plant=joint(robot), substeps=SUBSTEPS)
     t = recording.time[:-1]
     inertia = INERTIA + stiffness * (1.5 / RATE) ** 2 / 2.0 - damping * 1.5 / RATE
