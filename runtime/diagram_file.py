@@ -15,7 +15,7 @@ from graph import Block, Diagram, DiagramError, compile
 from graph.block import suggestion
 from runtime.errors import BadInput
 from runtime.rig.overrides import override
-from runtime.settings import set_block_parameter, share_out
+from runtime.settings import set_block_parameters, share_out
 
 ROOMS = tuple(str(Path(__file__).parents[1] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
 
@@ -65,7 +65,7 @@ def load(path, settings=(), rig=None):
         override(rig, diagram)
     for name, text in settings:
         if "." in name:
-            set_block_parameter(diagram, name, text)
+            set_block_parameters(diagram, name, text)
     return file, diagram
 
 

@@ -6,6 +6,7 @@ import inspect
 from graph import DiagramError, units
 from graph.block import suggestion
 from runtime.errors import BadInput
+from runtime.live import patterns
 
 TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -55,6 +56,20 @@ def parse_like(default, name, text):
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
         return text
+
+
+def set_block_parameters(diagram, name, text):
+    """Set "left/impedance.stiffness", or all that "*/impedance.stiffness" matches, from a text. BadInput."""
+    if not patterns.is_pattern(name):
+        set_block_parameter(diagram, name, text)
+        return
+    known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
+    found = patterns.matching(name, known)
+    if not found:
+        hint = patterns.hint(name, known) or f"its blocks are {', '.join(sorted(diagram.blocks))}"
+        raise BadInput(f"--set {name}={text}: {diagram.name} has no parameter that matches; {hint}")
+    for each in found:
+        set_block_parameter(diagram, each, text)
 
 
 def set_block_parameter(diagram, name, text):

@@ -1,6 +1,7 @@
 """Live parameters from outside the loop: what a run's page tells of them, where the runs are, and the command that changes them.
 
     runtime.live.table      what there is to change: path, unit, bounds, present value
+    runtime.live.patterns   `*/profile.scale` for both legs at once
     runtime.live.runs       the runs on this machine and their pages
     runtime.live.command    `python -m runtime set PID left/impedance.stiffness=40`
 

@@ -6,9 +6,8 @@ import time
 
 from cext.mailbox_writer import MOST_CHANGES, Writer
 from graph import Param
-from graph.block import suggestion
 from runtime.errors import BadInput
-from runtime.live import table
+from runtime.live import patterns, table
 from runtime.live.runs import page_of, runs
 
 PATIENCE = 2.0                  # s, and some ticks of a slow run, until a letter counts as not taken
@@ -17,18 +16,29 @@ LOOK = 0.001                    # s between looks at a letter
 
 
 def set_live(pid, settings):
-    """Lines to tell. pid : of the run; settings : pairs (path, text). BadInput, and then nothing was changed unless it says so."""
+    """Lines to tell. BadInput, and then nothing was changed unless it says so.
+
+    pid : of the run
+    settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to MOST_CHANGES parameters
+    """
     page = find(pid)
     told = table.read(page)
     if not told.parameters:
         raise BadInput(f"{told.name} (process {pid}) has no live parameters: a diagram marks one with Param(..., live=True) or Live(...)")
     if not settings:
         return listing(pid, page, told)
-    changes = [(parameter, value) for parameter, value in (wanted(told, name, text) for name, text in settings)]
-    lines = []
-    for first in range(0, len(changes), MOST_CHANGES):
-        lines += send(page, told, pid, changes[first : first + MOST_CHANGES])
-    return lines
+    changes = letters([wanted(told, name, text) for name, text in settings])
+    return [line for letter in changes for line in send(page, told, pid, letter)]
+
+
+def letters(groups):
+    """Lists of at most MOST_CHANGES changes, each taken in one tick. A group that fits into one is not divided."""
+    found = [[]]
+    for group in groups:
+        if len(found[-1]) + len(group) > MOST_CHANGES:
+            found.append([])
+        found[-1] += group
+    return [letter[first : first + MOST_CHANGES] for letter in found for first in range(0, len(letter), MOST_CHANGES)]
 
 
 def find(pid):
@@ -45,18 +55,23 @@ def find(pid):
 
 
 def wanted(told, name, text):
-    """(Parameter, value) of one setting. BadInput."""
+    """[(Parameter, value)] of one setting: of every parameter that its name, or pattern, matches. BadInput where one of them cannot have it."""
     known = {parameter.path: parameter for parameter in told.parameters}
-    if name not in known:
-        hint = suggestion(name, known)
-        raise BadInput(f"{name}={text}: {told.name} has no live parameter {name!r}; {hint or 'live are ' + ', '.join(known)}")
-    parameter = known[name]
+    found = patterns.matching(name, known)
+    if not found:
+        hint = patterns.hint(name, known) or "live are " + ", ".join(known)
+        raise BadInput(f"{name}={text}: {told.name} has no live parameter {name!r}; {hint}")
+    return [(known[path], value_of(known[path], name, text)) for path in found]
+
+
+def value_of(parameter, name, text):
     types = {"float": float, "int": int, "bool": bool}
     bounds = {} if parameter.dtype == "bool" else {"min": parameter.plain(parameter.low), "max": parameter.plain(parameter.high)}
     try:
-        return parameter, float(Param(parameter.plain(parameter.built), parameter.unit, dtype=types[parameter.dtype], **bounds).parse(text))
+        return float(Param(parameter.plain(parameter.built), parameter.unit, dtype=types[parameter.dtype], **bounds).parse(text))
     except ValueError as error:
-        raise BadInput(f"{name}={text}: {error}") from None
+        which = "" if parameter.path == name else f"{parameter.path} "
+        raise BadInput(f"{name}={text}: {which}{error}") from None
 
 
 def send(page, told, pid, changes):

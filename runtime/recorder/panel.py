@@ -3,7 +3,8 @@
     space           stop, in the safe stop
     Enter           arm, where the run has shown what it found and asks; q ends it there
     r               arm again, where the run waits after a fault; q ends it there
-    Tab, Shift-Tab  choose a live parameter: the next, the one before
+    Tab, Shift-Tab  choose a live parameter: the next, the one before; what several parts of the diagram have alike, as both legs have
+                    profile.scale, is offered first as one, */profile.scale
     up, down        a step of about a twentieth of its range
     right, left     a tenth of such a step
     0               back to the value it was built with
@@ -14,9 +15,9 @@
 
 import os
 
-from cext.mailbox_writer import Writer
+from cext.mailbox_writer import MOST_CHANGES, Writer
 
-from runtime.live import table
+from runtime.live import patterns, table
 from runtime.recorder.files import create
 from runtime.recorder.line import part
 
@@ -39,6 +40,7 @@ class Panel:
     def __init__(self, page, keyboard, recording):
         self.page, self.keyboard, self.recording = page, keyboard, recording
         self.table = table.read(page)
+        self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
         self.chosen = None
         self.waiting = {}                       # ticket: what to say once it is answered
@@ -55,7 +57,6 @@ class Panel:
         self.asking = self.recording.asks       # what was pressed before is no answer
 
     def press(self, key, now):
-        parameters = self.table.parameters
         waits = self.page.state in ("ready", "waiting")
         if key == "space" or (key == "q" and waits):
             self.post(self.writer.stop(), "", now)
@@ -71,17 +72,19 @@ class Panel:
             self.recording.say(HELP)
         elif key == "s":
             self.save(now)
-        elif key in ("tab", "shift tab", "0", *STEPS) and not parameters:
+        elif key in ("tab", "shift tab", "0", *STEPS) and not self.choices:
             self.say("no live parameters", now)
         elif key == "tab":
-            self.chosen = 0 if self.chosen is None else (self.chosen + 1) % len(parameters)
+            self.chosen = 0 if self.chosen is None else (self.chosen + 1) % len(self.choices)
         elif key == "shift tab":
-            self.chosen = (self.chosen or 0) - 1 if self.chosen else len(parameters) - 1
+            self.chosen = (self.chosen or 0) - 1 if self.chosen else len(self.choices) - 1
         elif key in ("0", *STEPS) and self.chosen is None:
             self.say("Tab chooses a parameter first", now)
         elif key in ("0", *STEPS):
-            parameter = parameters[self.chosen]
-            self.change(parameter, parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key]), now)
+            _, parameters = self.choices[self.chosen]
+            self.change([
+                (parameter, parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key])) for parameter in parameters
+            ], now)
 
     def target(self, parameter):
         """Where a parameter is going, letters that wait included."""
@@ -90,12 +93,14 @@ class Panel:
     def values(self):
         return table.values(self.page, self.table.parameters)
 
-    def change(self, parameter, value, now):
-        if value == self.target(parameter):
+    def change(self, wanted, now):
+        """Post what differs as one letter, which takes effect in one tick. wanted : pairs (Parameter, value)"""
+        changes = [(parameter.index, value) for parameter, value in wanted if value != self.target(parameter)]
+        if not changes:
             return
-        ticket = self.post(self.writer.set([(parameter.index, value)]), "", now)
+        ticket = self.post(self.writer.set(changes), "", now)
         if ticket is not None:
-            self.wanted[parameter.index] = ticket, value
+            self.wanted |= {index: (ticket, value) for index, value in changes}
 
     def post(self, ticket, what, now):
         if ticket is None:
@@ -141,10 +146,11 @@ class Panel:
         """What the status line shows."""
         parts = [part(8.8, ASKS[self.page.state], colour="bold")] if self.page.state in ASKS else []
         if self.chosen is not None:
-            parameter = self.table.parameters[self.chosen]
-            value, target = self.values()[self.chosen]
-            text = f"{parameter.path} {parameter.shown(value)}" + (f" > {parameter.shown(target)}" if value != target else "")
-            parts += [part(8.5, text, colour="bold"), part(4.5, f"({parameter.bounds})", joined=True)]
+            name, parameters = self.choices[self.chosen]
+            values = self.values()
+            told = list(dict.fromkeys(shown(parameter, *values[parameter.index]) for parameter in parameters))
+            bounds = list(dict.fromkeys(parameter.bounds for parameter in parameters))
+            parts += [part(8.5, f"{name} {', '.join(told)}", colour="bold"), part(4.5, f"({', '.join(bounds)})", joined=True)]
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
         elif self.chosen is None and self.keyboard.taken:
@@ -153,3 +159,16 @@ class Panel:
 
     def close(self):
         self.keyboard.close()
+
+
+def choices(parameters):
+    """[(name, parameters)] that Tab goes through: what several parts have alike, in one, and then each parameter alone."""
+    by_path = {parameter.path: parameter for parameter in parameters}
+    together = {
+        pattern: [by_path[path] for path in paths] for pattern, paths in patterns.shared(by_path).items()
+        if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= MOST_CHANGES}
+    return [*together.items(), *((parameter.path, [parameter]) for parameter in parameters)]
+
+
+def shown(parameter, value, target):
+    return parameter.shown(value) + (f" > {parameter.shown(target)}" if value != target else "")
