@@ -51,7 +51,10 @@ class Emulated:
 
     @classmethod
     def of(cls, actuator, **parameters):
-        """The emulator of one block of a robot."""
+        """The emulator of one block of a robot.
+
+        parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match the table.
+        """
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
 

@@ -1,5 +1,7 @@
 """CubeMars boards that are not there, as far as they speak in extended frames."""
 
+from dataclasses import replace
+
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.emulated import Emulated
 from cext.kernels import cubemars_drive as kernels
@@ -10,10 +12,17 @@ class Boards:
     """What the emulated boards share. Taken over one by one, behind the items of every emulated drive."""
 
     report_rate = Param(0.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
+    torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
+    pole_pairs = Param(0, "1", "of the motor, by which its speed is reported; 0 for the table's", min=0, fixed=True, kernel=False)
     scales = Memory((0.0,) * 3, "rad and rad/s of a code of its status, N·m of an ampere, at the joint")
     board = Memory((0.0,) * 2, "whether it knows force control, whether that needs to be entered")
     motion = Memory(
         (-1.0,) + (0.0,) * 8, "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead")
+
+
+def with_pole_pairs(found, pole_pairs):
+    """A model with another motor than the table's, where `pole_pairs` is not 0."""
+    return replace(found, pole_pairs=pole_pairs) if pole_pairs else found
 
 
 class EmulatedCubeMarsV3(Emulated, Device):
@@ -26,6 +35,7 @@ class EmulatedCubeMarsV3(Emulated, Device):
 
     report_rate = Boards.report_rate
     enter = Param(False, "1", "whether it obeys force control only after FF..FC", fixed=True, kernel=False)
+    torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
     find = staticmethod(models_v3.find)
@@ -38,7 +48,8 @@ class EmulatedCubeMarsV3(Emulated, Device):
         if self.peak is None and self.found.peak is None:
             self.peak = self.found.wire_torque * self.gear_ratio
         super().configure()
-        self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
+        self.scales = frames.scales(
+            with_pole_pairs(self.found, self.pole_pairs), self.gear_ratio, self.torque_constant or self.found.torque_constant)
         self.board = (1.0, float(self.enter))
 
     def addresses(self):
@@ -53,7 +64,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
     """
 
     report_rate = Param(100.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
-    torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
+    torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
     find = staticmethod(models_v3.find_in_servo_mode)
@@ -74,7 +85,7 @@ class EmulatedCubeMarsServo(Emulated, Device):
         constant = self.torque_constant or self.found.torque_constant
         if constant is None:
             raise ValueError(f"the torque constant of {self.found.name} is not published: give torque_constant= in N·m/A, at its output")
-        self.scales = frames.scales(self.found, self.gear_ratio, constant)
+        self.scales = frames.scales(with_pole_pairs(self.found, self.pole_pairs), self.gear_ratio, constant)
         self.board = (float(self.found.generation >= 3), 0.0)
 
     def addresses(self):
