@@ -56,6 +56,13 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     ESTOP = 13              # an emergency stop
     RMS_TORQUE = 14         # a drive's RMS torque is above the rated one, and that shall end the run
     TOO_HOT = 15            # a drive is too hot
+    BEYOND_ACCELERATION = 16    # a joint goes on accelerating beyond the bound on which its limit rests
+    BEYOND_TORQUE = 17      # a drive measures more torque than its limit and its accuracy
+    OVER_TRAVEL = 18        # a joint is outside its range
+    OVERSPEED = 19          # a joint is faster than its max_velocity
+    NOT_FOLLOWING = 20      # a drive does not give the torque that is commanded
+    SCALE_MISMATCH = 21     # two measurements of one thing differ: a wire range or a constant is not the drive's
+    IMPLAUSIBLE = 22        # a measurement that cannot be
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

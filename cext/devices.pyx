@@ -296,6 +296,8 @@ cdef class Devices:
                 self.failed.device = number
                 return DEVICE_FAULT
         self.warnings.look(self.arena, <int64_t>self.arena[TICK])
+        for number in range(self.drives.count):
+            self.drives.drives[number].heard = self.devices[self.drives.drives[number].device].heard
         status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
         if status != OK:
             self.failed.device = self.drives.failed

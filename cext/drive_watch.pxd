@@ -1,5 +1,6 @@
 from libc.stdint cimport int64_t, uint64_t
 
+from cext.motion_watch cimport Motion
 from cext.page cimport PageLayout
 
 cdef enum:
@@ -16,6 +17,7 @@ cdef enum: # what is told of, once a run each
     RMS_NEWS
     WARM_NEWS
     DERATED_NEWS
+    ACCELERATION_NEWS
     NEWS_KINDS
 
 cdef struct Watched:
@@ -25,6 +27,9 @@ cdef struct Watched:
     int rms
     int felt                         # where the kernel finds what is left of its limit; -1: nowhere
     double full                      # what is there when nothing is taken
+    double left                      # share of it that was left in the last tick
+    int64_t heard                    # ns, of the newest reply
+    Motion motion
     int mode
     double rated, limit              # N·m
     double window                    # s
@@ -48,5 +53,7 @@ cdef class DriveWatch:
     cdef void reset(self) noexcept nogil
     cdef uint64_t share(self, PageLayout *page)
     cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil
+    cdef void place_motion(self, Watched *drive, steps)
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil
+    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil

@@ -1,5 +1,5 @@
 # cython: freethreading_compatible=True
-"""The watch over each actuator: the root mean square of its torque, which heats it, and its temperature.
+"""The watch over each actuator: the root mean square of its torque, which heats it, its temperature, and its motion.
 
     RMS          √(Σ τ² dt / window) over the last window, in 64 buckets; what has not been yet counts as zero
     warn         it is told once, and counted
@@ -10,18 +10,21 @@
     silent       nothing
 
     temperature  told from `warm` on; from `derate` to `hot` the limit goes down to nothing; at `hot` the run ends
+    motion       cext/motion_watch.pxd
 
-The share that is left of a limit is written where the drive's kernel finds it, before it encodes.
+The share that is left of a limit, and of stiffness and damping, is written where the drive's kernel finds it, before it encodes.
 """
 
-from libc.math cimport sqrt
+from libc.math cimport NAN, log, sqrt
 from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
-from cext.abi cimport OK, RMS_TORQUE, TOO_HOT
+from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
+from cext.motion_watch cimport NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values
 from cext.news cimport News
 
 MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}
+ABOUT = {NOTHING: None, TEMPERATURE: "temperature", POSITION: "position", VELOCITY: "velocity", TORQUE: "torque"}
 
 
 cdef class DriveWatch:
@@ -40,10 +43,28 @@ cdef class DriveWatch:
                 index, steps.torque, steps.temperature, steps.rms, steps.felt, steps.full)
             drive.mode, drive.rated, drive.limit, drive.window = MODES[watch.mode], watch.rated, watch.limit, watch.window
             drive.warm, drive.derate, drive.hot = watch.warm, watch.derate, watch.hot
+            self.place_motion(drive, steps)
             self.names.append(device.name)
             for words in watch.words():
                 self.news.append(News({"event": "warning", "device": device.name, "what": words}))
                 self.told[len(self.news) - 1] = <void *>self.news[len(self.news) - 1]
+
+    cdef void place_motion(self, Watched *drive, steps):
+        """Where its things lie, and what bounds it."""
+        cdef Motion *m = &drive.motion
+        motion = steps.watch.motion
+        m.torque = steps.torque
+        m.position = m.velocity = m.stiffness = m.damping = m.law = m.current = m.gains = -1
+        if motion is None:
+            return
+        m.position, m.velocity, m.stiffness, m.damping = steps.position, steps.velocity, steps.stiffness, steps.damping
+        m.law, m.current, m.gains, m.current_scale = steps.law, steps.current, steps.gains, motion.current_scale
+        low, high = motion.range or (float("-inf"), float("inf"))
+        m.low, m.high = low, high
+        m.fastest, m.limit, m.accuracy, m.rated = motion.fastest, motion.limit, motion.accuracy, steps.watch.rated
+        m.offset, m.position_end, m.velocity_end = motion.offset, motion.position_end, motion.velocity_end
+        m.acceleration.bound, m.acceleration.codes = motion.acceleration, 2.0 * motion.velocity_code
+        m.velocity_scale.tolerance, m.torque_scale.tolerance = log(1.0 + motion.velocity_tolerance), log(1.0 + motion.torque_tolerance)
 
     def __dealloc__(self):
         free(self.drives)
@@ -51,10 +72,14 @@ cdef class DriveWatch:
 
     @property
     def found(self):
-        """Of each drive: its path, largest RMS torque in N·m and temperature in °C, and ticks in which each warning held."""
+        """Of each drive: its path, largest RMS torque in N·m and temperature in °C, ticks in which each warning held, and what the newest
+        fault of its motion is about, with its value and its bound.
+        """
         return [
             {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest, "rms_ticks": self.drives[i].ticks[RMS_NEWS],
-             "warm_ticks": self.drives[i].ticks[WARM_NEWS], "derated_ticks": self.drives[i].ticks[DERATED_NEWS]}
+             "warm_ticks": self.drives[i].ticks[WARM_NEWS], "derated_ticks": self.drives[i].ticks[DERATED_NEWS],
+             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_NEWS], "about": ABOUT[self.drives[i].motion.about],
+             "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
             for i in range(self.count)
         ]
 
@@ -69,6 +94,9 @@ cdef class DriveWatch:
             drive.filled = drive.past = drive.largest = 0.0
             drive.hottest = -1e300
             drive.place = 0
+            drive.left = 1.0
+            drive.motion.about = NOTHING
+            forget_motion(&drive.motion)
 
     cdef uint64_t share(self, PageLayout *page):
         """Where to tell; NULL: nowhere. Returns how many bytes of the ring one tick may take for that."""
@@ -87,8 +115,17 @@ cdef class DriveWatch:
         return OK
 
     cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil:
+        """Before the first tick, when nothing has a period yet, what is implausible or too hot is judged alone."""
+        cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
+        cdef int status = judge_values(&drive.motion, arena, temperature)
+        if status == OK and arena[PERIOD] > 0.0:
+            status = judge_motion(&drive.motion, arena, drive.heard, arena[PERIOD], drive.left)
+            if drive.motion.beyond:
+                self.note(drive, ACCELERATION_NEWS, tick)
+        return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)
+
+    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil:
         cdef double torque = arena[drive.torque]
-        cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else -1e300
         cdef double bucket = drive.window / (BUCKETS - 1)
         cdef double left = 1.0
         cdef double rms, floor, cool
@@ -131,6 +168,7 @@ cdef class DriveWatch:
             left = cool if cool < left else left
         if drive.felt >= 0:
             arena[drive.felt] = left * drive.full
+            drive.left = left
         return OK
 
     cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:

@@ -9,8 +9,8 @@ import sys
 from libc.stdint cimport int64_t
 
 from cext.abi cimport (
-    AUTHORITY, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, NO_ANSWER, NOT_FINITE, OK, OUT_OF_LIMITS, OVERRUN, PYTHON_ERROR,
-    RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
+    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE, NO_ANSWER, NOT_FINITE,
+    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
 )
 from cext.live cimport STOP_WANTED, apply_changes
 from cext.mailbox cimport NOT_NOW, REARM, TAKEN
@@ -45,11 +45,15 @@ cdef class Waiting(Arming):
         return status
 
     cdef bint is_survived(self, int status):
-        """Whether a run that fails like this may be armed again. Never where another process has stopped it, nor where nobody can tell."""
+        """Whether a run that fails like this may be armed again.
+
+        Never where another process has stopped it, where nobody can tell, or where a scale is wrong: it would be wrong again.
+        """
         if self.plant is not None and self.plant.culprit is not None:
             return False
         return self.tick >= 0 and not self.signals.caught[0] and (
-            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT)
+            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT,
+                       BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE)
             or status >= FIRST_OWN_STATUS)
 
     cdef object outcome(self, int status, tuple unanswered=()):

@@ -7,7 +7,7 @@ from graph.arithmetic import stack
 from graph.block import Block, Sink
 from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
-from graph.device import Actuator, DampedStop, Device, ReplyField, TorqueBound, Watch
+from graph.device import Actuator, DampedStop, Device, Motion, ReplyField, TorqueBound, Watch
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Signal, subsystem
 from graph.function import block
@@ -17,6 +17,7 @@ from graph.stream import StreamDevice
 from graph.units import deg
 
 __all__ = [
-    "Actuator", "Block", "DampedStop", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Output",
-    "Param", "ReplyField", "Schedule", "Signal", "Sink", "StreamDevice", "Watch", "block", "compile", "deg", "stack", "subsystem",
+    "Actuator", "Block", "DampedStop", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Motion",
+    "Output", "Param", "ReplyField", "Schedule", "Signal", "Sink", "StreamDevice", "TorqueBound", "Watch", "block", "compile", "deg", "stack",
+    "subsystem",
 ]

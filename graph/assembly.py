@@ -185,7 +185,20 @@ class Assembly:
             return None
         name, index = watch.felt or ("", 0)
         felt, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
-        return WatchSteps(watch, slot("torque"), slot("temperature"), slot("rms_torque"), felt, full)
+        return WatchSteps(watch, slot("torque"), slot("temperature"), slot("rms_torque"), felt, full, **self.motion_slots(block, watch.motion, slot))
+
+    def motion_slots(self, block, motion, slot):
+        """Where the watch over an actuator's motion finds its things, {} where it has none."""
+        if motion is None:
+            return {}
+        found = {"position": slot("position"), "velocity": slot("velocity"), "current": slot(motion.current)}
+        if motion.law is not None:
+            found["law"] = self.memory[block][motion.law][0]
+        if motion.gains is not None:
+            name, index = motion.gains
+            found |= {quantity: self.input_slot(block, f"{quantity}_command") for quantity in ("stiffness", "damping")}
+            found["gains"] = self.memory[block][name][0] + index
+        return found
 
     def recorded(self):
         """Slots of everything that some sink takes, what each is, and each sink's columns among them."""

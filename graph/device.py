@@ -1,9 +1,41 @@
 """Devices: blocks that stand for something at the end of a bus. One block, two steps: feedback in, command out."""
 
+import math
 from dataclasses import dataclass
 
 from graph.block import Block
 from graph.interval import Interval
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the run watches of an actuator's motion and torque, at the joint: cext/motion_watch.pxd has the rules.
+
+    acceleration : rad/s² on which the limit rests where stiffness or damping is commanded; velocity_code : rad/s of a code of the velocity
+    gains : (name of a memory, index) where its kernel finds the share of stiffness and damping that is allowed, or None
+    range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s
+    limit, accuracy : N·m, of what may be measured: the first goes down with `felt`
+    offset, position_end, velocity_end : rad, rad, rad/s: half ranges of what is reported, as the drive has it
+    law : name of the memory of position, velocity, stiffness, damping, torque that were sent, or None
+    current, current_scale : name of the output of a current that was sent, or None, and N·m of an A
+    velocity_tolerance, torque_tolerance : by how much of the other two measurements of one thing may differ
+    """
+
+    acceleration: float = math.inf
+    velocity_code: float = 0.0
+    gains: tuple | None = None
+    range: tuple = ()
+    fastest: float = math.inf
+    limit: float = math.inf
+    accuracy: float = 0.0
+    offset: float = 0.0
+    position_end: float = math.inf
+    velocity_end: float = math.inf
+    law: str | None = None
+    current: str | None = None
+    current_scale: float = 0.0
+    velocity_tolerance: float = math.inf
+    torque_tolerance: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -15,6 +47,7 @@ class Watch:
     window : s, of the RMS torque
     warm, derate, hot : °C: told from, derated from, too hot from
     felt : (name of a memory, index) where its kernel finds what is left of its limit, or None
+    motion : Motion, or None: then only what is no number is a fault
     """
 
     rated: float
@@ -25,6 +58,7 @@ class Watch:
     derate: float = 80.0
     hot: float = 100.0
     felt: tuple | None = None
+    motion: Motion | None = None
 
     def words(self):
         """What is told, in the order of cext/drive_watch.pxd."""
@@ -35,6 +69,8 @@ class Watch:
              }.get(self.mode, f"{rms} is above the rated {self.rated:.3g} N·m"),
             f"warmer than {self.warm:g} °C",
             f"hotter than {self.derate:g} °C: its limit goes down, and at {self.hot:g} °C the run ends",
+            "" if self.motion is None else (
+                f"accelerates beyond its max_acceleration of {self.motion.acceleration:g} rad/s²: stiffness and damping are zero until it is calm"),
         )
 
 

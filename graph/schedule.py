@@ -29,6 +29,7 @@ class WatchSteps:
     """What is watched over an actuator, and where it finds its things: slots, -1 for what there is none of.
 
     felt : where the kernel reads what is left of its limit; full : what stands there when nothing is taken
+    law : first of five: what the last frame carried; gains : where the kernel reads the share of stiffness and damping
     """
 
     watch: object               # graph.device.Watch
@@ -37,6 +38,13 @@ class WatchSteps:
     rms: int
     felt: int
     full: float
+    position: int = -1
+    velocity: int = -1
+    stiffness: int = -1
+    damping: int = -1
+    law: int = -1
+    current: int = -1
+    gains: int = -1
 
 
 @dataclass(frozen=True)

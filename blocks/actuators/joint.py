@@ -4,7 +4,8 @@ import math
 from numbers import Real
 
 from blocks.actuators import law_figures
-from graph import Input, Interval, Memory, Output, Param, TorqueBound, Watch
+from cext.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
+from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch
 from graph.reach import Reach
 
 RANGES = ("position", "velocity", "stiffness", "damping", "torque")
@@ -49,7 +50,7 @@ class Joint:
     offset = Param(
         0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
     range = Param(
-        (), "rad", "(lowest, highest) angle that the joint's own motion reaches, for the table before arming; () where it is not known")
+        (), "rad", "(lowest, highest) angle that the joint's own motion reaches; beyond it the run ends. () where it is not known")
     wake_shift = Param(
         None, "rad", "by a multiple of which a power cycle can shift the reading of the joint; the model's by default, 0 where this unit was "
         "verified to keep it", dtype=float, min=0.0, fixed=True, kernel=False)
@@ -74,6 +75,10 @@ class Joint:
         500.0, "rad/s²", "largest acceleration of the joint for which the limit holds where the drive adds stiffness or damping",
         above=0.0, max=1e5, fixed=True)
 
+    max_velocity = Param(
+        0.0, "rad/s", "speed of the joint beyond which the run ends; 0: that of the model without load where its table has it, else the "
+        "end of the wire's range", min=0.0, fixed=True, kernel=False)
+
     position_command = Input("rad", "θ₀", default=0.0)
     velocity_command = Input("rad/s", "ω₀", default=0.0)
     torque_command = Input("N·m", "τ_ff", default=0.0)
@@ -95,6 +100,7 @@ class Joint:
     hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", *(f"wire_{name}" for name in RANGES))
     sent_outputs = ("torque_sent", "limited")
     felt = ("limits", 5)
+    velocity_codes = 0xFFF      # steps of the velocity in its feedback
 
     def configure(self):
         found = self.found = self.find(self.model)
@@ -128,7 +134,34 @@ class Joint:
     def watched(self):
         return Watch(
             rated=self.rated_torque(), limit=self.torque_limit, mode=self.rms_mode, window=self.rms_window,
-            warm=self.warning_temperature, derate=self.derating_temperature, hot=self.fault_temperature, felt=self.felt)
+            warm=self.warning_temperature, derate=self.derating_temperature, hot=self.fault_temperature, felt=self.felt,
+            motion=self.motion())
+
+    def motion(self):
+        """What the run watches of its motion, where it is commanded with torque, stiffness and damping."""
+        return Motion(
+            acceleration=self.max_acceleration, velocity_code=2.0 * self.wire[1] / self.velocity_codes, gains=("limits", 6), law="sent",
+            torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE, **self.motion_of_any_mode())
+
+    def motion_of_any_mode(self):
+        position, velocity = self.feedback_ends()
+        return {
+            "range": self.range, "fastest": self.fastest(velocity), "limit": self.torque_limit, "accuracy": self.torque_accuracy(),
+            "offset": self.offset, "position_end": position, "velocity_end": velocity, "velocity_tolerance": 1e-2 * SCALE_TOLERANCE}
+
+    def feedback_ends(self):
+        """rad and rad/s at the joint, as far as its feedback reaches."""
+        return self.wire[:2]
+
+    def fastest(self, end):
+        """rad/s beyond which it is an overspeed: short of the end of what the drive reports, where the speed is not known."""
+        no_load = getattr(self.found, "no_load", math.inf) * math.pi / 30.0 / self.gear_ratio
+        return min(self.max_velocity or min(no_load, 0.995 * self.wire[1]), 0.995 * end)
+
+    def torque_accuracy(self):
+        """N·m. No vendor publishes it: the torque constants of CubeMars that users have measured are 4 to 12 % off the store's."""
+        peak = self.wire[4] if self.found.peak is None else self.found.peak * self.gear_ratio
+        return 1e-2 * TORQUE_ACCURACY * peak
 
     def rated_torque(self):
         """N·m at the joint; of a model whose rating nobody has published, the limit that was given."""

@@ -138,7 +138,8 @@ def test_stiffness_and_damping_are_held_inside_what_is_left_of_the_limit():
         drive(position=0.0, velocity=0.0, temperature=90.0)
     rig = Rig(robot, plant)
     rig.run(20, fade=0.0)
-    assert rig["knee.torque"][2:].max() == pytest.approx(9.0, abs=0.4) and rig["knee.torque"].max() <= 9.05
+    # The rest of the 9 N·m is for what the joint may move meanwhile: 100 N·m/rad times ½ max_acceleration (3 periods)².
+    assert rig["knee.torque"][2:].max() == pytest.approx(9.0 * 100.0 / 105.6, abs=0.1) and rig["knee.torque"].max() <= 9.05
 
 
 def test_the_current_of_a_mode_without_torque_goes_down_too():

@@ -64,6 +64,26 @@ class Celsius(From):
     y = Output("°C")
 
 
+class Radians(From):
+    y = Output("rad")
+
+
+class Speed(From):
+    y = Output("rad/s")
+
+
+class Shaken(Speed):
+    """To and fro, every second tick of the robot."""
+
+    def step(self, tick):
+        return self.before if tick < self.when else self.after * (-1) ** (tick // (2 * SUBSTEPS))
+
+
+class Outage(Truth):
+    def step(self, tick):
+        return self.after if self.when <= tick < self.when + RATE // 20 * SUBSTEPS else self.before
+
+
 class Code(From):
     y = Output("1", dtype=int)
 
@@ -121,7 +141,7 @@ class Fault:
     status, culprit, unconfirmed : of the Outcome
     late : ticks after AT at which it can be detected at the latest
     law : of the left drive, called from AT on; between : what stands between law and drive, a limiter; parameters : of the left drive
-    left : {input of the left drive's emulator: (block class, before, after)}
+    left : {input of the left drive's emulator: (block class, before, after)}; emulated : its parameters; wired : more inputs of the left drive
     more, plant : make blocks in the robot, in the plant; act : called with the Rig, at AT; guard : whether a guardian is looked for
     commanded : whether the torque of the newest tick has gone out; ticks : most that are run
     """
@@ -133,6 +153,8 @@ class Fault:
     between: object = None
     parameters: dict = field(default_factory=dict)
     left: dict = field(default_factory=dict)
+    emulated: dict = field(default_factory=dict)
+    wired: dict = field(default_factory=dict)
     more: object = None
     plant: object = None
     act: object = None
@@ -173,6 +195,15 @@ FAULTS = {
     "a silent drive": Fault("silent", "left", 12, unconfirmed=("left",), parameters={"timeout": 0.05}, plant=lambda: Thief(name="thief")),
     "a fault bit": Fault("device fault", "left", 2, left={"fault": (Code, 0, 5)}),
     "a drive that is too hot": Fault("too hot", "left", 2, left={"temperature": (Celsius, 30.0, 101.0)}),
+    "a temperature that cannot be": Fault("implausible", "left", 2, left={"temperature": (Celsius, 30.0, -100.0)}),
+    "a joint outside its range": Fault("over-travel", "left", 2, left={"position": (Radians, 0.1, 0.6)}, parameters={"range": (0.0, 0.5)}),
+    "a joint that is too fast": Fault("overspeed", "left", 4, left={"velocity": (Speed, 0.0, 6.0)}, parameters={"max_velocity": 5.0}),
+    "a drive that is without power for 50 ms": Fault("not following", "left", 45, left={"power_lost": (Outage, False, True)}),
+    "torque beyond the limit": Fault(
+        "excess torque", "left", 6, left={"position": (Radians, 0.1, 0.5)}, wired={"position_command": 0.1, "stiffness_command": 20.0},
+        emulated={"wire_stiffness": 5000.0}),
+    "acceleration that goes on": Fault("acceleration", "left", 15, left={"velocity": (Shaken, 0.0, 4.0)}, wired={"damping_command": 0.2}),
+    "a velocity with another scale": Fault("scale mismatch", "left", 205, left={"velocity": (Speed, 0.0, 1.0)}),
     "RMS torque that shall end the run": Fault(
         "rms torque", "left", 250, law=lambda: 17.0, between=lambda u: TorqueLimiter(limit=18.0)(u),
         parameters={"rms_mode": "disable", "rms_window": 1.0, "limit": "peak"}),
@@ -216,15 +247,15 @@ def build(fault):
     hold = parameters.pop("hold", 0)
     with Diagram("robot", rate=RATE) as robot:
         law = Law(fault.law, name="law", hold_exceptions=hold).torque
-        CubeMars("AK80-9", bus="left", can_id=1, name="left", **parameters)(torque_command=(fault.between or limited)(law))
+        CubeMars("AK80-9", bus="left", can_id=1, name="left", **parameters)(torque_command=(fault.between or limited)(law), **fault.wired)
         CubeMars("AK80-9", bus="right", can_id=2, name="right")(torque_command=1.0)
         if fault.more is not None:
             fault.more()
         acts = Acts(fault.act, name="acts") if fault.act is not None else None
     with Diagram("plant", rate=SUBSTEPS * RATE) as plant:
         signals = {name: kind(before, after, AT * SUBSTEPS, name=name).y for name, (kind, before, after) in fault.left.items()}
-        drive = {name: signals[name] for name in signals if name in ("fault", "temperature")}
-        EmulatedCubeMars.of(robot["left"], name="left_drive")(position=0.1, velocity=0.0, **drive)
+        drive = {name: signals[name] for name in signals if name in EmulatedCubeMars.inputs and "button" not in robot.blocks}
+        EmulatedCubeMars.of(robot["left"], name="left_drive", **fault.emulated)(**{"position": 0.1, "velocity": 0.0} | drive)
         EmulatedCubeMars.of(robot["right"], name="right_drive")(position=0.1, velocity=0.0)
         if "button" in robot.blocks:
             EmulatedEStop.of(robot["button"], name="emulated")(**{name: signals[name] for name in signals if name not in drive})

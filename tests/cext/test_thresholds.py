@@ -34,7 +34,7 @@ def shown():
 
 def defined():
     text = (ROOT / "cext/thresholds.pxd").read_text()
-    return {name: int(value) for name, value in re.findall(r"^    ([A-Z_]+) = (\d+)", text, re.MULTILINE)}
+    return {name: int(value) for name, value in re.findall(r"^    ([A-Z_]+) = (-?\d+)", text, re.MULTILINE)}
 
 
 def constants_of(path):
@@ -55,7 +55,8 @@ def large_numbers_of(path):
 
 def test_every_threshold_has_a_value_a_unit_and_a_meaning():
     assert {each.name: each.value for each in thresholds.table()} == defined()
-    assert all(each.value > 0 and each.unit in ("ns", "periods", "ticks", "failures") and each.meaning for each in thresholds.table())
+    units = {"ns", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "°C"}
+    assert all(each.unit in units and each.meaning and (each.value > 0 or each.unit == "°C") for each in thresholds.table())
 
 
 def test_the_thresholds_fit_together():

@@ -3,11 +3,11 @@
 import math
 
 from blocks.actuators.cubemars import frames, models_v3
-from blocks.actuators.cubemars.v3 import ExtendedFrames, Reporting
+from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
 from cext.kernels import cubemars_servo as kernels
-from cext.thresholds import STOP_DAMP_ROUND
-from graph import Actuator, DampedStop, Input, Interval, Memory, Output, Param, TorqueBound
+from cext.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
+from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound
 
 KINDS = {
     "duty": frames.DUTY, "current": frames.CURRENT, "current_brake": frames.BRAKE, "velocity": frames.SPEED, "position": frames.POSITION,
@@ -39,7 +39,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     """
 
     model, bus, can_id, limit, invert, offset = Joint.model, Joint.bus, Joint.can_id, Joint.limit, Joint.invert, Joint.offset
-    timeout, gear_ratio, range = Joint.timeout, Joint.gear_ratio, Joint.range
+    timeout, gear_ratio, range, max_velocity = Joint.timeout, Joint.gear_ratio, Joint.range, Joint.max_velocity
     wake_shift, known_pose, reference, check_pose = Joint.wake_shift, Joint.known_pose, Joint.reference, Joint.check_pose
     mode = Param("current", "1", "how the drive is commanded", choices=tuple(KINDS), fixed=True)
     velocity_limit = Param(2.0, "rad/s", "of the joint in the modes velocity and position_velocity", above=0.0, fixed=True, kernel=False)
@@ -75,7 +75,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     unanswered_frames = 1       # of the stop's two: nothing is answered, and one report may confirm it
     watched, find_limit, given_limit, rated_torque = Joint.watched, Joint.find_limit, Joint.given_limit, Joint.rated_torque
     check_reports, prepare, feedback_range = Reporting.check_reports, Reporting.prepare, Reporting.feedback_range
-    check_temperatures, reach = Joint.check_temperatures, Joint.reach
+    check_temperatures, reach, fastest = Joint.check_temperatures, Joint.reach, Joint.fastest
+    torque_accuracy, motion_of_any_mode, feedback_ends = Joint.torque_accuracy, Joint.motion_of_any_mode, CubeMarsV3.feedback_ends
 
     def configure(self):
         self.inputs, self.outputs = type(self).inputs, type(self).outputs
@@ -141,6 +142,14 @@ class CubeMarsServo(ExtendedFrames, Actuator):
                     f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what {self.found.name} can be "
                     f"told of the joint, got {getattr(self, name):g}")
         return float(speed), float(acceleration)
+
+    def motion(self):
+        """What the run watches of its motion. A mode without a commanded current may take more than its limit, up to the peak torque."""
+        found = self.motion_of_any_mode()
+        if self.mode not in CURRENTS and self.found.peak is not None:
+            found["limit"] = self.found.peak * self.gear_ratio
+        current = "current_sent" if self.mode == "current" else None
+        return Motion(**found, current=current, current_scale=self.scales[2], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
     def command_limits(self):
         return {self.command_name: Interval(self.limits[0], self.limits[1])}

@@ -1,12 +1,14 @@
 """CubeMars actuators with a board of generation V3.0, in force control."""
 
 import math
+from dataclasses import replace
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
 from cext.kernels import cubemars_v3 as kernels
+from cext.thresholds import SCALE_TOLERANCE
 from graph import Actuator, Interval, Memory, Output, Param
 
 NOTHING = bytes.fromhex("0000007fff7ff7ff")     # no stiffness, no damping; position, velocity and torque in the middle of their ranges
@@ -83,6 +85,14 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         super().configure()
         self.check_reports()
         self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
+
+    def motion(self):
+        """Its torque is computed from its current: against the law that was sent, its torque constant can be told."""
+        return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
+
+    def feedback_ends(self):
+        found = self.feedback_range()
+        return found["position"].high - abs(self.offset), found["velocity"].high
 
     def output_range(self, **commands):
         return super().output_range() | self.feedback_range()

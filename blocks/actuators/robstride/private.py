@@ -5,7 +5,8 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels import robstride as kernels
-from graph import Actuator, Input, Interval, Memory, Output, Param, ReplyField, TorqueBound
+from cext.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
+from graph import Actuator, Input, Interval, Memory, Motion, Output, Param, ReplyField, TorqueBound
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}
 POSITION_MODES = ("position", "csp")
@@ -51,6 +52,7 @@ class RobStride(Joint, Actuator):
     find = staticmethod(models.find)
     decode = kernels.decode
     encode = kernels.encode_operation
+    velocity_codes = 0xFFFF
 
     def configure(self):
         self.inputs, self.outputs, self.sent_outputs = type(self).inputs, type(self).outputs, type(self).sent_outputs
@@ -93,6 +95,15 @@ class RobStride(Joint, Actuator):
         limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)
         index = {"position": frames.LOC_REF, "velocity": frames.SPD_REF, "current": frames.IQ_REF}[quantity]
         self.written = (index, 1.0 if quantity == "current" else self.gear_ratio, float(quantity == "position"), *limited)
+
+    def motion(self):
+        """What the run watches of its motion: with a position or a velocity commanded, not whether its torque is the one that was meant."""
+        if self.mode == "operation":
+            return super().motion()
+        current = "current_sent" if self.mode == "current" else None
+        return Motion(
+            **self.motion_of_any_mode(), current=current, current_scale=self.found.torque_constant * self.gear_ratio,
+            torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE)
 
     def prepare(self, dt):
         if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.found.own_timeout:

@@ -194,7 +194,7 @@ def test_two_drives_on_one_bus_never_mix():
         for _ in range(random.integers(1, 5)):
             can_id = int(random.choice([3, 4]))
             position = float(random.uniform(0.0, 12.0)) * (1 if can_id == 3 else -1)
-            frames.append((int(random.choice([0, can_id])), answer(can_id, position=position), can_id, position))
+            frames.append((int(random.choice([0, can_id])), answer(can_id, position=position, torque=can_id * (1 if can_id == 3 else -1)), can_id, position))
         script[tick] = [frame[:2] for frame in frames]
         for can_id in newest:
             mine = [position for *_, owner, position in frames if owner == can_id]

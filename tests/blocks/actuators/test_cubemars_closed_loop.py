@@ -157,7 +157,7 @@ def test_a_plant_that_blows_up_ends_the_run_and_names_the_drive():
         CubeMars("AK80-9", name="drive")(torque_command=0.0)
     with Diagram("broken", rate=RATE) as plant:
         emulated = robot["drive"].emulator()
-        limb = Limb(inertia=1e-9, damping=1e6, stiffness=0.0, reflex=0.0, start=1.0)
+        limb = Limb(inertia=1e-150, damping=1e6, stiffness=0.0, reflex=0.0, start=1.0)
         limb(torque=emulated.torque, rate=1.0)
         emulated(position=limb.position, velocity=limb.velocity)
     recording = run(robot, 200, plant=plant)
