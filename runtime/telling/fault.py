@@ -6,7 +6,7 @@ import traceback
 from graph import Device
 from graph.diagram import Signal
 from runtime.diagram_file import own_frames, words
-from runtime.telling import aftermath
+from runtime.telling import aftermath, drive_faults
 from runtime.telling.timing import micro
 
 
@@ -60,7 +60,7 @@ def what(result, block, program):
         "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
         "e-stop": "the emergency stop was pressed",
         "hung": hung(outcome),
-    }.get(outcome.status, f"it ended with {outcome.status}")
+    }.get(outcome.status) or drive_faults.text(outcome.status, block, program) or f"it ended with {outcome.status}"
 
 
 def raised(outcome):

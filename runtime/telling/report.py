@@ -99,7 +99,8 @@ def watch_text(entry, rate):
     told = [
         f"{words} for {entry[key] / rate:.3g} s" for key, words in (
             ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"), ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
-            ("derated_ticks", "its limit lowered by temperature")) if entry[key]]
+            ("derated_ticks", "its limit lowered by temperature"),
+            ("acceleration_ticks", "stiffness and damping taken away by its acceleration")) if entry[key]]
     return f"{entry['device']}: {'; '.join(told)}" if told else ""
 
 
