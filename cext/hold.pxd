@@ -1,5 +1,9 @@
 """A hold on life: who has it is there; when its thread dies, the kernel tells who waits for it."""
 
+from libc.stdint cimport int32_t
+
+from cext.atomics cimport load_i32, store_i32
+
 cdef extern from *:
     """
     #include <errno.h>
@@ -30,12 +34,17 @@ cdef extern from *:
     const int EDEADLK
 
 
-cdef inline bint find_dead(pthread_mutex_t *hold) noexcept nogil:
-    """Whether the thread that had it has died. Of one thread of a process, which has it from then on.
+cdef inline bint find_dead(pthread_mutex_t *hold, int32_t *dead) noexcept nogil:
+    """Whether the thread that had it has died. dead : where that is kept, for it is told once
 
     One that another thread has is left as it is, without a system call.
     """
-    cdef int status = pthread_mutex_trylock(hold)
-    if status == 0:
-        pthread_mutex_unlock(hold)                  # nobody had it
-    return status == EOWNERDEAD or status == EDEADLK
+    cdef int status
+    if load_i32(dead):
+        return True
+    status = pthread_mutex_trylock(hold)
+    if status == EOWNERDEAD:
+        store_i32(dead, 1)
+    if status == 0 or status == EOWNERDEAD:
+        pthread_mutex_unlock(hold)                  # who still had it when its memory goes would have a list that leads nowhere
+    return status == EOWNERDEAD

@@ -97,11 +97,11 @@ cdef class Journal:
 
     cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
         """Whether the guardian has not looked for too long, or its thread has died: the kernel marks the mutex that it holds."""
-        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold)
+        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
 
     cdef bint guardian_is_late(self) noexcept nogil:
         """Whether drives that seem silent may be so because the guardian is, which carries their frames."""
-        return self.guard > 0 and (find_dead(&self.layout.guard_hold) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
+        return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
 
     cdef void raise_fence(self) noexcept nogil:
         if self.layout != NULL:

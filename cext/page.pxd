@@ -48,6 +48,7 @@ cdef struct PageLayout:
     int32_t crashed             # number of the signal that kills the control process from within; then `hung` is what it was working on
     pthread_mutex_t hold        # the loop's thread has it from before the guardian is there until after that has gone
     pthread_mutex_t guard_hold  # the guardian's thread has it as long as it lives
+    int32_t guard_dead          # 1: it has died
     int64_t control             # number of the control process
     int64_t beat                # ns, CLOCK_MONOTONIC at which the loop's newest round or tick began
     int64_t guard               # the same of the guardian's newest look; 0 without one
@@ -124,5 +125,6 @@ cdef class Page:
     cdef uint64_t cursor            # bytes that `drain` has gone through; the ring's tail follows
     cdef bint made_here             # the file is ours to close
     cdef bint held                  # a thread of ours has the hold
+    cdef bint guarding              # a thread of ours is the guardian's
 
     cpdef let_go(self)

@@ -57,6 +57,8 @@ cdef class Page:
 
     def __dealloc__(self):
         self.let_go()
+        if self.guarding:
+            pthread_mutex_unlock(&self.layout.guard_hold)
         if self.made_here:
             close(self.fd)
 
@@ -72,11 +74,12 @@ cdef class Page:
         failed = pthread_mutex_trylock(&self.layout.guard_hold)
         if failed and failed != EDEADLK:
             raise OSError(failed, "another guardian is on this page")
+        self.guarding = True
 
     @property
     def guardian_died(self):
         """Whether the thread that took guard has died. From then on for good."""
-        return find_dead(&self.layout.guard_hold)
+        return find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
 
     cpdef let_go(self):
         """Nobody is told any more. Of the thread that took hold."""
