@@ -79,11 +79,11 @@ def unanswered(result):
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
     instead = [f"{block.path}: {words}" for block in silent if (words := aftermath.instead(result, block))]
-    if instead:
+    if len(instead) == len(silent):
         return f"no answer from {names}; {'; '.join(instead)}"
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
-    return f"no answer from {names}; {frames}" + (on_the_rig(result.rig) if result.rig is not None else "")
+    return f"no answer from {names}; {'; '.join([*instead, frames])}" + (on_the_rig(result.rig) if result.rig is not None else "")
 
 
 def read_instead(result, block):

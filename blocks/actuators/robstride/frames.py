@@ -74,7 +74,7 @@ def bit_in_words(bit):
     return f"bit {bit}" if bit < REPORTED else f"bit {bit - REPORTED} of the fault report"
 
 
-def warning_in_words(bit):
+def warning_in_words(bit, meanings=FAULTS):
     """Of the second word of a fault report, whose bits are those of the first."""
-    name = FAULTS.get(REPORTED + bit)
+    name = meanings.get(REPORTED + bit)
     return f"{name} (bit {bit})" if name else f"bit {bit}"

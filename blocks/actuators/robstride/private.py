@@ -205,7 +205,8 @@ class RobStride(Joint, Actuator):
 
     def warnings_in_words(self):
         family = "CyberGear" if self.found.is_cybergear else "RobStride"
-        return tuple(f"{family} warning: {frames.warning_in_words(bit)}" for bit in range(32))
+        meanings = frames.meanings(self.found.is_cybergear)
+        return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
     def remedy(self):
         return f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely on the guardian alone"

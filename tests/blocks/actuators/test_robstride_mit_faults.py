@@ -154,6 +154,21 @@ def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
     assert data == QUESTION and (wired["torque_sent"], wired["sent"].tolist()) == before
 
 
+def test_the_command_before_a_question_has_gains_for_a_longer_time():
+    """It stays in force for two periods. With the longer one the law is scaled further down, and never up."""
+    wired = armed()
+    gains = []
+    for tick in range(190, 203):
+        wired.arena[TIME], wired.arena[PERIOD] = tick / 200, 1 / 200
+        wired["age"] = 0.005 if tick != 201 else 0.010
+        (_, data), = wired.say(stiffness_command=100.0, damping_command=3.0, position_command=0.02)
+        gains.append((data == QUESTION, wired["sent"][2]))
+        wired.hear(0xFD, faults(0) if data == QUESTION else REST)
+    assert [tick for tick, (asked, _) in enumerate(gains, 190) if asked] == [200]
+    assert 0.0 < gains[9][1] < 0.9 * gains[8][1], "the tick before it"
+    assert gains[7][1] == gains[8][1] == gains[12][1] and gains[10][1] == gains[9][1], "what was sent is what is in force"
+
+
 def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
     wired = armed()
     ticks(wired, 200)
