@@ -6,7 +6,7 @@ import random
 import numpy as np
 import pytest
 
-from blocks import discrete, filters, limiters, logic, mathematics, tables, windows
+from blocks import discrete, filters, limiters, mathematics, tables, windows
 from blocks.actuators import CubeMars
 from blocks.controllers import PID
 from graph import Device, Diagram

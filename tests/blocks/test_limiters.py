@@ -84,6 +84,28 @@ def test_a_limit_lowered_while_running_holds_at_once():
     assert block.step(15.0) == 4.0, "a limit raised again is approached at the slew rate"
 
 
+def test_without_a_slew_a_torque_limiter_crosses_its_whole_range_in_a_tenth_of_a_second():
+    limited = by_hand(made(TorqueLimiter, limit=5.0), 60, torque=[5.0] * 20 + [-5.0] * 40)["limited"]
+    np.testing.assert_allclose(limited[:10], 0.5 * np.arange(1, 11), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(limited[20:40], 5.0 - 0.5 * np.arange(1, 21), rtol=0, atol=1e-12)
+    assert limited[40:].tolist() == [-5.0] * 20 and made(TorqueLimiter, limit=5.0).output_slew == 100.0
+
+
+def test_an_infinite_slew_asks_for_none():
+    assert by_hand(made(TorqueLimiter, limit=5.0, slew=math.inf), 2, torque=[9.0, -9.0])["limited"].tolist() == [5.0, -5.0]
+    assert made(TorqueLimiter, limit=5.0, slew=math.inf).output_slew == math.inf
+
+
+def test_a_live_limit_takes_its_slew_along():
+    block = made(TorqueLimiter, limit=Live(4.0, max=10.0))
+    assert block.output_slew == 200.0
+    steps = []
+    for block.limit in (4.0, 10.0):
+        before = block.step(0.0) if not steps else block.scratch.arena[block.scratch.memory_start]
+        steps.append(block.step(100.0) - before)
+    assert steps == pytest.approx([0.4, 1.0])
+
+
 @pytest.mark.parametrize("parameters, said", [
     ({}, "limit is missing"), ({"limit": -1.0}, "limit: must be at least 0.0 N·m, got -1.0"),
     ({"limit": math.nan}, "limit: NaN is not allowed"),
@@ -183,3 +205,12 @@ def test_after_a_reset_they_start_from_zero_again(kind, parameters):
     assert math.isnan(block.step(math.nan))
     block.reset()
     assert [block.step(4.0) for _ in range(3)] == first == [0.5, 1.0, 1.5]
+
+
+def test_a_slew_rate_gives_nan_for_what_is_not_finite_and_goes_on_from_before():
+    y = both_ways(lambda: SlewRate(100.0), u=np.array([0.0, 1.0, math.inf, -math.inf, math.nan, 1.0]))["y"]
+    assert np.array_equal(y, [0.0, 0.5, math.nan, math.nan, math.nan, 1.0], equal_nan=True)
+
+
+def test_a_zero_keeps_its_sign_through_a_saturation():
+    assert [math.copysign(1.0, made(Saturation).step(zero)) for zero in (0.0, -0.0)] == [1.0, -1.0]

@@ -1,4 +1,4 @@
-"""A live change is no step unless it is asked to be: every live number ramps, and a torque limiter has a slew."""
+"""A live change is no step unless it is asked to be: every live number ramps."""
 
 import math
 import sys
@@ -11,8 +11,6 @@ from blocks.limiters import TorqueLimiter
 from blocks.sources import Constant
 from cext.mailbox_writer import Writer
 from graph import Block, Diagram, Live, Param
-from tests.blocks.playing import made
-from tests.blocks.running import by_hand
 from tests.cext.rigs import Rig, one_drive
 from tests.cext.test_live import Poster
 
@@ -93,27 +91,3 @@ def test_a_script_ramps_with_the_slew_that_was_recorded():
     rig.run(20)
     np.testing.assert_allclose(rig["value.y"][:9], [0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.9, 0.8, 0.7], rtol=0, atol=1e-12)
     assert [change.slew for change in rig.changes] == [math.inf, 20.0]
-
-
-# The slew of a torque limiter
-
-def test_without_a_slew_a_torque_limiter_crosses_its_whole_range_in_a_tenth_of_a_second():
-    limited = by_hand(made(TorqueLimiter, 5.0), 60, torque=[5.0] * 20 + [-5.0] * 40)["limited"]
-    np.testing.assert_allclose(limited[:10], 0.5 * np.arange(1, 11), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(limited[20:40], 5.0 - 0.5 * np.arange(1, 21), rtol=0, atol=1e-12)
-    assert limited[40:].tolist() == [-5.0] * 20 and made(TorqueLimiter, 5.0).output_slew == 100.0
-
-
-def test_an_infinite_slew_asks_for_none():
-    assert by_hand(made(TorqueLimiter, 5.0, math.inf), 2, torque=[9.0, -9.0])["limited"].tolist() == [5.0, -5.0]
-    assert made(TorqueLimiter, 5.0, math.inf).output_slew == math.inf
-
-
-def test_a_live_limit_takes_its_slew_along():
-    block = made(TorqueLimiter, Live(4.0, max=10.0))
-    assert block.output_slew == 200.0
-    steps = []
-    for block.limit in (4.0, 10.0):
-        before = block.step(0.0) if not steps else block.scratch.arena[block.scratch.memory_start]
-        steps.append(block.step(100.0) - before)
-    assert steps == pytest.approx([0.4, 1.0])

@@ -4,15 +4,18 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, square) -> add(sums - RUNNING, square)": "RUNNING is 0",
     "cext/kernels/limiters.pyx remember: add(sums + RUNNING, -arena[slots[SQUARES] + place]) -> "
     "add(sums - RUNNING, -arena[slots[SQUARES] + place])": "RUNNING is 0",
-    "cext/kernels/limiters.pyx derating_kernel: if temperature <= full: -> if temperature < full:": "the line begins with the share of 1",
     "cext/kernels/limiters.pyx rms_torque_kernel: most = sqrt(budget / arena[slots[TICKS]]) if budget > 0.0 else 0.0 -> "
     "most = sqrt(budget / arena[slots[TICKS]]) if budget >= 0.0 else 0.0": "the root of 0 is 0",
     "cext/kernels/limiters.pyx soft_stop_kernel: if velocity > 0.0: -> if velocity >= 0.0:": "it takes nothing away then",
     "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it takes nothing away then",
     "cext/kernels/limiters.pyx power_kernel: torque = power / fabs(velocity) if torque > 0.0 else -power / fabs(velocity) -> "
     "torque = power / fabs(velocity) if torque >= 0.0 else -power / fabs(velocity)": "a torque of 0 has no power to limit",
-    "cext/kernels/limiters.pyx soft_stop_kernel: torque = position + velocity -> torque = position - velocity": "NaN, either way",
-    "cext/kernels/limiters.pyx derating_kernel: elif temperature >= none: -> elif temperature > none:": "the share is 0 then, either way",
+    "cext/kernels/limiters.pyx derating_kernel: "
+    "share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full) -> "
+    "share = 1.0 if temperature < full else 0.0 if temperature >= none else (none - temperature) / (none - full)": "the line begins with the share of 1",
+    "cext/kernels/limiters.pyx derating_kernel: "
+    "share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full) -> "
+    "share = 1.0 if temperature <= full else 0.0 if temperature > none else (none - temperature) / (none - full)": "the share is 0 then, either way",
     "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / arena[slots[3]] -> "
     "share = 1.0 if elapsed[0] > arena[slots[3]] else elapsed[0] / arena[slots[3]]": "the share is 1 then, either way",
     "cext/kernels/limiters.pyx soft_start_kernel: elapsed[0] = -1.0 -> elapsed[0] = -2.0": "anything below 0 says that it has not begun",

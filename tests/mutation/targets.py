@@ -21,7 +21,7 @@ TARGETS = (
         "saturation_kernel", "slew_kernel", "slew_settle", "torque_limiter_kernel", "power_kernel", "soft_stop_kernel", "derating_kernel",
         "soft_start_kernel", "remember", "rms_torque_kernel"),
         ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
-    Target("cext/kernels/limits.pxd", ("clip", "toward"), ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py",)),
+    Target("cext/kernels/limits.pxd", ("finite", "is_finite", "clip", "toward"), ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py",)),
     Target("cext/kernels/drive_law.pxd", ("quotient", "keep_inside"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3", "cext/kernels/robstride",
            "cext/kernels/robstride_mit"), DRIVE),
     Target("cext/kernels/mit.pxd", ("limit_law", "quantise", "encode_command"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
