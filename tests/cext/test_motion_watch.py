@@ -221,3 +221,27 @@ def test_a_temperature_that_cannot_be_ends_the_run(drive, model, heard):
     rig, outcome = imposed(still(), drive=drive, model=model, emulator={"temperature": lambda t: 30.0 if t < 0.2 else -100.0})
     assert (outcome.status, outcome.culprit) == ("implausible", "knee") and outcome.tick == 40
     assert (rig.watched["about"], rig.watched["value"]) == ("temperature", heard)
+
+
+def test_a_drive_without_a_temperature_is_no_fault():
+    """Replies of 7 bytes have none: it is NaN."""
+    rig, outcome = imposed(still(), model="AK80-9", reply=7, emulator={"reply": 7})
+    assert outcome.status == "ok" and np.isnan(rig["knee.temperature"]).all()
+
+
+class Nowhere(CubeMars):
+    """A drive whose replies are decoded to what is no number: half a range of it is infinite, as no parameter allows."""
+
+    place = 0
+
+    def configure(self):
+        super().configure()
+        self.wire = tuple(math.inf if place == self.place else half for place, half in enumerate(self.wire))
+
+
+@pytest.mark.parametrize("place, about", [(0, "position"), (1, "velocity"), (4, "torque")])
+def test_a_measurement_that_is_no_number_ends_the_run_before_the_first_command(monkeypatch, place, about):
+    monkeypatch.setattr(Nowhere, "place", place)
+    rig, outcome = imposed(still(), drive=Nowhere, commands={"torque_command": 2.0})
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("implausible", "knee", 0)
+    assert rig.watched["about"] == about and math.isnan(rig.watched["value"])
