@@ -52,6 +52,18 @@ def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_rep
     assert np.abs(rig.torques[after, 1]).max() <= 12.0 + 2 * 65.0 / 4095
 
 
+@pytest.mark.parametrize("stiffness, damping, rate, acceleration", [(0.0, 5.0, 500, 3000.0), (300.0, 5.0, 1000, 3000.0), (0.0, 5.0, 200, 1500.0)])
+def test_an_impact_beyond_the_bound_is_above_the_limit_for_no_more_than_two_ticks_after_the_reply_that_shows_it(
+        stiffness, damping, rate, acceleration):
+    """Three to six times the default bound, begun just before the end of a period, so that the first reply shows a tenth of it."""
+    limit, period = 12.0, 1.0 / rate
+    rig, _ = imposed(accelerated(acceleration, 0.3 + 0.9 * period, until=12.0), rate=rate, substeps=20, seconds=0.45, drive=CubeMarsV3,
+                     model="AK10-9-V3.0", limit=limit, commands={"stiffness_command": stiffness, "damping_command": damping})
+    shows = int(np.argmax(np.abs(rig["knee.velocity"]) > 0.06))         # a reply of this grid point, by the clock of the plant
+    above = rig.torques[np.abs(rig.torques[:, 1]) > limit + 108.0 / 4095][:, 0]
+    assert above.size and above.min() > (shows - 1) * period and above.max() < (shows + 2) * period
+
+
 def test_stiffness_and_damping_return_over_100_ms_once_the_window_is_calm():
     rig, outcome = imposed(accelerated(2000.0, 0.5 - 1e-9, until=9.0), rate=1000, commands={"damping_command": 0.5}, limit=9.0)
     damping, shows = gains_sent(rig)[1], int(np.argmax(rig["knee.velocity"] > 0.1))
