@@ -63,6 +63,7 @@ cdef enum: # what a kernel returns; encode_t returns these negated, or a number 
     NOT_FOLLOWING = 20      # a drive does not give the torque that is commanded
     SCALE_MISMATCH = 21     # two measurements of one thing differ: a wire range or a constant is not the drive's
     IMPLAUSIBLE = 22        # a measurement that cannot be
+    UNCLEAR_POSE = 23       # a joint may stand elsewhere than its drive reads
     FIRST_OWN_STATUS = 64
 
 cdef enum: # what decode_t returns

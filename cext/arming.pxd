@@ -25,6 +25,7 @@ cdef class Arming:
     cdef int64_t armed           # the tick from which on it is armed
     cdef bint halted             # since then it has been brought to its safe stop
     cdef object answered         # called when every device has answered, or None
+    cdef object permitted        # called before arming: whether every joint stands where its drive reads; or None
     cdef bint confirm            # whether somebody has to confirm, then
     cdef int64_t late            # ns, of the previous tick
     cdef int64_t now             # ns from the run's begin to the present round or tick
@@ -35,6 +36,7 @@ cdef class Arming:
     cdef int look_over(self, double timeout) noexcept nogil
     cdef int look_over_again(self, int64_t drain) noexcept nogil
     cdef int call_answered(self) noexcept nogil
+    cdef int permission(self) noexcept nogil
     cdef int hear_while_arming(self) noexcept nogil
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil

@@ -10,7 +10,7 @@
 
 from libc.stdint cimport int64_t
 
-from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR
+from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
 from cext.devices cimport Blame
 from cext.histogram cimport add
 from cext.live cimport apply_changes
@@ -104,6 +104,8 @@ cdef class Arming:
         cdef int64_t patience = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
         cdef int status = self.call_answered()
         cdef bint confirmed = not self.confirm
+        if status == OK and confirmed:
+            status = self.permission()
         while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
             pass                                                   # who confirmed before anything was shown did not mean it
         self.control.devices.want_replies(True, False)
@@ -124,9 +126,14 @@ cdef class Arming:
                 patience -= 1
                 if patience <= 0:
                     return NO_ANSWER
-            if status == OK and not confirmed and self.control.live.asked(self.layout, CONFIRM, -1, TAKEN):
-                confirmed = True
-                self.control.devices.want_replies(True, False)
+            if status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM):
+                status = self.permission()
+                confirmed = status == OK
+                self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
+                if confirmed:
+                    self.control.devices.want_replies(True, False)
+                elif status == UNCLEAR_POSE:
+                    status = OK                                    # the operator may move the joint and confirm again
             if status == OK:
                 status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
             if status == OK:
@@ -156,6 +163,17 @@ cdef class Arming:
                 self.control.error = error
                 return PYTHON_ERROR
         return OK
+
+    cdef int permission(self) noexcept nogil:
+        """OK, UNCLEAR_POSE where a joint may stand elsewhere than its drive reads, or PYTHON_ERROR."""
+        if self.permitted is None:
+            return OK
+        with gil:
+            try:
+                return OK if self.permitted() else UNCLEAR_POSE
+            except BaseException as error:
+                self.control.error = error
+                return PYTHON_ERROR
 
     cdef int hear_while_arming(self) noexcept nogil:
         cdef int status = self.journal.attend(monotonic())

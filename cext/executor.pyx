@@ -87,7 +87,7 @@ cdef class Executor(Waiting):
 
     def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
             double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
-            bint confirm=False, rearm=None, told=None):
+            bint confirm=False, permitted=None, rearm=None, told=None):
         """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
 
         fade : s, over which commands grow to their full size after arming
@@ -95,6 +95,8 @@ cdef class Executor(Waiting):
         stopping_timeout : s, after which the safe stop no longer waits for confirmations
         answered : called once, when every device has answered; it should take a few ms at most. Zero torque goes on for a round or more
         confirm : with `answered`, until somebody confirms through the mailbox
+        permitted : called before anything is armed, and whenever that is asked for: False refuses it. With `confirm` the run then goes on waiting,
+            without it ends as an unclear pose
         rearm : slots of the arena that are true while their inputs ask for arming again; with None a fault ends the run. After a fault
             that may be survived the run waits in its safe stop, until one of them rises or a letter asks, and nothing stands in the way
         told : called with "fault", "refused" or "rearm", and the Outcome that a fault, or what stands in the way, would be
@@ -105,7 +107,7 @@ cdef class Executor(Waiting):
         cdef bint stopped = False
         faults = []
         self.hung = 0
-        self.answered, self.confirm, self.told = answered, confirm, told
+        self.answered, self.confirm, self.permitted, self.told = answered, confirm, permitted, told
         self.request(rearm or ())
         if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
             raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (

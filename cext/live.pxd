@@ -50,6 +50,7 @@ cdef class LiveTable:
     cdef void dismiss(self, PageLayout *page) noexcept nogil
     cdef int work(self, PageLayout *page, int64_t tick, double dt) noexcept nogil
     cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil
+    cdef bint waits(self, PageLayout *page, int32_t kind) noexcept nogil
     cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil
     cdef void play(self, PageLayout *page, int64_t tick) noexcept nogil
     cdef int take(self, PageLayout *page, int64_t tick) noexcept nogil

@@ -137,6 +137,16 @@ cdef class LiveTable:
         """Whether a letter asks for the end of the run."""
         return self.asked(page, STOP, tick, TAKEN)
 
+    cdef bint waits(self, PageLayout *page, int32_t kind) noexcept nogil:
+        """Whether a letter of this kind waits for an answer."""
+        cdef int index
+        if page == NULL:
+            return False
+        for index in range(LETTERS):
+            if step_of(load_u64(&page.mailbox.letters[index].state)) == POSTED and page.mailbox.letters[index].kind == kind:
+                return True
+        return False
+
     cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
         """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
         cdef int index

@@ -115,8 +115,9 @@ cdef class Waiting(Arming):
             status = self.journal.attend_fenced(began)
             if status != OK:
                 return status
-            if (standing != NO_ANSWER or self.now > judged) and self.control.live.asked(
-                    self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW):
+            if (standing != NO_ANSWER or self.now > judged) and self.control.live.waits(self.layout, REARM):
+                standing = self.permission() if standing == OK else standing
+                self.control.live.asked(self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW)
                 if standing == OK:
                     return self.arm_again(tick, arming_timeout)
                 self.tell_standing("refused", standing)
@@ -128,6 +129,7 @@ cdef class Waiting(Arming):
                 self.count(tick, self.late, began)
             before, high = high, self.asked(high)
             if high and not before:
+                standing = self.permission() if standing == OK else standing
                 if standing == OK:
                     return self.arm_again(self.next_point(tick, self.first_tick), arming_timeout)
                 self.tell_standing("refused", standing)

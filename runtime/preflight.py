@@ -17,9 +17,11 @@ class Preflight:
     interfaces : {bus: (interface, channel)}
     confirm : whether somebody is asked
     granted : what the system has granted the guardian, in words
+    poses : runtime.poses.Poses, or None
     """
 
-    def __init__(self, diagram, schedule, interfaces, confirm, granted=()):
+    def __init__(self, diagram, schedule, interfaces, confirm, granted=(), poses=None):
+        self.poses = poses
         self.schedule, self.confirm, self.granted = schedule, confirm, list(granted)
         self.devices = [diagram[device.name] for device in schedule.devices]
         self.buses = [self.bus(name, interfaces) for name in schedule.buses]
@@ -33,9 +35,14 @@ class Preflight:
 
     def event(self, values):
         """What there is to tell. values : the arena"""
+        refusals = {} if self.poses is None else self.poses.look(values)
+        rows = [self.row(block, values) for block in self.devices]
+        for row in rows:
+            if row["device"] in refusals:
+                row["marks"].setdefault("position", "in doubt")
         return {
-            "event": "preflight", "devices": [self.row(block, values) for block in self.devices], "buses": self.buses, "guardian": self.granted,
-            "confirm": self.confirm}
+            "event": "preflight", "devices": rows, "buses": self.buses, "guardian": self.granted,
+            "refused": list(refusals.values()), "confirm": self.confirm}
 
     def row(self, block, values):
         def measured(name):

@@ -16,6 +16,7 @@ from runtime import rearming
 from runtime.diagram_file import compiled, load
 from runtime.errors import BadInput
 from runtime.live.table import describe
+from runtime.poses import Poses
 from runtime.preflight import Preflight
 from runtime.realtime import PRIORITY, Realtime
 from runtime.rearming import Rearming
@@ -56,12 +57,13 @@ class Request:
     yes: bool = False                   # on a rig: arm without asking a person
     rearm: bool = False                 # after a fault, wait to be armed again
     bitrate: float | None = None        # bit/s of the simulated buses; None: frames take no time
+    poses: dict = field(default_factory=dict)       # on a rig: rad by path, where the operator states that joints stand
     bench: bool = False                 # on a rig: an actuator by itself, which moves no joint and has no range
 
 
 @dataclass
 class Prepared:
-    """A run that only has to be armed, in simulation or on a rig. ticks : grid points, -1 until stopped."""
+    """A run that only has to be armed, in simulation or on a rig. ticks : grid points, -1 until stopped; poses : of a rig, which refuse to arm"""
 
     request: Request
     diagram: object
@@ -69,6 +71,7 @@ class Prepared:
     simulation: Simulation | None
     rig: RigBuses | None
     ticks: int
+    poses: Poses | None = field(default=None, kw_only=True)
 
     @property
     def plant(self):
@@ -129,7 +132,8 @@ def prepare(request):
     if rig is not None:
         if not request.yes and not can_ask():
             raise BadInput(NOBODY)
-        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks)
+        poses = Poses(diagram, schedule, request.poses)
+        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks, poses=poses)
     return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule, request.bitrate), None, ticks)
 
 
@@ -206,8 +210,20 @@ def asked(prepared, page, control):
     if rig is None:
         return {}
     interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
-    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes, rig.guardian.granted)
-    return {"answered": lambda: page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode()), "confirm": table.confirm}
+    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes, rig.guardian.granted, prepared.poses)
+
+    def show():
+        page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
+
+    def permitted():
+        """Whether every joint stands where its drive reads. To an operator who has confirmed where one does not, the table is shown as it is now."""
+        if prepared.poses is None or not prepared.poses.look(control.values):
+            return True
+        if page.state == "ready":
+            show()
+        return False
+
+    return {"answered": show, "confirm": table.confirm, "permitted": permitted}
 
 
 def stopped_by_hand(outcome, rig, page):

@@ -3,6 +3,7 @@
 from runtime.commands.parsing import (
     LONGEST, Parser, add_bitrate, add_diagram, add_pace, add_rig, count, folder, host_and_port, number, processor, rerun_target, settings, trial,
 )
+from graph.units import parse_quantity
 from runtime.errors import BadInput
 from runtime.telling.terminal import complain, program, tell
 
@@ -46,6 +47,22 @@ def profiled(result):
     return table(result, time_of_lap())
 
 
+def poses(texts, rig):
+    """{path: rad} of --pose. BadInput"""
+    if texts and rig is None:
+        raise BadInput("--pose is for a rig: in simulation every drive reads where its joint stands")
+    found = {}
+    for text in texts:
+        path, _, angle = text.partition("=")
+        try:
+            found[path] = parse_quantity(angle, "rad")
+            if not abs(found[path]) < float("inf"):
+                raise ValueError("an angle is a finite number")
+        except ValueError as error:
+            raise BadInput(f"--pose {text}: {error}; write PATH=ANGLE, as in left/knee=0 or 'left/knee=30 deg'") from None
+    return found
+
+
 def parse_run(arguments):
     """Command-line words to a Request. BadInput says which is wrong."""
     from runtime.realtime import HIGHEST, MODES, PRIORITY
@@ -73,6 +90,8 @@ def parse_run(arguments):
     parser.add_argument("--cpu", type=processor, metavar="N",
                         help="stay on this processor (default: the last isolated one; else, with real-time priority, one that no other run has)")
     parser.add_argument("--yes", action="store_true", help="on a rig: arm without waiting for Enter")
+    parser.add_argument("--pose", action="append", default=[], metavar="PATH=ANGLE",
+                        help="on a rig: where a joint stands, as seen, not as its drive reads: left/knee=0 or 'left/knee=30 deg'. Repeat it for more")
     parser.add_argument("--rearm", action="store_true",
                         help="after a fault, wait in the safe stop until the key r arms again and nothing stands in the way")
     add_pace(parser)
@@ -97,5 +116,5 @@ def parse_run(arguments):
         file=options.file, rig=options.rig, rate=options.rate, duration=options.duration, fast=options.fast,
         settings=settings(options.settings), record=options.record, no_record=options.no_record, plotjuggler=options.plotjuggler,
         rerun=options.rerun, trial=trial(options.trial), realtime=options.realtime, priority=options.priority or PRIORITY, cpu=options.cpu,
-        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm,
+        overrun=options.overrun, spin=options.spin, profile=options.profile, yes=options.yes, rearm=options.rearm, poses=poses(options.pose, options.rig),
         bitrate=options.bitrate)

@@ -60,7 +60,13 @@ def what(result, block, program):
         "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
         "e-stop": "the emergency stop was pressed",
         "hung": hung(outcome),
+        "unclear pose": unclear(result),
     }.get(outcome.status) or drive_faults.text(outcome.status, block, program) or f"it ended with {outcome.status}"
+
+
+def unclear(result):
+    """Which joints may stand elsewhere than their drives read."""
+    return "; ".join(result.poses.refusals.values()) if getattr(result, "poses", None) is not None else "a joint may stand elsewhere than its drive reads"
 
 
 def raised(outcome):

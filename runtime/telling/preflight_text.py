@@ -4,6 +4,7 @@ from runtime.coverage import in_words
 from runtime.telling.lines import count
 
 ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
+ASK_AGAIN = "press Enter to look again; space, q or Ctrl-C end the run without arming"
 
 
 def text(event, paper):
@@ -16,7 +17,9 @@ def text(event, paper):
         lines += paper.hang("", f"{count(len(strange), 'thing')} out of the ordinary: {'; '.join(strange)}", paper.bad)
     else:
         lines.append(paper.good(f"{count(len(event['devices']), 'device')}, nothing out of the ordinary"))
-    return [*lines, paper.bold(ASK)] if event["confirm"] else lines
+    for why in event["refused"]:
+        lines += paper.hang("NOT armed: ", why, paper.bad)
+    return [*lines, paper.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
 
 
 def devices(rows, paper):

@@ -354,3 +354,19 @@ def test_at_most_sixteen_inputs_may_ask():
     robot = Survivor({})
     with pytest.raises(ValueError, match="at most 16 inputs ask for arming again, not 17"):
         robot.run(rearm=list(range(17)))
+
+
+@pytest.mark.parametrize("script, asks", [({50: nan}, (80, 90)), ({50: nan, 80: "rearm", 90: "rearm"}, ())])
+def test_a_joint_in_doubt_is_not_armed_again_until_it_is_clear(script, asks):
+    """As after a drive that lost its power and woke up elsewhere: asked for by an input, or by a letter."""
+    robot, asked = Survivor(script, asks=asks), []
+
+    def permitted():
+        asked.append(len(robot.heard))
+        return len(asked) in (1, 3)                                 # at the start; not at 80; at 90
+
+    outcome = robot.run(permitted=permitted, answered=lambda: None)
+    assert outcome.status == "ok" and len(asked) == 3
+    assert [entry[:2] for entry in robot.heard] == [("fault", "not finite"), ("refused", "unclear pose"), ("rearm", "ok")]
+    refused, armed = robot.heard[1][3], robot.heard[2][3]
+    assert 80 <= refused <= 82 and 90 <= armed <= 92 and set(robot.between()) <= {NOTHING, DISABLE}

@@ -117,3 +117,34 @@ def test_what_cannot_be_shown_is_not_armed():
     outcome = ready.run()
     assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and outcome.tick == -1
     assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
+
+
+# Where joints stand
+
+def test_a_joint_in_doubt_is_not_armed_until_a_later_confirmation_finds_it_clear():
+    ready, asked = Ready({500: "confirm", 700: "confirm", 900: "confirm"}), []
+
+    def permitted():
+        asked.append(ready.rig.page.state)
+        return len(asked) == 3
+
+    assert ready.run(permitted=permitted).status == "ok"
+    assert asked == ["ready"] * 3 and ready.torques() == 20
+    sent = ready.rig.sent()
+    waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
+    assert 180 <= waited.count(NOTHING) <= 184, "900 ticks of the plant are 180 rounds"
+    assert [ready.writer.answer(ticket)[0] for ticket in ready.tickets] == ["not now", "not now", "taken"]
+
+
+def test_without_a_confirmation_a_joint_in_doubt_ends_the_run_with_zero_torque_alone():
+    ready = Ready({})
+    outcome = ready.run(confirm=False, permitted=lambda: False)
+    assert (outcome.status, outcome.tick) == ("unclear pose", -1) and len(ready.rig.tick) == 0
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+
+
+@pytest.mark.parametrize("confirm", [False, True])
+def test_what_cannot_tell_where_joints_stand_arms_nothing(confirm):
+    ready = Ready({500: "confirm"})
+    outcome = ready.run(confirm=confirm, permitted=lambda: 1 / 0)
+    assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and ready.torques() == 0

@@ -15,7 +15,7 @@ def test_the_knee_exoskeleton_walks_against_its_plant_on_vcan(tmp_path):
     rig = tmp_path / "lab.toml"
     rig.write_text(
         '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
-        '[device."left/knee"]\nrange = [-12.5, 12.5]\n[device."right/knee"]\nrange = [-12.5, 12.5]\n')
+        '[device."left/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n[device."right/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
     plant = started("emulate", KNEE_EXO, "--rig", rig, cwd=tmp_path)
     try:
         read_until(plant.stdout, "Ctrl-C ends it")

@@ -50,7 +50,7 @@ def run(tmp_path, request):
     rig = tmp_path / "lab.toml"
     rig.write_text(
         '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
-        '[device."left/knee"]\nrange = [-12.5, 12.5]\n[device."right/knee"]\nrange = [-12.5, 12.5]\n')
+        '[device."left/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n[device."right/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
     with Drives(MOTOR), Listener() as listener:
         process = started(
             knee(tmp_path, law=getattr(request, "param", "return 2.0")),

@@ -21,9 +21,11 @@ can_id = 3
 invert = true
 offset = 0.12
 range = [-12.0, 12.0]
+wake_shift = 0.0
 
 [device."right/knee"]
 range = [-12.0, 12.0]
+wake_shift = 0.0
 """
 MOTORS = {3: 0.3, 2: -0.2}                      # rad, by id
 

@@ -45,7 +45,7 @@ class Law(Block):
 
 
 with Diagram("knee", rate=200) as diagram:
-    knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, range=(-12.5, 12.5), name="knee")
+    knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
     torque = Law(name="law")(knee.position, knee.velocity)
     knee(torque_command=TorqueLimiter(limit=5.0)(torque))
     CsvRecorder()

@@ -91,7 +91,7 @@ def leg():
     """A knee with a drive on a bus, and its plant."""
     with Diagram("leg", rate=200) as diagram:
         with subsystem("left"):
-            knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, range=(-12.5, 12.5), name="knee")
+            knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
             knee(torque_command=1.0)
         CsvRecorder()
     with Diagram("wearer", rate=1000) as plant:

@@ -15,7 +15,7 @@ from runtime.preflight import Preflight
 from runtime.telling.lines import Paper
 from runtime.telling.preflight_text import ASK, text
 from tests.runtime.guardian.bus import ROBOT, Bus, is_torque
-from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, write
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, finished, write
 from tests.runtime.terminals import Terminal
 
 WIDE = Paper(200)
@@ -100,6 +100,37 @@ def test_a_drive_that_goes_away_while_somebody_reads_ends_the_run_with_words(bus
     assert "/knee, while arming: no reply for longer than its timeout (0.1 s)" in shown
     bus.listen()
     assert not any(is_torque(frame) for frame in bus.frames)
+
+
+IN_DOUBT = '[device."left/knee"]\nrange = [-0.1, 2.0]\nwake_shift = 0.6981\n'
+
+
+def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_yes(bus, terminal):
+    """Its drive reads 0.1 rad, and 0.80 and 1.50 rad lie in its range, too."""
+    bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
+    robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
+    run = finished(robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "1", cwd=bus.folder)
+    assert run.returncode == 3 and "FAULT at knees, while arming: left/knee reads 0.100 rad; a power cycle can shift" in run.stderr, run.stderr
+    terminal.run(robot, "--rig", bus.rig, "--realtime", "off", "--no-record", cwd=bus.folder)
+    terminal.wait_for("press Enter to look again")
+    assert "out of the ordinary: left/knee: in doubt" in terminal.look()
+    terminal.wait_for("ready .* Enter arms")
+    terminal.press(b"\n")
+    terminal.wait_for("NOT armed: left/knee reads 0.100 rad")
+    terminal.press(b"q")
+    assert terminal.end() == 0
+    bus.listen()
+    assert not any(is_torque(frame) for frame in bus.frames)
+    run = finished(robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "0.5", "--pose", "left/knee=6 deg", cwd=bus.folder)
+    assert run.returncode == 0, run.stderr
+    bus.await_torque()
+
+
+def test_a_pose_is_an_angle_of_a_joint_on_a_rig(command_line):
+    assert "--pose is for a rig" in command_line.refused(KNEE_EXO, "--pose", "left/knee=0")
+    rig = write(command_line.folder, "", "lab.toml")
+    for text in ("left/knee", "left/knee=", "left/knee=straight", "left/knee=inf", "left/knee=3 kg"):
+        assert f"--pose {text}: " in command_line.refused(KNEE_EXO, "--rig", rig, "--pose", text)
 
 
 def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_line):
