@@ -119,9 +119,10 @@ class Compilation:
             first = self.diagram[wanted]
             self.report("TW009", f"the name is taken by the block made at {first.location}", block, hint="choose another `name=`")
         for block in self.blocks:
-            if isinstance(block, Device) and block.bus not in ("", block.path):     # the line of one device has its path
+            if isinstance(block, Device) and block.bus not in ("", block.path):
                 try:
-                    check_name(block.bus, block.location)
+                    for part in block.bus.split("/") if block.medium == "stream" else [block.bus]:      # a line has the path of its device
+                        check_name(part, block.location)
                 except DiagramError as error:
                     [wrong] = error.diagnostics
                     self.report("TW010", f"its bus: {wrong.message}", block, "", block.location, wrong.hint)
