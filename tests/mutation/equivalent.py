@@ -26,18 +26,10 @@ EQUIVALENT = {
     "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
-    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
-    "return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) >= self.guard else OK": "by a nanosecond",
-    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
-    "return UNGUARDED if self.guard > 1 and now - load_i64(&self.layout.guard) > self.guard else OK": "by a nanosecond",
-    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
-    "return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) >= self.guard else OK": "by a nanosecond",
-    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and now - load_i64(&self.layout.guard) > self.guard else OK -> "
-    "return UNGUARDED if self.guard > 1 and now - load_i64(&self.layout.guard) > self.guard else OK": "by a nanosecond",
-    "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "
-    "cdef int64_t step = max(100001, min(self.pace.period, 5000000))": "by a nanosecond",
-    "cext/arming.pyx halt: cdef int64_t step = max(100000, min(self.pace.period, 5000000)) -> "
-    "cdef int64_t step = max(100000, min(self.pace.period, 5000001))": "by a nanosecond",
+    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
+    "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
+    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
+    "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
     "cext/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began -> "
     "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by a nanosecond",
     "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing of a block stands at 0",
