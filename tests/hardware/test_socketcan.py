@@ -17,7 +17,8 @@ import pytest
 
 from cext.socketcan import SocketCan
 from runtime.doctor.machine import Machine
-from runtime.rig.buses import PATIENCE, in_words
+from cext.thresholds import TX_QUEUE_FULL_LIMIT
+from runtime.rig.buses import in_words
 from runtime.rig.file import RigBus
 from runtime.rig.interface import Interface
 from runtime.rig.troubles import Refused
@@ -34,7 +35,7 @@ class Opened:
 
     def __init__(self, channel="vcan0", listens=MIT, speaks=((127, False),), shared=None, fd=False):
         self.interface = Interface(RigBus("legs", "socketcan", channel, fd=fd), listens, speaks, Machine())
-        self.can = SocketCan(self.interface.socket, fd=fd, shared=self.interface.virtual if shared is None else shared, patience=PATIENCE)
+        self.can = SocketCan(self.interface.socket, fd=fd, shared=self.interface.virtual if shared is None else shared, patience=TX_QUEUE_FULL_LIMIT)
         self.can.begin(0)
 
     def __enter__(self):
@@ -235,13 +236,13 @@ def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_
         with pytest.raises(OSError) as raised:
             other.send(127, NOTHING)
         assert raised.value.errno == errno.ENOBUFS                              # that is what it was
-        for _ in range(PATIENCE - 1):
+        for _ in range(TX_QUEUE_FULL_LIMIT - 1):
             bus.can.end.receive(1)
             assert not bus.can.end.send(127, NOTHING) and bus.can.trouble is None
         bus.can.end.receive(1)
-        assert bus.can.trouble == "full" and bus.can.counts["refused"] == PATIENCE
+        assert bus.can.trouble == "full" and bus.can.counts["refused"] == TX_QUEUE_FULL_LIMIT
         why, cure = in_words(bus.can.trouble, bus.interface.bus, False)
-        assert why.startswith(f"the queue of {name} was full for {PATIENCE} ticks: nobody acknowledges its frames") and "txqueuelen" in cure
+        assert why.startswith(f"the queue of {name} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames") and "txqueuelen" in cure
 
 
 @needs_own_kernel
