@@ -41,4 +41,4 @@ cdef class Arming:
     cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil
     cdef int advance_plant_to(self, int64_t tick) noexcept nogil
     cdef void halt(self, double timeout) noexcept nogil
-    cdef void count(self, int64_t tick, int64_t late, int64_t began) noexcept nogil
+    cdef void count(self, int64_t tick, int64_t awaited, int64_t late, int64_t began) noexcept nogil

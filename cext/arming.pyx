@@ -243,14 +243,19 @@ cdef class Arming:
         if self.virtual:
             self.now = now
 
-    cdef void count(self, int64_t tick, int64_t late, int64_t began) noexcept nogil:
-        """A tick that is done, on the page."""
+    cdef void count(self, int64_t tick, int64_t awaited, int64_t late, int64_t began) noexcept nogil:
+        """A tick that is done, on the page.
+
+        awaited : the grid point that lateness and period are counted from: `tick`, or one before it that was missed
+        late : ns, behind `tick`
+        """
         cdef PageLayout *page = self.layout
         cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()
         add(&page.execution, ended - began, tick)
-        add(&page.lateness, late, tick)
+        cdef int64_t behind = late + self.pace.grid(tick) - self.pace.grid(awaited)
+        add(&page.lateness, behind, tick)
         if not self.virtual and self.previous >= 0:
-            add(&page.period, late - self.late if late > self.late else self.late - late, tick)
+            add(&page.period, behind - self.late if behind > self.late else self.late - behind, tick)
         page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
         page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
         store_i64(&page.tick, tick)

@@ -213,10 +213,12 @@ cdef class Executor(Waiting):
         cdef int64_t held = 0                                      # holds of the GIL after which our handlers were installed
         cdef int64_t tick = self.armed
         cdef int64_t late = 0
+        cdef int64_t awaited                                       # the grid point after the tick before; a late tick runs at a newer one
         cdef int64_t epoch = self.began + self.first_tick
         cdef int status = OK
         self.journal.set_state(RUNNING)
         while ticks < 0 or tick < ticks:
+            awaited = tick
             if not self.virtual:
                 self.pace.wait(epoch + self.pace.grid(tick))
             if self.signals.caught[0] or not self.journal.make_room(False):
@@ -250,7 +252,7 @@ cdef class Executor(Waiting):
             if self.control.laps != NULL:
                 lap(self.control.laps, RECORD)
             if self.layout != NULL:
-                self.count(tick, late, began)
+                self.count(tick, awaited, late, began)
             if self.control.gil_taken != held and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
                 self.signals.install(NULL)                         # a block may have installed its own, or ignored them
                 held = self.control.gil_taken

@@ -70,7 +70,7 @@ cdef struct PageLayout:
     int64_t sleeps
     int64_t spins
     int64_t waited              # ns spent waiting for the recorder, in virtual time only
-    Histogram lateness          # wake-up against the grid
+    Histogram lateness          # wake-up behind the grid point that was awaited
     Histogram period            # |period - T|
     Histogram execution         # of a tick
     Histogram gil               # waits for it

@@ -191,8 +191,8 @@ cdef class Page:
     def statistics(self):
         """A dict of everything the page counts: ticks, missed, dropped, frames, and percentiles in s of
 
-        lateness    of the wake-up against the grid
-        period      |from one wake-up to the next - what lies between them on the grid|
+        lateness    of the wake-up behind the grid point that was awaited, which is the one after the tick before
+        period      |from one wake-up to the next - one period|
         execution   of a tick
         gil         waits for the GIL, in real time
         bus         receiving and sending, in real time

@@ -126,7 +126,7 @@ cdef class Waiting(Arming):
             if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
                 return status if status != OK else ENDED
             if self.layout != NULL:
-                self.count(tick, self.late, began)
+                self.count(tick, tick, self.late, began)
             before, high = high, self.asked(high)
             if high and not before:
                 standing = self.permission() if standing == OK else standing

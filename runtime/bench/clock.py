@@ -109,13 +109,20 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
 
 
 def c_chunk(loop, rate, seconds, realtime):
-    """(lateness of every tick of the C loop, in ns; how many grid points it missed)"""
+    """Run the C loop. Returns what the executor counts of itself: lateness and |period - T| of its ticks, in ns, and the grid points missed."""
     ticks = round(seconds * rate)
     late, unused = (ctypes.c_double * ticks)(), (ctypes.c_double * 1)()
     with Realtime(realtime):
         loop(round(1e9 / rate), ticks, late, unused)
-    found = np.frombuffer(late).astype(np.int64)
-    return found[found >= 0], int(np.sum(found < 0))
+    return kept_time(np.frombuffer(late).astype(np.int64), round(1e9 / rate))
+
+
+def kept_time(late, period):
+    """(lateness behind the grid point that was awaited, |period - T|, grid points missed). late : ns, of every grid point, -1 where it was missed"""
+    ran = np.flatnonzero(late >= 0)
+    missed = np.diff(ran, prepend=-1) - 1
+    behind = late[ran] + missed * period
+    return behind, abs(behind[1:] - late[ran][:-1]), int(missed.sum())
 
 
 def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=False):
@@ -130,8 +137,8 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
             stack.enter_context(busy())
         for _ in rounds("measuring", repeats):
             for rate, contenders in found.items():
-                late, missed = c_chunk(loop, rate, seconds, realtime)
-                contenders[C].add(counts_of(late), counts_of(abs(np.diff(late))), len(late), missed)
+                late, off, missed = c_chunk(loop, rate, seconds, realtime)
+                contenders[C].add(counts_of(late), counts_of(off), len(late), missed)
                 for name, python_blocks in ((NATIVE, 0), (PYTHON, PYTHON_BLOCKS)):
                     result = chunk(rate, seconds, python_blocks, realtime, folder)
                     statistics = result.statistics

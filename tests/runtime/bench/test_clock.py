@@ -31,8 +31,13 @@ def test_under_load_the_processors_are_kept_busy_and_left_alone_afterwards(comma
 
 
 def test_the_loop_in_c_keeps_the_same_grid():
-    late, missed = clock.c_chunk(build(clock.C_LOOP), 500, 0.1, "off")
-    assert len(late) + missed == 50 and late.min() >= 0 and late[:-1].max() < 2_000_000
+    late, off, missed = clock.c_chunk(build(clock.C_LOOP), 500, 0.1, "off")
+    assert len(late) + missed == 50 and late.min() >= 0 and len(off) == len(late) - 1
+
+
+def test_a_stall_of_the_loop_in_c_is_counted_from_the_grid_point_that_was_awaited():
+    late, off, missed = clock.kept_time(np.array([10, 20, -1, -1, 500, 30]), 1000)
+    assert late.tolist() == [10, 20, 2500, 30] and off.tolist() == [10, 2480, 470] and missed == 2
 
 
 def test_samples_are_pooled_by_their_counts():
