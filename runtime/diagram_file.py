@@ -1,5 +1,6 @@
 """Diagram files: Python that offers `diagram` or `build(**parameters)`, and may offer `plant(robot, **parameters)`."""
 
+import hashlib
 import importlib.util
 import inspect
 import os
@@ -22,12 +23,13 @@ ROOMS = tuple(str(Path(__file__).parents[1] / room) + os.sep for room in ("block
 
 @dataclass
 class DiagramFile:
-    """A loaded file: the module, and what was set for its `build` and its `plant`."""
+    """A loaded file: the module, and what was set for its `build` and its `plant`. sha256 : hex digest of the source that was run"""
 
     path: Path
     module: object
     build_parameters: dict
     plant_parameters: dict
+    sha256: str | None = None
 
     @property
     def has_plant(self):
@@ -39,18 +41,20 @@ class DiagramFile:
         return found if callable(found) else None
 
 
-def load(path, settings=(), rig=None):
+def load(path, settings=(), rig=None, sha256=None):
     """Read a diagram file and build its diagram.
 
     path : of the file
     rig : RigFile or None; what it says of devices comes before the settings
     settings : pairs (name, text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any other one of the
         parameters of `build` or `plant`
+    sha256 : hex digest of the only source that may be run; None for any
 
     Returns (DiagramFile, Diagram). Raises BadInput.
     """
     path = Path(path)
-    file = DiagramFile(path, execute(path), {}, {})
+    module, found = execute(path, sha256)
+    file = DiagramFile(path, module, {}, {}, found)
     diagram, build = getattr(file.module, "diagram", None), file.function("build")
     if build is None and not isinstance(diagram, Diagram):
         raise BadInput(f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one")
@@ -98,17 +102,32 @@ def blamed(path, function, *arguments):
 
 
 class Source(SourceFileLoader):
-    """Reads the file itself, every time. Bytecode of an edit in the same second would be taken for this one's."""
+    """Reads the file itself, every time. Bytecode of an edit in the same second would be taken for this one's.
+
+    sha256 : hex digest of the only source that may be run, None for any; then of the one that was read
+    """
+
+    def __init__(self, name, path, sha256=None):
+        super().__init__(name, path)
+        self.sha256 = sha256
 
     def get_code(self, name):
         source = self.get_data(self.path)
+        found = hashlib.sha256(source).hexdigest()
+        if self.sha256 not in (None, found):
+            raise BadInput(f"{os.path.relpath(self.path)} has changed while it was read: run the command again")
+        self.sha256 = found
         if b"\0" in source:
             raise BadInput(f"{os.path.relpath(self.path)} is not text: a diagram file is Python")
         return self.source_to_code(source, self.path)
 
 
-def execute(path):
+def execute(path, sha256=None):
     """Run the file as a module. BadInput, with the line, for everything that can be wrong with it.
+
+    sha256 : hex digest of the only source that may be run, None for any
+
+    Returns (module, hex digest of the source that was run).
 
     It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a library.
     """
@@ -123,11 +142,12 @@ def execute(path):
     if folder not in sys.path:
         sys.path.append(folder)
     location = os.path.abspath(path)
-    spec = importlib.util.spec_from_file_location(path.stem, location, loader=Source(path.stem, location))
+    source = Source(path.stem, location, sha256)
+    spec = importlib.util.spec_from_file_location(path.stem, location, loader=source)
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
-    guarded(path, spec.loader.exec_module, module)
-    return module
+    guarded(path, source.exec_module, module)
+    return module, source.sha256
 
 
 def near_miss(path):

@@ -58,7 +58,7 @@ def plan(prepared, realtime):
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
         "metadata": {
-            "diagram_file": str(request.file), "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
+            "diagram_file": str(request.file), "source_sha256": prepared.source_sha256, "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
             "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
         },
     }

@@ -63,7 +63,12 @@ class Request:
 
 @dataclass
 class Prepared:
-    """A run that only has to be armed, in simulation or on a rig. ticks : grid points, -1 until stopped; poses : of a rig, which refuse to arm"""
+    """A run that only has to be armed, in simulation or on a rig.
+
+    ticks : grid points, -1 until stopped
+    poses : of a rig, which refuse to arm
+    source_sha256 : hex digest of the source of the diagram file; None where there is no file
+    """
 
     request: Request
     diagram: object
@@ -72,6 +77,7 @@ class Prepared:
     rig: RigBuses | None
     ticks: int
     poses: Poses | None = field(default=None, kw_only=True)
+    source_sha256: str | None = field(default=None, kw_only=True)
 
     @property
     def plant(self):
@@ -133,8 +139,8 @@ def prepare(request):
         if not request.yes and not can_ask():
             raise BadInput(NOBODY)
         poses = Poses(diagram, schedule, request.poses)
-        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks, poses=poses)
-    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule, request.bitrate), None, ticks)
+        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks, poses=poses, source_sha256=file.sha256)
+    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule, request.bitrate), None, ticks, source_sha256=file.sha256)
 
 
 def run(prepared, say=lambda lines: None, count_from=0):

@@ -5,8 +5,10 @@
 An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a divergence, never a guess.
 """
 
+import hashlib
 import json
 import math
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,14 +33,30 @@ from runtime.rig.file import parse
 from runtime.telling.progress import Progress
 
 RING = 1 << 22                  # bytes
+PIECE = 1 << 20                 # bytes of a file that are read at once
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
 FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")      # ends whose cause is not among what was recorded
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where the diagram to run comes from.
+
+    file : Path of Python that is run; None for the diagram that is stored in the recording, which runs no code but that of installed libraries
+    sha256 : hex digest of the only content of `file` that may be run; None for any, where the operator has named it
+    instead : why the stored diagram is used, not the recorded file
+    """
+
+    file: Path | None
+    sha256: str | None = None
+    instead: str = ""
 
 
 @dataclass
 class Replayed:
     """
     there : Trial, the recording; here : Trial, what came of it now
+    source : Source of the diagram
     unchanged : whether the diagram has the recorded content
     outcome : cext.executor.Outcome
     comparison : Comparison of `there` with `here`
@@ -50,6 +68,7 @@ class Replayed:
 
     there: Trial
     here: Trial
+    source: Source
     unchanged: bool
     outcome: object
     comparison: Comparison
@@ -74,27 +93,65 @@ class Replayed:
         return not self.end or (self.end["status"], self.end["culprit"]) == (self.outcome.status, self.outcome.culprit)
 
 
-def replay(path, file=None, folder=None):
+def opened(path):
+    """The Trial of a recording that can be run again. path : of the .mcap file. BadInput"""
+    with Progress(f"reading {Path(path).name}") as progress:
+        trial = Trial(path, progress)
+    check(trial)
+    return trial
+
+
+def source_of(trial, file=None):
+    """The Source of the diagram to run.
+
+    A recording may come from anywhere, and to load a diagram file is to run it. So a file that only the recording names is run if its
+    content is the recorded one, and not looked at by Python otherwise.
+
+    file : a diagram file that the operator has named
+    """
+    if file is not None:
+        return Source(Path(file))
+    metadata = trial.about["metadata"]
+    recorded, sha256 = str(metadata.get("diagram_file") or ""), metadata.get("source_sha256")
+    if not os.path.isfile(recorded):
+        return Source(None, instead=f"{recorded or 'its diagram file'} is not there")
+    if not sha256:
+        return Source(None, instead=f"the recording has no hash to compare {recorded} with")
+    if sha256_of(recorded) != sha256:
+        return Source(None, instead=f"{recorded} has changed since the recording")
+    return Source(Path(recorded), sha256)
+
+
+def sha256_of(path):
+    """Hex digest of a file's content; "" where it cannot be read."""
+    try:
+        with open(path, "rb") as stream:
+            found = hashlib.sha256()
+            while piece := stream.read(PIECE):
+                found.update(piece)
+    except OSError:
+        return ""
+    return found.hexdigest()
+
+
+def replay(trial, source, folder=None):
     """Run a recording again.
 
-    path : of the .mcap file
-    file : a changed diagram; by default the one that was recorded
+    trial : as `opened` returns it
+    source : as `source_of` returns it
     folder : keeps the new recording; by default it goes away
 
     BadInput where the recording cannot be run again.
     """
-    with Progress(f"reading {Path(path).name}") as progress:
-        trial = Trial(path, progress)
-    check(trial)
     fault = up_to_the_first_fault(trial)
-    diagram, where = diagram_of(trial, file)
+    diagram, where, origin = diagram_of(trial, source)
     add_recorder(trial, diagram)
     schedule = compiled(where, diagram)
     ends = buses(trial, schedule)
     changes = live_changes(trial, schedule)
     with tempfile.TemporaryDirectory() as scratch:
         target = str(folder or scratch)
-        outcome, report = run(trial, diagram, schedule, ends, changes, target)
+        outcome, report = run(trial, diagram, schedule, ends, changes, target, origin)
         if report["problems"]:
             raise BadInput(report["problems"][0])
         files = [entry["path"] for entry in report["files"]]
@@ -103,7 +160,7 @@ def replay(path, file=None, folder=None):
     mine, theirs = sent_frames(trial), sent_frames(here)
     frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
     unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
-    return Replayed(trial, here, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [], fault)
+    return Replayed(trial, here, source, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [], fault)
 
 
 def check(trial):
@@ -117,22 +174,30 @@ def check(trial):
         raise BadInput(f"{trial.path} holds no tick")
 
 
-def diagram_of(trial, file):
-    """The diagram to run, and where it is from: the file that is given, or the one that was recorded, or the recording's own JSON."""
+def diagram_of(trial, source):
+    """(the diagram to run, where it is from, what a new recording says of that). BadInput"""
     metadata = trial.about["metadata"]
-    source = Path(file or metadata.get("diagram_file", ""))
-    if file is not None or source.is_file():
-        rig = metadata.get("rig")
-        _, diagram = load(source, list(metadata.get("settings", {}).items()), rig and parse(Path(rig["file"]), rig["text"]))
-    elif trial.diagram is not None:
-        try:
-            diagram, source = from_json(json.dumps(trial.diagram)), trial.path
-        except DiagramError as error:
-            raise BadInput(f"{trial.path}: {source} is not there, and from the recording: {error}") from None
+    if source.file is None:
+        diagram, where, origin = stored(trial, source), trial.path, {}
     else:
-        raise BadInput(f"{trial.path}: its diagram, {source}, is not there: name one with --diagram FILE")
+        rig, settings = metadata.get("rig"), list(metadata.get("settings", {}).items())
+        file, diagram = load(source.file, settings, rig and parse(Path(rig["file"]), rig["text"]), source.sha256)
+        where, origin = source.file, {"diagram_file": str(source.file), "source_sha256": file.sha256}
     diagram.rate = trial.about["rate"]
-    return diagram, source
+    return diagram, where, origin
+
+
+def stored(trial, source):
+    """The diagram that is stored in a recording. BadInput, with the reason why it is asked for"""
+    cure = "name the diagram file with --diagram FILE, which runs it"
+    if trial.diagram is None:
+        raise BadInput(f"{trial.path}: {source.instead}, and the recording holds no diagram: {cure}")
+    try:
+        return from_json(json.dumps(trial.diagram))
+    except DiagramError as error:
+        raise BadInput(f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{cure}") from None
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"{trial.path} is damaged: its diagram.json describes no diagram ({error!r}); {cure}") from None
 
 
 def add_recorder(trial, diagram):
@@ -225,12 +290,12 @@ def live_changes(trial, schedule):
     return changes
 
 
-def run(trial, diagram, schedule, ends, changes, folder):
+def run(trial, diagram, schedule, ends, changes, folder, origin):
     """(Outcome, the recorder's report)"""
     page = Page(RING, live=describe(schedule))
     recorder = RecorderProcess(page)
     try:
-        recorder.configure(plan(trial, diagram, schedule, folder))
+        recorder.configure(plan(trial, diagram, schedule, folder, origin))
         program = Program(schedule, ends)
         program.live.follow(changes)
         executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.lifeline, tape=tape(trial))
@@ -245,13 +310,13 @@ def run(trial, diagram, schedule, ends, changes, folder):
     return outcome, recorder.finish()
 
 
-def plan(trial, diagram, schedule, folder):
+def plan(trial, diagram, schedule, folder, origin):
     return {
         "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "virtual": True,
         "duration": float(trial.time[-1]) + 1.0 / schedule.rate, "keys": False,
         "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses,
         "media": schedule.media, "bitrates": {load.bus: load.bitrate for load in schedule.loads}, "sinks": [],
-        "status_line": True, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], "replay_of": trial.path.name},
+        "status_line": True, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], **origin, "replay_of": trial.path.name},
     }
 
 
@@ -260,6 +325,8 @@ def told(result):
     there, comparison = result.there, result.comparison
     what = "the diagram as it was recorded" if result.unchanged else "a changed diagram"
     lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} run again, {what}"]
+    if result.source.file is None:
+        lines.append(f"  the diagram in the recording was run: {result.source.instead}. Pass --diagram FILE to run a file")
     if result.fault is not None:
         lines.append(f"  after the fault at tick {result.fault} it waited to be armed again: it was run again up to there")
     if not there.complete:

@@ -1,5 +1,7 @@
 """Replay: a recorded run once more, bit for bit, or the first place where it is not."""
 
+import hashlib
+import io
 import json
 import os
 import signal
@@ -10,8 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.records import Attachment, Channel, Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 
-from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK
+from runtime.diagram_file import load
+from runtime.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
+from runtime.recordings.reader import LIBRARY as LIBRARY_NAME
 from runtime.recordings.trial import Trial
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import KNEE_EXO, started, write, writer_of
@@ -74,6 +81,7 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     code, out, err = command_line("replay", file)
     assert (code, err) == (OK, "")
     assert out == (
+        f"running {KNEE_EXO}: its content is the recorded one\n"
         f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
         "  all 36 signals and 2004 sent frames are the same, bit for bit\n")
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
@@ -120,7 +128,7 @@ def test_a_fault_happens_again(recorded, command_line, tmp_path):
     code, out, _ = command_line("replay", file)
     assert code == OK and "70 ticks of" in out and "bit for bit" in out
     law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")                   # the fault is mended
-    code, out, _ = command_line("replay", file)
+    code, out, _ = command_line("replay", file, "--diagram", path)
     assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
 
 
@@ -193,6 +201,95 @@ def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tm
     file = recorded(KNEE_EXO, "--fast", "--duration", "0.1")
     data = json.loads(file.with_suffix(".json").read_text())
     assert data["metadata"]["diagram_file"].endswith("knee_exo.py")
+
+
+TRAP = "\nopen('trap', 'w').close()\n"
+LIBRARY = """
+from blocks.sources import Sine
+from graph import Diagram
+
+def build():
+    with Diagram("waves", rate=100) as diagram:
+        Sine(name="wave")
+    return diagram
+"""
+
+
+def about_of(file, change):
+    """Write a recording anew with another about.json. change : a function of its bytes"""
+    data, out = file.read_bytes(), io.BytesIO()
+    writer = Writer(out, compression=CompressionType.NONE, use_chunking=False)
+    writer.start(library=LIBRARY_NAME)
+    channels = {}
+    for record in StreamReader(io.BytesIO(data)).records:
+        if isinstance(record, Attachment):
+            content = change(record.data) if record.name == "about.json" else record.data
+            writer.add_attachment(0, 0, record.name, record.media_type, content)
+        elif isinstance(record, Channel) and record.id not in channels:
+            channels[record.id] = writer.register_channel(record.topic, "protobuf", 0)
+        elif isinstance(record, Message):
+            writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence)
+    writer.finish()
+    file.write_bytes(out.getvalue())
+
+
+def without(*names):
+    """Takes words out of the metadata of an about.json."""
+    def change(data):
+        about = json.loads(data)
+        about["metadata"] = {name: value for name, value in about["metadata"].items() if name not in names}
+        return json.dumps(about).encode()
+
+    return change
+
+
+def test_a_file_that_has_changed_is_not_executed_because_a_recording_names_it(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    path.write_text(path.read_text() + TRAP)
+    complaint = command_line.refused("replay", file)
+    assert not (tmp_path / "trap").exists()
+    assert "robot.py has changed since the recording" in complaint and "--diagram FILE" in complaint
+    code, out, err = command_line("replay", file, "--diagram", path)
+    assert (code, err) == (OK, "") and "a changed diagram" not in out and (tmp_path / "trap").exists()
+
+
+def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_needs_no_local_code(recorded, command_line, tmp_path):
+    path = write(tmp_path, LIBRARY, "waves.py")
+    file = recorded(path, "--fast", "--duration", "0.1")
+    code, out, _ = command_line("replay", file)
+    assert code == OK and out.startswith(f"running {path}: its content is the recorded one\n")
+    path.write_text(LIBRARY + TRAP)
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "") and not (tmp_path / "trap").exists() and "bit for bit" in out and "the diagram as it was recorded" in out
+    assert f"  the diagram in the recording was run: {path} has changed since the recording. Pass --diagram FILE to run a file\n" in out
+
+
+def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_run(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    assert json.loads(file.with_suffix(".json").read_text())["metadata"]["source_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    about_of(file, without("source_sha256"))
+    path.write_text(path.read_text() + TRAP)
+    complaint = command_line.refused("replay", file)
+    assert "the recording has no hash to compare " in complaint and not (tmp_path / "trap").exists()
+    assert command_line("replay", file, "--diagram", path)[0] == OK
+
+
+def test_a_file_that_changes_between_the_comparison_and_the_import_is_not_executed(tmp_path):
+    path = write(tmp_path, LIBRARY + TRAP, "waves.py")
+    with pytest.raises(BadInput, match="changed while it was read"):
+        load(path, sha256=hashlib.sha256(LIBRARY.encode()).hexdigest())
+    assert not (tmp_path / "trap").exists() and not Path("trap").exists()
+
+
+def test_a_replay_through_another_file_records_that_file(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    other = law(tmp_path, "return 1.0", "other.py")
+    command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
+    [new] = (tmp_path / "again").glob("*_replay.mcap")
+    code, out, _ = command_line("replay", new)
+    assert code == OK and out.startswith(f"running {other}: ") and "bit for bit" in out
 
 
 def test_what_is_no_recording_is_refused(command_line, tmp_path):
