@@ -1,10 +1,15 @@
 """`python -m runtime`, and the console script `tickwork`."""
 
 import os
-import signal
 import sys
 
-from runtime import house
+from runtime import working_folder
+
+FOLDER = working_folder.move_back() if __name__ == "__main__" else None        # before anything that it could hide
+
+import signal  # noqa: E402
+
+from runtime import house  # noqa: E402
 
 INTERRUPTED = 130
 
@@ -21,7 +26,7 @@ def main():
 
 
 def start():
-    trouble = house.trouble(*sys.argv[1:2])
+    trouble = house.trouble(*sys.argv[1:2], folder=FOLDER)
     if trouble is None:
         try:
             from runtime.cli import main as command_line
@@ -30,7 +35,7 @@ def start():
     if trouble is not None:
         print(f"tickwork: {trouble}", file=sys.stderr)
         return house.BAD_INPUT
-    return command_line()
+    return command_line(folder=FOLDER)
 
 
 def occupy_standard_streams():

@@ -37,13 +37,16 @@ ROOMS = {                       # those of the others are in runtime.commands
 INTERRUPTED = 130
 
 
-def main(arguments=None):
-    """Run a command line. Returns the exit code."""
+def main(arguments=None, folder=None):
+    """Run a command line. Returns the exit code.
+
+    folder : the working folder, where `python -m` has put it on the path
+    """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     DiagramError = refusal(arguments)
     try:
         check_encoding(arguments)
-        code = command(arguments)
+        code = command(arguments, folder)
     except BadInput as error:
         complain([f"tickwork: {error}"])
         code = error.code
@@ -75,7 +78,7 @@ def refusal(arguments):
     return DiagramError
 
 
-def command(arguments):
+def command(arguments, folder):
     if not arguments or arguments[0] in ("-h", "--help"):
         (tell if arguments else complain)(usage())
         return OK if arguments else BAD_INPUT
@@ -83,12 +86,16 @@ def command(arguments):
     if first not in COMMANDS:
         if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
-        return run("run", arguments)
-    return run(first, arguments[1:])
+        return run("run", arguments, folder)
+    return run(first, arguments[1:], folder)
 
 
-def run(name, arguments):
-    return import_module(ROOMS.get(name, f"runtime.commands.{name}")).main(arguments)
+def run(name, arguments, folder):
+    module = import_module(ROOMS.get(name, f"runtime.commands.{name}"))
+    trouble = house.namesake(folder)                # now that all is loaded that this command needs
+    if trouble is not None:
+        raise BadInput(trouble)
+    return module.main(arguments)
 
 
 def usage():

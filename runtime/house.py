@@ -1,6 +1,7 @@
 """Before anything else is imported: are the four packages from one place, built, and is what they need there?
 
-This file and `runtime/__main__.py` must be readable for any Python 3.6 or newer, and import nothing of Tickwork.
+This file, `runtime/__main__.py` and `runtime/working_folder.py` must be readable for any Python 3.6 or newer, and import nothing else of
+Tickwork.
 """
 
 import os
@@ -8,6 +9,8 @@ import sys
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import find_spec
 from pathlib import Path
+
+from runtime import working_folder
 
 BAD_INPUT = 2
 HERE = Path(__file__).parent.parent
@@ -22,12 +25,17 @@ if sys.version_info < (3, 11):                  # later ones read TOML themselve
 READING = ("convert", "diff", "plot")           # commands that need nothing that was compiled
 TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy")}
 
+LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")    # of Python, while a run is on
 
-def trouble(command=""):
-    """One line on what keeps a command of Tickwork from starting here, and its cure; None when nothing does."""
+
+def trouble(command="", folder=None):
+    """One line on what keeps a command of Tickwork from starting here, and its cure; None when nothing does.
+
+    folder : the working folder, where `python -m` has put it on the path
+    """
     if command in READING:
         return old_python() or missing(TO_READ)
-    return old_python() or stranger() or unbuilt() or missing()
+    return old_python() or stranger(folder) or unbuilt() or missing()
 
 
 def old_python():
@@ -36,17 +44,31 @@ def old_python():
     return None
 
 
-def stranger():
+def stranger(folder=None):
     """A package that another folder has taken the name of: `blocks` and `graph` are words anybody may use."""
     for name in ("cext", "graph", "blocks"):
-        place = place_of(name)
+        place = folder if folder and working_folder.namesake(folder, [name]) else place_of(name)
         if place is None:
             return "the package `%s` is missing beside %s" % (name, HERE / "runtime")
-        if place != os.path.realpath(str(HERE)):
+        if os.path.realpath(place) != os.path.realpath(str(HERE)):
             both = "`%s` comes from %s, but `runtime` from %s" % (name, place, HERE)
-            if place == os.path.realpath(sys.path[0]):
+            if place == folder:
                 return both + ": start with `tickwork`, which never puts the working folder first, or work in another folder"
             return both + ": rename the one that is not Tickwork's, or take its folder off PYTHONPATH"
+    return None
+
+
+def namesake(folder):
+    """A file of the working folder that bears the name of a library in use. It hides nothing, but the diagram may have meant it."""
+    if folder is None:
+        return None
+    ours = ("blocks", "cext", "graph", "runtime")
+    names = {name for name in sys.modules if not name.startswith("__") and name not in ours and name not in sys.builtin_module_names}
+    names.update((name.split(".")[0] for name in NEEDS), LOADED_LATER)
+    for name in sorted(names):
+        path = working_folder.namesake(folder, [name])
+        if path is not None and place_of(name) != os.path.realpath(folder):
+            return "%s bears the name of a library that Tickwork uses: rename it, or start with `tickwork`, which ignores it" % path
     return None
 
 

@@ -47,6 +47,64 @@ def test_a_file_named_as_a_package_of_ours_is_told_too(installed, lab):
     assert_one_line(python(*RUN, "--help", cwd=lab, path=installed), f"`graph` comes from {lab}", "`tickwork`")
 
 
+WAVE = """
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("wave", rate=100) as diagram:
+    Sine()
+    CsvRecorder()
+"""
+
+
+@pytest.mark.parametrize("name", ["json", "signal", "typing", "string", "numpy", "can"])
+def test_a_file_beside_the_diagram_with_the_name_of_a_library_is_named(name, installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
+    process = python(*RUN, "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
+    assert_one_line(process, f" {name}.py bears the name of a library", "rename it, or start with `tickwork`")
+    assert not (lab / "recordings").exists()
+
+
+def test_a_package_beside_the_diagram_with_the_name_of_a_library_is_named(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / "json").mkdir()
+    (lab / "json" / "__init__.py").write_text("raise SystemExit(0)\n")
+    assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py bears the name")
+
+
+def test_a_diagram_may_bear_the_name_of_a_module_that_no_run_uses(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / "sunau.py").write_text("raise SystemExit(0)\n")
+    process = python(*RUN, "wave.py", "--fast", "--duration", "1", "--no-record", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+
+
+def test_a_diagram_imports_a_module_of_the_working_folder(installed, lab):
+    (lab / "gains.py").write_text("RATE = 100\n")
+    (lab / "deeper").mkdir()
+    (lab / "deeper" / "wave.py").write_text(WAVE.replace("100", "gains.RATE").replace("\n", "\nimport gains\n", 1))
+    process = python(*RUN, "deeper/wave.py", "--fast", "--duration", "1", "--no-record", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+
+
+def test_a_file_in_the_clone_hides_no_module_of_python(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "signal.py").write_text("raise SystemExit(0)\n")
+    assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py bears the name")
+
+
+def test_the_console_script_runs_beside_files_with_the_names_of_libraries(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    for name in ("runtime", "json", "signal", "numpy"):
+        (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
+    process = python(installed / "bin" / "tickwork", "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+    [recording] = (lab / "recordings").glob("*.csv")
+    assert len(recording.read_text().splitlines()) == 101
+
+
 def test_the_console_script_works_beside_folders_of_the_same_names(installed, lab):
     for name in ("blocks", "graph", "cext", "runtime"):
         (lab / name).mkdir()
@@ -161,7 +219,7 @@ def test_what_is_looked_for_is_what_the_project_depends_on():
 
 
 def test_an_old_python_can_read_the_first_files_and_is_told(monkeypatch):
-    for name in ("__init__.py", "__main__.py", "house.py"):
+    for name in ("__init__.py", "__main__.py", "house.py", "working_folder.py"):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
     monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
     assert "Python 3.9, and 3.10 or newer is needed" in house.trouble()
