@@ -10,6 +10,7 @@ from graph.declarations import Input, Live, Memory, Output, Param
 from graph.device import Actuator, DampedStop, Device, Motion, ReplyField, TorqueBound, Watch
 from graph.diagnostics import Diagnostic, DiagramError
 from graph.diagram import Diagram, Signal, subsystem
+from graph.entry import main
 from graph.function import block
 from graph.interval import Interval
 from graph.schedule import Schedule
@@ -18,6 +19,6 @@ from graph.units import deg
 
 __all__ = [
     "Actuator", "Block", "DampedStop", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Motion",
-    "Output", "Param", "ReplyField", "Schedule", "Signal", "Sink", "StreamDevice", "TorqueBound", "Watch", "block", "compile", "deg", "stack",
-    "subsystem",
+    "Output", "Param", "ReplyField", "Schedule", "Signal", "Sink", "StreamDevice", "TorqueBound", "Watch", "block", "compile", "deg", "main",
+    "stack", "subsystem",
 ]

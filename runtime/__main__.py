@@ -14,19 +14,22 @@ from runtime import house  # noqa: E402
 INTERRUPTED = 130
 
 
-def main():
-    """Check the house, then run the command line. Returns the exit code."""
+def main(folder=FOLDER):
+    """Check the house, then run the command line. Returns the exit code.
+
+    folder : the folder that Python had put first on the path, None if it had not
+    """
     occupy_standard_streams()
     try:
-        code = start()
+        code = start(folder)
     except KeyboardInterrupt:                   # while still importing
         code = INTERRUPTED
     signal.signal(signal.SIGINT, signal.SIG_IGN)        # all is done: a second Ctrl-C, while Python takes itself down, is not how it ended
     return code
 
 
-def start():
-    trouble = house.trouble(*sys.argv[1:2], folder=FOLDER)
+def start(folder):
+    trouble = house.trouble(*sys.argv[1:2], folder=folder)
     if trouble is None:
         try:
             from runtime.cli import main as command_line
@@ -35,7 +38,7 @@ def start():
     if trouble is not None:
         print(f"tickwork: {trouble}", file=sys.stderr)
         return house.BAD_INPUT
-    return command_line(folder=FOLDER)
+    return command_line(folder=folder)
 
 
 def occupy_standard_streams():

@@ -11,6 +11,7 @@ import pytest
 
 from runtime.errors import CHECK_FAILED, OK
 from runtime.live.runs import page_of
+from tests.house import python
 from tests.runtime.runs import ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient
 
@@ -52,6 +53,11 @@ def test_the_readmes_diagram_prints_what_the_readme_shows(sample):
     assert len(python_of(README)[0].splitlines()) <= 17
     told = [line for line in process.stdout.splitlines() if not line.startswith("  overruns")]      # there where a busy machine missed ticks
     assert without_numbers(told) == without_numbers(shown)
+
+
+def test_the_readmes_diagram_runs_by_itself(sample):
+    process = python("knee.py", "--duration", "1", "--fast", cwd=sample.parent, path=ROOT)
+    assert (process.returncode, process.stderr) == (OK, "") and "knee: 1 s at 200 Hz" in process.stdout
 
 
 def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
