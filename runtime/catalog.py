@@ -14,6 +14,7 @@ from graph.block import suggestion
 from graph.drawing.cards import class_card, documentation, summary, unit_text
 from graph.store import ENTRY_POINTS
 from runtime.errors import BadInput
+from runtime.exception_text import name_and_text
 from runtime.telling.lines import count, paper
 from runtime.telling.terminal import program
 
@@ -83,7 +84,7 @@ def walk(name, broken):
     try:
         module = importlib.import_module(name)
     except Exception as error:                      # whatever a stranger's module does as it is imported, the others are listed
-        broken.append((name, f"{type(error).__name__}: {error}"))
+        broken.append((name, name_and_text(error)))
         return
     yield module
     for info in pkgutil.iter_modules(getattr(module, "__path__", ())):

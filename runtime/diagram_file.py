@@ -15,6 +15,7 @@ from pathlib import Path
 from graph import Block, Diagram, DiagramError, compile
 from graph.block import suggestion
 from runtime.errors import BadInput
+from runtime.exception_text import TEXT_LIMIT, bounded, text_of
 from runtime.rig.overrides import override
 from runtime.settings import set_block_parameters, share_out
 
@@ -186,7 +187,9 @@ def guarded(path, function, /, *arguments, **named):
         raise BadInput(exception(path, error)) from error
     except SystemExit as error:
         raise BadInput(exception(path, error)) from None
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:                      # user code may derive exceptions from BaseException
         raise BadInput(exception(path, error)) from error
 
 
@@ -217,10 +220,13 @@ def own_frames(path, error):
     return [frame for frame in own if frame.filename.startswith(folder)] or own
 
 
-def words(error):
-    """An exception's name, and what it says; the text of a KeyError without quotation marks around it."""
-    text = error.args[0] if isinstance(error, KeyError) and error.args and " " in str(error.args[0]) else str(error)
-    return type(error).__name__ + (f": {text}" if str(text) else "")
+def words(error, limit=TEXT_LIMIT):
+    """An exception's name, and what it says; the text of a KeyError without quotation marks around it. limit : s for its text"""
+    def text():
+        return str(error.args[0]) if isinstance(error, KeyError) and error.args and " " in str(error.args[0]) else str(error)
+
+    said = bounded(text, limit)
+    return type(error).__name__ + (f": {said}" if said else "")
 
 
 def import_hint(path, error):
@@ -233,7 +239,7 @@ def import_hint(path, error):
     top = (error.name or "").partition(".")[0]
     if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
         return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
-    wanted = re.match(r"cannot import name '(\w+)'", str(error))
+    wanted = re.match(r"cannot import name '(\w+)'", text_of(error))
     return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""
 
 

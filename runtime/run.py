@@ -5,6 +5,7 @@ import signal
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 from cext.executor import Executor
@@ -113,6 +114,11 @@ class Result(Prepared):
     page: Page
     newest: list
     report: list = field(default_factory=list)
+
+    @cached_property
+    def held(self):
+        """Exceptions that were no fault, as runtime.telling.held.held has them."""
+        return held(self.request.file, self.control, self.plant)
 
     @property
     def failed_in_plant(self):
@@ -314,7 +320,7 @@ def ending(result):
     event = {
         "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
         "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
-        "answers": result.control.latencies, "held": held(result.request.file, result.control, result.plant),
+        "answers": result.control.latencies, "held": result.held,
         "report": result.report, "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
     return json.dumps(event).encode()

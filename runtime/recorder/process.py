@@ -18,6 +18,7 @@ from pathlib import Path
 from cext import realtime
 from cext.page import Page
 
+from runtime.exception_text import name_and_text
 from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.recording import RecordingFailed
 from runtime.recorder.report import PARTIAL, write_json
@@ -120,7 +121,7 @@ def death_of_writer(writer, page):
 
 def described(error):
     """An exception in a line."""
-    return " ".join((str(error) if isinstance(error, RecordingFailed) else f"{type(error).__name__}: {error}").split())
+    return " ".join((str(error) if isinstance(error, RecordingFailed) else name_and_text(error)).split())
 
 
 def ended(pidfd):

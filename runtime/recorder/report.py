@@ -5,6 +5,7 @@ from datetime import datetime, timezone
 from signal import Signals
 
 from runtime.errors import BadInput
+from runtime.exception_text import name_and_text
 
 STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 
@@ -52,7 +53,7 @@ def reason(error):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
         return f"{error.strerror}: {error.filename}" if error.filename else error.strerror
-    return f"{type(error).__name__}: {error}"
+    return name_and_text(error)
 
 
 PARTIAL = ".part"               # ending of a file until it is whole

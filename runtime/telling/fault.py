@@ -1,11 +1,11 @@
 """What went wrong in a run, for whoever has to mend it: where, with which numbers, in which line of theirs."""
 
 import math
-import traceback
 
 from graph import Device
 from graph.diagram import Signal
 from runtime.diagram_file import own_frames, words
+from runtime.exception_text import last_lines
 from runtime.telling import aftermath, drive_faults
 from runtime.telling.timing import micro
 
@@ -223,7 +223,5 @@ def worst(elements):
 
 def own_traceback(file, error):
     """The exception of a user's block: its own lines, none of ours."""
-    said = "".join(traceback.format_exception_only(type(error), error)).rstrip().split("\n")
-    if isinstance(error, KeyboardInterrupt):            # of the watchdog, not of the block
-        said = []
+    said = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)        # that one is the watchdog's, not the block's
     return [*(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)), *said]

@@ -1,6 +1,7 @@
 """Exceptions of Python blocks that were no fault, since the block may hold some: told at the end of a run."""
 
 from runtime.diagram_file import own_frames, words
+from runtime.exception_text import TEXT_LIMIT, within
 from runtime.telling.lines import count, relative
 
 
@@ -10,8 +11,9 @@ def held(file, program, plant=None):
     file : of the diagram; program, plant : cext.program.Program, the plant's None on a rig
     """
     rows = program.held + (plant.held if plant is not None else [])
+    left = within(TEXT_LIMIT)
     return [
-        {"block": path, "count": number, "first_tick": first, "last": words(error), "at": place(file, error)}
+        {"block": path, "count": number, "first_tick": first, "last": words(error, left()), "at": place(file, error)}
         for path, number, first, error in rows]
 
 

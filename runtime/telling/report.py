@@ -7,7 +7,6 @@ from graph import Device
 from runtime.coverage import nothing_stops, unstopped
 from runtime.errors import FAULT, OK
 from runtime.recorder.files import DELETED, INCOMPLETE
-from runtime.telling.held import held
 from runtime.telling.held import text as held_text
 from runtime.telling.lines import count
 from runtime.telling.timing import spread, timing
@@ -67,7 +66,7 @@ def summary(result):
     for entry in result.control.watched:
         if words := watch_text(entry, schedule.rate):
             row("watch", words)
-    for entry in held(result.request.file, result.control, result.plant):
+    for entry in result.held:
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
