@@ -8,13 +8,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from runtime.recordings.average_stride import left_out_text, signals_texts
+
 # Blue for the leg, orange for the actuator, green for the power between them: told apart by colour-blind readers too. (Okabe and Ito 2008)
 ROWS = (
     ("angle", "angle [deg]", "#0072B2", degrees),
     ("torque", "torque [N·m]", "#D55E00", float),
     ("power", "power [W]", "#009E73", float),
 )
-WIDEST = 38                     # letters of a title
+WIDEST, WIDEST_LINE = 38, 76     # letters of a title, and of a line of the small print below it
 INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
 
 
@@ -85,8 +87,13 @@ def plot(axis, curve, colour, convert):
 def title(axis, leg):
     """The leg, and below it its numbers."""
     count = leg["strides"]
+    lines = [*([f"left out: {left_out_text(leg)}"] if leg["left_out"] else []), *signals_texts(leg)]
     numbers = (
         f"{count} stride{'s' * (count > 1)} of {leg['stride_time']:.2f} s, peak torque {leg['peak_torque']:.1f} N·m\n"
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−"))
-    axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom", fontsize=9, color=GREY, linespacing=1.4)
-    axis.set_title(plain(short(leg["title"], WIDEST)), fontsize=11, fontweight="bold", color=INK, pad=40)
+    axis.annotate(plain("\n".join(short(line, WIDEST_LINE) for line in lines)), xy=(0.5, 1.04), xycoords="axes fraction", ha="center", va="bottom",
+                  fontsize=7, color=GREY, linespacing=1.4)
+    raised = 10 * len(lines)
+    axis.annotate(numbers, xy=(0.5, 1.04), xycoords="axes fraction", xytext=(0, raised), textcoords="offset points", ha="center", va="bottom",
+                  fontsize=9, color=GREY, linespacing=1.4)
+    axis.set_title(plain(short(leg["title"], WIDEST)), fontsize=11, fontweight="bold", color=INK, pad=40 + raised)

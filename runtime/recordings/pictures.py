@@ -10,10 +10,11 @@ from matplotlib.ticker import MaxNLocator
 
 from runtime.errors import BadInput
 from runtime.recorder import picture
+from runtime.recordings.average_stride import INPUTS, AverageStride
 from runtime.recorder.picture import FAINT, GREY, INK, plain, short
 from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
-from runtime.recordings.strides import bounds, over
+from runtime.recordings.strides import beginnings, bounds, over, phase_of
 
 MOST = 100                      # plots of a picture
 LEVELS, CHARACTER = 3, 0.0085   # of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
@@ -24,6 +25,8 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#3
 FAULT, MARK = "#C1121F", "#0072B2"
 ROW, WIDTH = 1.9, 10.0          # inches
 JOINT = ("position", "velocity", "torque")
+CURVES_OF = ("angle", "velocity", "torque")     # the same, as inputs of a StrideReport
+STRIDE_REPORT = "blocks.recorders:StrideReport"
 
 
 def overview(trial):
@@ -162,40 +165,86 @@ def spells(truths):
 
 
 def legs(trial, events=None):
-    """What runtime.recorder.picture draws of each joint that walks: its mean stride, from the recorded rows. BadInput where none does."""
+    """What runtime.recorder.picture draws of each leg, from the recorded rows. BadInput where none walks.
+
+    Legs are those of the diagram's StrideReports, with the signals that these were given, so that the figures are those of the run; then every other
+    joint with position, velocity and torque.
+    """
+    known = reports(trial)
+    used = {signals["angle"] for _, _, signals in known}
     found, refused = [], None
-    for path in trial.names:
-        folder, block, port = split(path)
-        stem = f"{folder}/{block}".lstrip("/")
-        if port != "position" or not all(f"{stem}.{other}" in trial.signals for other in JOINT):
-            continue
+    for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
         try:
-            one = leg(trial, folder, stem, bounds(trial, path, events))
+            rows, phase, walking = gait(trial, signals, events)
         except BadInput as error:               # this joint has no gait phase: another may have
             refused = refused or error
             continue
-        found += [one] if one else []
+        average = AverageStride(trial.about["rate"])
+        columns = (phase, walking, *(trial[signals[name]][rows] for name in CURVES_OF))
+        for tick, *values in zip(trial.tick[rows].tolist(), *(column.astype(float).tolist() for column in columns)):
+            average.add(tick, *values)
+        result = average.result()
+        found += [{"title": title, "path": path, "signals": signals, **result}] if result["strides"] else []
     if not found:
         raise refused or BadInput(f"{trial.path} holds no whole stride of a joint with position, velocity and torque")
     several = len({one["title"] for one in found}) < len(found)
     return [{**one, "title": one["path"] if several else one["title"]} for one in found]
 
 
-def leg(trial, folder, stem, spans):
-    """The mean stride of a joint, None where there is none: a stride in which a sample is not finite is left out."""
-    values = np.array([over(trial, f"{stem}.{port}", spans)[:, :, 0] for port in JOINT])
-    good = np.isfinite(values).all(axis=(0, 2))
-    if not good.any():
-        return None
-    (angle, velocity, torque), spans = values[:, good], spans[good]
-    power = velocity * torque
-    lasting = spans[:, 1] - spans[:, 0]
-    steps = lasting / (power.shape[1] - 1)
-    work = [np.mean(np.sum(0.5 * (part[:, 1:] + part[:, :-1]), axis=1) * steps) for part in (np.maximum(power, 0.0), np.minimum(power, 0.0))]
-    curves = {name: statistics(values) for name, values in (("angle", angle), ("torque", torque), ("power", power))}
-    return {
-        "title": folder or stem, "path": stem, "strides": len(spans), "stride_time": float(np.mean(lasting)),
-        "peak_torque": float(np.max(np.abs(torque))), "positive_work": float(work[0]), "negative_work": float(work[1]), "curves": curves}
+def reports(trial):
+    """[(title, path, {input: signal})] of the StrideReports of the recorded diagram whose signals were recorded."""
+    diagram, found = trial.diagram or {}, []
+    for block in diagram.get("blocks", []):
+        if block["type"] == STRIDE_REPORT:
+            path = block["path"]
+            wires = {wire["port"]: wire["from"] for wire in diagram["wires"] if wire["to"] == path}
+            if set(wires) == set(INPUTS) and all(signal in trial.signals for signal in wires.values()):
+                found.append((block["parameters"].get("title") or path.rpartition("/")[0] or path, path, {name: wires[name] for name in INPUTS}))
+    return found
+
+
+def joints(trial):
+    """The same of every joint with position, velocity and torque; its phase is not among the signals yet."""
+    for path in trial.names:
+        folder, block, port = split(path)
+        stem = f"{folder}/{block}".lstrip("/")
+        if port == "position" and all(f"{stem}.{other}" in trial.signals for other in JOINT):
+            yield folder or stem, stem, {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
+
+
+def gait(trial, signals, events):
+    """(rows, phase, walking) of the part of the recording that counts; the names of both go into `signals`. events : as Trial.strides has them
+
+    BadInput where there is no phase.
+    """
+    everything, ones = slice(None), np.ones(len(trial))
+    if events is None:
+        if "phase" not in signals:
+            signals["phase"], walking = phase_of(trial, signals["angle"])
+            signals |= {} if walking is None else {"walking": walking}
+        return everything, trial[signals["phase"]], trial[signals["walking"]] if "walking" in signals else ones
+    signals.pop("walking", None)
+    signals["phase"] = events if isinstance(events, str) else "times that were given"
+    if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
+        return everything, trial[events], ones
+    return between(trial, beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()))
+
+
+def between(trial, times):
+    """(rows, phase, walking) from the tick before the first event to the last one: the phase is the share of the way to the next. times : s"""
+    near = 0.5 / trial.about["rate"]
+    places = np.searchsorted(trial.time, times - near)
+    events = np.unique(places[(places < len(trial)) & (times >= trial.time[:1].sum() - near)])
+    if len(events) < 2:
+        return slice(0, 0), np.empty(0), np.empty(0)
+    phase = np.zeros(len(trial))
+    for first, last in zip(events[:-1], events[1:]):
+        phase[first:last] = np.arange(last - first) / (last - first)
+    begin = max(0, events[0] - 1)
+    if begin < events[0]:                       # a stride begins where the phase falls
+        phase[begin] = 1.0 - 1.0 / (events[1] - events[0])
+    rows = slice(begin, events[-1] + 1)
+    return rows, phase[rows], np.ones(events[-1] + 1 - begin)
 
 
 def statistics(values):

@@ -3,10 +3,8 @@
 import numpy as np
 
 from runtime.errors import BadInput
+from runtime.recordings.average_stride import LONGEST, SHORTEST, WRAP
 from runtime.recordings.resample import interpolate, kind_of
-
-SHORTEST, LONGEST = 0.4, 4.0    # s, of a stride: running, and walking with great difficulty
-WRAP = 0.5                      # a phase falls by more than this where a stride ends
 
 
 def strides(trial, path, events=None, points=101):

@@ -7,6 +7,7 @@ from graph import Device
 from runtime.coverage import nothing_stops, unstopped
 from runtime.errors import FAULT, OK
 from runtime.recorder.files import DELETED, INCOMPLETE
+from runtime.recordings.average_stride import left_out_text, signals_texts
 from runtime.telling.held import text as held_text
 from runtime.telling.lines import count
 from runtime.telling.timing import spread, timing
@@ -70,6 +71,8 @@ def summary(result):
         row("held", held_text(entry, schedule.rate))
     for stride in result.recording.get("strides", []):
         row(stride["title"], stride_text(stride))
+        for line in stride_details(stride):
+            row("", line)
     if result.outcome.faults:
         row("faults", "; ".join(f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}" for fault in result.outcome.faults) + ", survived")
     if schedule.devices:
@@ -105,12 +108,21 @@ def watch_text(entry, rate):
 
 def stride_text(stride):
     peak = f"peak torque {stride['peak_torque']:.1f} N·m"
-    left_out = f" ({stride['left_out']} left out)" if stride.get("left_out") else ""
+    left_out = f" ({stride['left_out']} left out)" if stride["left_out"] else ""
     if not stride["strides"]:
         return f"no whole stride{left_out}; {peak}"
     return (
         f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; {peak}; "
         f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J")
+
+
+def stride_details(stride):
+    """Which signals the figures of a stride are of, and what is in none of the strides."""
+    if stride["left_out"]:
+        yield f"left out: {left_out_text(stride)}"
+    unused = (("standing", "without walking"), ("unfinished", "of walking outside whole strides"))
+    told = [f"{stride['unused'][key]:.1f} s {words}" for key, words in unused if stride["unused"][key] >= 0.05]
+    yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(told)}"] if told else [])])
 
 
 def stop_text(outcome, schedule):

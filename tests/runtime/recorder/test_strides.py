@@ -9,8 +9,9 @@ import pytest
 
 from cext.page import Page
 from blocks.recorders import StrideReport
-from runtime.recorder.strides import CURVES, StrideAverage, resample
+from runtime.recorder.strides import StrideAverage
 from runtime.recorder import RecorderProcess
+from runtime.recordings.average_stride import CURVES, resample
 from tests.runtime.recorder.test_process import writers
 from tests.runtime.terminals import patient
 from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
@@ -33,7 +34,8 @@ def walk(strides, period=1.0, start=0.3, amplitude=0.6, torque=10.0, walking=lam
 
 
 def average(rows, rate=RATE, title=""):
-    service = StrideAverage(plan(None, rate=rate), sink(STRIDES, "left/stride_report", INPUTS, title=title))
+    order = sink(STRIDES, "left/stride_report", INPUTS, title=title)
+    service = StrideAverage(plan(None, order, rate=rate), order)
     service.open()
     for tick, *values in rows:
         service.row(tick, tick / rate, tuple(values))
@@ -85,7 +87,7 @@ def test_a_stride_with_a_missing_tick_is_left_out():
     rows = walk(10)
     assert average(rows)["strides"] == 9
     gap = average([r for r in rows if r[0] != 450])
-    assert gap["strides"] == 8 and gap["left_out"] == 1
+    assert gap["strides"] == 8 and gap["left_out"] == 1 and gap["left_out_because"] == {"with missed ticks": 1}
     assert gap["positive_work"] == pytest.approx(math.pi * 6.0, rel=1e-9)
 
 
@@ -97,7 +99,8 @@ def test_a_stride_with_nan_is_left_out_and_does_not_hide_the_peak():
 
 def test_a_stride_counts_only_if_the_leg_walks_all_through_it():
     result = average(walk(10, walking=lambda tick: not 440 <= tick < 460))
-    assert result["strides"] == 8
+    assert result["strides"] == 8 and result["left_out_because"] == {"in which walking ended": 1}
+    assert result["unused"]["standing"] == pytest.approx(0.1)
     assert average(walk(10, walking=lambda tick: False))["strides"] == 0
 
 
@@ -107,12 +110,18 @@ def test_strides_of_implausible_duration_are_left_out(period):
     assert result["strides"] == 0 and result["left_out"] >= 5
 
 
+def test_every_second_is_in_a_stride_or_told_as_unused():
+    result = average(walk(10, walking=lambda tick: tick >= 100))        # phase 0.3 to 10.9; it wraps at 0.7 s, 1.7 s and so on
+    assert (result["strides"], result["left_out"]) == (9, 0)
+    assert result["unused"] == {"standing": pytest.approx(0.5), "unfinished": pytest.approx(10.6 - 9.0 - 0.5)}
+
+
 def test_standing_for_an_hour_takes_no_memory():
     service = StrideAverage(plan(None), sink(STRIDES, "left/stride_report", INPUTS))
     service.open()
     for tick in range(20_000):
         service.row(tick, tick / RATE, (0.99 if tick == 0 else 0.1, 1.0, 0.0, 0.0, 0.0))
-    assert service.stride is None
+    assert service.average.stride is None
 
 
 def test_resampling_passes_over_samples_that_do_not_advance():

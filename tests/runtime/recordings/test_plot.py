@@ -77,27 +77,39 @@ def test_the_spells_of_a_fault_code_are_found():
     assert pictures.spells(np.zeros(3, dtype=bool)) == []
 
 
-def test_the_average_stride_has_angle_assistance_and_power_of_both_legs(command_line, tmp_path):
-    assert command_line(KNEE_EXO, "--fast", "--duration", "10", "--record", tmp_path / "run")[0] == OK
+def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(command_line, tmp_path):
+    code, summary, _ = command_line(KNEE_EXO, "--fast", "--duration", "10", "--record", tmp_path / "run")
     [path] = (tmp_path / "run").glob("*.mcap")
-    code, out, err = command_line("plot", path, "--strides", "-o", "strides.svg")
-    assert (code, out, err) == (OK, "strides.svg\n", "")
-    assert {"left", "right", "angle [deg]", "torque [N·m]", "power [W]", "gait cycle [%]"} <= drawn("strides.svg")
-    trial = runtime.load(path)
-    for found, told in zip(pictures.legs(trial), (stride for stride in sidecar(path)["strides"])):
-        assert (found["title"], found["strides"]) == (told["title"], told["strides"])
-        assert found["stride_time"] == pytest.approx(told["stride_time"], abs=0.006)                 # between samples here, at one there
-        assert (found["positive_work"], found["negative_work"]) == pytest.approx(work(trial, found["path"]), rel=0.01)
-        assert np.allclose(found["curves"]["torque"]["mean"], told["curves"]["torque"]["mean"], atol=0.6)
+    command_line("plot", path, "--strides", "-o", "strides.svg")
+    command_line("plot", path, "--strides", "-o", "strides.png")
+    texts = drawn("strides.svg")
+    assert {"left", "right", "angle [deg]", "torque [N·m]", "power [W]", "gait cycle [%]"} <= texts
+    assert {"work of knee.torque and butterworth.y", "angle knee.position, phase gait_phase.phase"} <= texts
+    found, told = pictures.legs(runtime.load(path)), sidecar(path)["strides"]
+    assert found == told and [leg["title"] for leg in found] == ["left", "right"]
+    for leg in found:
+        assert leg["signals"]["velocity"] == f"{leg['title']}/butterworth.y"
+        assert f"positive work {leg['positive_work']:.2f} J a stride, negative {leg['negative_work']:.2f} J" in summary
+        assert f"work a stride {leg['positive_work']:+.2f} J and −{-leg['negative_work']:.2f} J" in texts
+    assert open("strides.png", "rb").read() == path.with_suffix(".png").read_bytes()
+    assert "work of knee.torque and butterworth.y, angle knee.position, phase gait_phase.phase; not used: " in summary
 
 
-def work(trial, stem):
-    """J a stride, of every sample of the strides: what is drawn is made of 101 points of each."""
-    power, found = trial[f"{stem}.velocity"] * trial[f"{stem}.torque"], []
-    for first, last in bounds(trial, f"{stem}.position"):
-        inside = power[(trial.time >= first) & (trial.time < last)] / 200
-        found.append((inside[inside > 0].sum(), inside[inside < 0].sum()))
-    return np.mean(found, axis=0)
+def test_joints_without_a_report_are_drawn_of_their_own_signals(crowded):
+    [leg] = pictures.legs(runtime.load(crowded))
+    assert leg["signals"] == {
+        "angle": "left/knee/motor.position", "velocity": "left/knee/motor.velocity", "torque": "left/knee/motor.torque",
+        "phase": "left/gait.phase", "walking": "left/gait.walking"}
+    assert leg["left_out_because"] == {"with a value that is not finite": 1}
+
+
+@pytest.mark.parametrize("events", ["left/gait.phase", [1.0, 2.0, 3.0, 4.0]])
+def test_strides_begin_where_the_person_says_so_and_are_the_same(crowded, events):
+    trial = runtime.load(crowded)
+    [leg], [given, spare] = pictures.legs(trial), pictures.legs(trial, events)
+    assert spare["path"] == "spare/motor"       # which has no gait of its own
+    assert given["strides"] == leg["strides"] == 2 and given["positive_work"] == pytest.approx(leg["positive_work"], rel=1e-12)
+    assert given["stride_time"] == 1.0 and np.allclose(given["curves"]["torque"]["mean"], leg["curves"]["torque"]["mean"], atol=0.02)
 
 
 def sidecar(path):

@@ -88,6 +88,20 @@ def test_strides_in_words():
     assert report.stride_text(stride | {"strides": 0, "left_out": 0}) == "no whole stride; peak torque 9.2 N·m"
 
 
+def test_signals_of_strides_and_what_is_not_used_in_words():
+    stride = {
+        "title": "left", "left_out": 3, "left_out_because": {"with missed ticks": 1, "longer than 4 s": 2},
+        "unused": {"standing": 1.5, "unfinished": 2.26},
+        "signals": {"phase": "left/gait.phase", "walking": "left/gait.walking", "angle": "left/knee.position", "velocity": "left/filter.y",
+                    "torque": "left/knee.torque"}}
+    assert list(report.stride_details(stride)) == [
+        "left out: 1 with missed ticks, 2 longer than 4 s",
+        "work of knee.torque and filter.y, angle knee.position, phase gait.phase; not used: 1.5 s without walking, "
+        "2.3 s of walking outside whole strides"]
+    whole = stride | {"left_out": 0, "left_out_because": {}, "unused": {"standing": 0.0, "unfinished": 0.0}}
+    assert list(report.stride_details(whole)) == ["work of knee.torque and filter.y, angle knee.position, phase gait.phase"]
+
+
 def test_three_things_to_try_next(walked, tmp_path):
     lines = report.hints(walked, "tickwork")
     assert lines[0] == "try next" and len(lines) == 4
