@@ -3,13 +3,15 @@
 Every message stands there as it was recorded. Of a recording that was finished, and not damaged, it is a copy to the byte.
 """
 
+import io
 import json
 import os
 
 from runtime.recorder.files import WholeFile
 from runtime.recorder.mcap_file import HEAD, MESSAGE, McapFile
-from runtime.recorder.mcap_mending import A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, read, walk
+from runtime.recorder.mcap_mending import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, read, walk
 from runtime.recordings import messages
+from runtime.recordings.chunks import Expander, compressed
 from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
 FLUSH = 1 << 20                 # bytes that wait in memory
@@ -46,6 +48,7 @@ class Copy:
         self.rows = self.seam.rows if self.seam else 0
         schemas, topics = {}, {}                # of the part: {number: ...}
         size = path.stat().st_size
+        self.expander = Expander(size)
         with open(path, "rb", buffering=0) as stream:
             stream.seek(len(MAGIC))
             for at, kind, data in walk(stream, len(MAGIC)):
@@ -61,7 +64,11 @@ class Copy:
 
     def record(self, kind, data, schemas, topics):
         body = data[HEAD.size:]
-        if kind == A_MESSAGE:
+        if kind == A_CHUNK and compressed(data):
+            for _, inside, record in walk(io.BytesIO(self.expander.expand(read("Chunk", body))), 0):
+                if inside in (SCHEMA, CHANNEL, A_MESSAGE):
+                    self.record(inside, record, schemas, topics)
+        elif kind == A_MESSAGE:
             self.message(topics[MESSAGE.unpack_from(data)[2]], data)
         elif kind == SCHEMA:
             schema = read("Schema", body)

@@ -15,6 +15,7 @@ from struct import Struct
 
 from runtime.recorder.files import AT_ONCE, WholeFile, claim
 from runtime.recorder.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, PRIVATE, McapFile
+from runtime.recordings.chunks import compressed
 from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
 HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)       # kinds of records
@@ -204,7 +205,9 @@ class Backlog:
 
 
 def walk(stream, at):
-    """(where it begins, kind, all its bytes) of every record up to one that is not whole. Those in a chunk come for themselves, behind its head.
+    """(where it begins, kind, all its bytes) of every record up to one that is not whole.
+
+    Those in a chunk come for themselves, behind its head; a compressed chunk comes whole.
 
     stream : at that byte of the file
     """
@@ -220,11 +223,12 @@ def walk(stream, at):
 
 
 def length_of(window, place):
-    """Bytes of a record, of a chunk its head's alone; of a record's head, where not even that is there."""
+    """Bytes of a record, of a chunk that is not compressed its head's alone; of a record's head, where not even that is there."""
     if len(window) - place < HEAD.size:
         return HEAD.size
     kind, length = HEAD.unpack_from(window, place)
-    return CHUNK_HEAD.size if kind == A_CHUNK else HEAD.size + length
+    plain = kind == A_CHUNK and not compressed(window[place : place + CHUNK_HEAD.size])
+    return CHUNK_HEAD.size if plain else HEAD.size + length
 
 
 def read(kind, body):
@@ -266,7 +270,9 @@ def finished(stream, size):
             index = read("ChunkIndex", data[HEAD.size:])
             stream.seek(index.chunk_start_offset)
             head = stream.read(CHUNK_HEAD.size)
-            length, size = index.chunk_length - HEAD.size, index.uncompressed_size
-            if head[:1] != bytes([A_CHUNK]) or CHUNK_HEAD.unpack(head)[1::6] != (length, size):     # half a head has not got its last field
+            if len(head) < CHUNK_HEAD.size or head[0] != A_CHUNK:
+                return False
+            fields, size = CHUNK_HEAD.unpack(head), index.uncompressed_size
+            if fields[1] != index.chunk_length - HEAD.size or fields[4 if compressed(head) else 7] != size:     # half a head has not got its last field
                 return False
     return True

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from runtime.errors import BadInput
 from runtime.extras import need
 from runtime.recordings import messages
+from runtime.recordings.chunks import Expander, TooLarge, compressed, parsed
 
 FORMATS = ("1",)
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
@@ -20,7 +21,7 @@ FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.p
 FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
 FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
 LOOK = 4096                     # records between two looks at how far the reading is
-CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk without compression: its kind, the bytes in front of its messages
+CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk: its kind, and the bytes in front of its messages where it is not compressed
 RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
 KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
 MENDED = "was cut off, and what there is of it was completed later"
@@ -65,14 +66,19 @@ class Reader:
         self.finished, self.trouble, self.library = False, "", ""
         need("mcap.stream_reader", "reading a recording")
         self.spoilt = None          # where a chunk begins whose checksum is wrong
+        self.count, self.written = 0, None      # messages: those that were read, those that the recorder has counted
+        self.refused = ""           # why the file is not read any further, in words
         try:
             with open(path, "rb") as stream:
                 size = os.fstat(stream.fileno()).st_size
+                self.expander = Expander(size)
                 good = self.read(stream, lambda: progress(stream.tell() / max(1, size)))
                 if not self.finished:
-                    self.trouble = f"{path} {matter(stream, good, size)}"
+                    self.trouble = f"{path} {self.refused or matter(stream, good, size)}"
                 elif self.spoilt is not None:
                     self.finished, self.trouble = False, f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"
+                elif self.written not in (None, self.count):
+                    self.finished, self.trouble = False, f"{path} is damaged: {self.count} of its {self.written} messages can be read"
                 elif self.end is None:
                     self.finished, self.trouble = False, f"{path} {MENDED}"
         except FileNotFoundError:
@@ -82,7 +88,7 @@ class Reader:
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror}") from None
         if self.about is None:
-            raise BadInput(f"{path} {self.what_else(path, size)}")
+            raise BadInput(f"{path} {self.refused or self.what_else(path, size)}")
         if isinstance(self.about, dict) and self.about.get("format") not in FORMATS:
             raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: "
                            "pip install --upgrade tickwork")
@@ -90,7 +96,10 @@ class Reader:
             raise BadInput(f"{path} is damaged: its about.json does not say which signals it has")
 
     def read(self, stream, look):
-        """Returns how many bytes are good. Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong."""
+        """Returns how many bytes are good.
+
+        Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong. A compressed one is read whole.
+        """
         from mcap.exceptions import McapError
 
         start = 0
@@ -101,22 +110,21 @@ class Reader:
             try:
                 self.read_from(stream, look)
                 return self.at
-            except (McapError, *DAMAGE):
+            except (McapError, *DAMAGE) as error:
                 bad = self.before if self.taking else self.at
+                self.refused = str(error) if isinstance(error, TooLarge) else ""
             stream.seek(bad)
-            if self.taking or stream.read(1) != CHUNK:
+            head = stream.read(CHUNK_HEAD)
+            if self.taking or head[:1] != CHUNK or compressed(head):
                 return bad
             self.spoilt = bad if self.spoilt is None else self.spoilt
             start = bad + CHUNK_HEAD
 
     def read_from(self, stream, look):
         """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is being understood"""
-        from mcap.records import Attachment, Channel, Footer, Header, Message
-        from mcap.stream_reader import StreamReader
+        from mcap.records import Attachment, Channel, Footer, Header, Message, Statistics
 
-        size = os.fstat(stream.fileno()).st_size
-        reader = StreamReader(stream, skip_magic=self.at > 0, validate_crcs=True, record_size_limit=size)
-        for number, record in enumerate(reader.records):
+        for number, record in enumerate(self.records(stream)):
             if stream.tell() != self.at:
                 self.before, self.at = self.at, stream.tell()
             if number % LOOK == 0:
@@ -124,6 +132,7 @@ class Reader:
             self.taking = True
             if isinstance(record, Message):
                 self.take(record)
+                self.count += 1
             elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
                 setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
             elif isinstance(record, Channel):
@@ -131,9 +140,25 @@ class Reader:
                 self.messages.setdefault(record.topic, [])
             elif isinstance(record, Header):
                 self.library = record.library
+            elif isinstance(record, Statistics):
+                self.written = record.message_count
             elif isinstance(record, Footer):
                 self.finished = True
             self.taking = False
+
+    def records(self, stream):
+        """Records of the file from `at` on, those of a chunk in its place."""
+        from mcap.records import Chunk
+        from mcap.stream_reader import StreamReader, breakup_chunk
+
+        size = os.fstat(stream.fileno()).st_size
+        for record in StreamReader(stream, self.at > 0, emit_chunks=True, validate_crcs=True, record_size_limit=size).records:
+            if not isinstance(record, Chunk):
+                yield record
+            elif record.compression:
+                yield from parsed(self.expander.expand(record))
+            else:
+                yield from breakup_chunk(record, validate_crc=True)
 
     def what_else(self, path, size):
         """What a file is that is no recording."""
