@@ -38,7 +38,8 @@ from graph import Diagram
 with Diagram("bench", rate=200) as diagram:
     torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
     for can_id in (1, 2):
-        CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, name=f"knee{can_id}")(torque_command=torque)
+        knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, range=(-1.0, 1.0), wake_shift=0.0, name=f"knee{can_id}")
+        knee(torque_command=torque)
 '''
 
 
@@ -121,7 +122,7 @@ def through_guardian(group):
         guardian.configure({
             "buses": [{"name": "bench", "interface": "udp_multicast", "channel": group, "bitrate": 1_000_000, "fd": False, "options": {}, "virtual": False,
                        "line": 0}],
-            "devices": [], "items": [], "limit": 1.0, "priority": PRIORITY + 1})
+            "devices": [], "relays": [], "items": [], "limit": 1.0, "priority": PRIORITY + 1})
         yield Line(lines, 0, bell).end
         guardian.finish()
     finally:

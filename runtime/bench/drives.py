@@ -1,4 +1,4 @@
-"""Drives on udp_multicast that stand still, as a process of their own: `python -m runtime.bench.drives CHANNEL ID...`.
+"""Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL ID...`.
 
 Each answers every frame to its id as a CubeMars AK in MIT mode does, and at once: who waits for it spins, perhaps on the same processor.
 """
@@ -11,7 +11,7 @@ import can
 from runtime.guardian.wires import keep_apart
 from runtime.realtime import Realtime
 
-AT_REST = bytes.fromhex("7fff7ff7ff4600")           # of a reply behind the id: everything at zero, 30 °C, no error
+NO_TORQUE = 0x7FF               # code
 
 
 def node(channel):
@@ -20,9 +20,16 @@ def node(channel):
     return bus
 
 
+def reply(motor, data):
+    """Of a drive at zero that gives the torque it is commanded, 30 °C, no error."""
+    special = data[:7] == b"\xff" * 7
+    torque = NO_TORQUE if special else (data[6] & 15) << 8 | data[7]
+    return bytes([motor, 0x7F, 0xFF, 0x7F, 0xF0 | torque >> 8, torque & 0xFF, 70, 0])
+
+
 def main(channel, *identifiers):
     bus, own = node(channel), Counter()
-    answers = {identifier: bytes([identifier]) + AT_REST for identifier in map(int, identifiers)}
+    motors = set(map(int, identifiers))
     Realtime("try").obtain()
     print("ready", flush=True)
     while True:
@@ -30,8 +37,8 @@ def main(channel, *identifiers):
         frame = heard.arbitration_id, bytes(heard.data)
         if own[frame]:                                          # it hands us our own, too
             own[frame] -= 1
-        elif heard.arbitration_id in answers:
-            answer = answers[heard.arbitration_id]
+        elif heard.arbitration_id in motors and heard.dlc == 8:
+            answer = reply(heard.arbitration_id, heard.data)
             own[heard.arbitration_id, answer] += 1
             bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=answer))
 

@@ -63,6 +63,15 @@ def reply(limits, can_id, position, velocity, torque, temperature, error):
     return bytes([can_id, *(int(text[i : i + 8], 2) for i in range(0, 40, 8)), int(temperature) + 40, error])
 
 
+def held_reply(limits, can_id, position, data, temperature=30.0, error=0):
+    """The reply to a frame of a drive whose joint is held still: it gives the torque of its law, none after a frame of seven FF."""
+    torque = 0.0
+    if data[:7] != bytes(7 * [0xFF]):
+        asked = read_command(limits, data)
+        torque = asked["stiffness"] * (asked["position"] - position) + asked["damping"] * asked["velocity"] + asked["torque"]
+    return reply(limits, can_id, position, 0.0, min(max(torque, limits["torque"][0]), limits["torque"][1]), temperature, error)
+
+
 def read_reply(limits, data):
     """(motor, position, velocity, torque, temperature in °C, error) of a reply of eight bytes."""
     assert len(data) == 8

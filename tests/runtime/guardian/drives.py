@@ -42,7 +42,7 @@ def main(channel, *identifiers):
             if moving:
                 answer = limbs[heard.arbitration_id].hear(frame[1], time.monotonic_ns())
             else:
-                answer = reference.reply(AK10_9, heard.arbitration_id, 0.1, 0.0, 0.0, temperature[0], fault[0])
+                answer = reference.held_reply(AK10_9, heard.arbitration_id, 0.1, frame[1], temperature[0], fault[0])
             sent[heard.arbitration_id, bytes(answer)] += 1
             bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=answer))
 

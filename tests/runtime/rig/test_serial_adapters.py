@@ -64,7 +64,7 @@ class Line:
                     message = bus.recv(0.02)
                     if message is not None:
                         self.frames.append(message.data.hex().upper())
-                        data = reference.reply(AK10_9, 1, 0.1, 0.0, 0.0, 30.0, 0)
+                        data = reference.held_reply(AK10_9, 1, 0.1, bytes(message.data))
                         bus.send(can.Message(arbitration_id=0, is_extended_id=False, data=bytes(data)))
 
 

@@ -79,7 +79,7 @@ class Adapter:
         self.frames.append((identifier, data))
         reply = b""
         if identifier in self.drives:
-            data = bytes(reference.reply(AK10_9, identifier, 0.1, 0.0, 0.0, 30.0, 0))
+            data = bytes(reference.held_reply(AK10_9, identifier, 0.1, bytes.fromhex(data)))
             reply = f"t{identifier:03X}{len(data)}{data.hex().upper()}\r".encode()
         return b"z\r" + reply
 
