@@ -1,4 +1,4 @@
-"""Drives on a CAN interface, by python-can and the reference: each answers every frame to its id, and stands still."""
+"""Drives on a CAN interface, by python-can and the reference: each answers every frame to its id, and is held still."""
 
 import threading
 
@@ -9,8 +9,9 @@ from tests.blocks.actuators import reference
 AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
 
 
-def answer(identifier, position):
-    return reference.reply(AK10_9, identifier, position, 0.0, 0.0, 30.0, 0)
+def is_answer(identifier, data):
+    """Whether data on a drive's id is its reply: no command of a joint near zero begins with so small a position."""
+    return data[0] == identifier and data[6:] == bytes([30 + 40, 0])
 
 
 class Drives:
@@ -41,5 +42,5 @@ class Drives:
             except can.CanError:                    # its interface was taken down
                 return
             if heard is not None and heard.arbitration_id in self.motors and not heard.is_extended_id and not heard.is_error_frame:
-                data = answer(heard.arbitration_id, self.motors[heard.arbitration_id])
+                data = reference.held_reply(AK10_9, heard.arbitration_id, self.motors[heard.arbitration_id], bytes(heard.data))
                 self.bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=data))

@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from tests.hardware.drives import Drives, answer
+from tests.hardware.drives import Drives, is_answer
 from tests.hardware.test_socketcan import spare                     # noqa: F401
 from tests.hardware.vcan import Node, ip, needs_own_kernel, needs_vcan
 from tests.runtime.guardian.bus import guardian_of
@@ -30,7 +30,7 @@ class Listener(Node):
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             for identifier, data in self.heard():
-                if identifier == 1 and data != answer(1, MOTOR[1]):
+                if identifier == 1 and not is_answer(1, data):
                     self.commands.append((time.monotonic(), data.hex().upper()))
                     if until(self.commands[-1][1]):
                         return True
@@ -50,7 +50,7 @@ def run(tmp_path, request):
     rig = tmp_path / "lab.toml"
     rig.write_text(
         '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
-        '[device."left/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n[device."right/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
+        '[device.knee]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
     with Drives(MOTOR), Listener() as listener:
         process = started(
             knee(tmp_path, law=getattr(request, "param", "return 2.0")),

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tests.hardware.drives import Drives, answer
+from tests.hardware.drives import Drives, is_answer
 from tests.hardware.vcan import ERROR, Node, needs_vcan
 from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, TORQUE_STEP, Files, finished, started, torque_of
 
@@ -39,8 +39,7 @@ def rig(tmp_path):
 
 def commands(frames, identifier):
     """What a third party has heard that was said to one drive, as hex digits."""
-    reply = answer(identifier, MOTORS[identifier])
-    return [data.hex().upper() for number, data in frames if number == identifier and data != reply]
+    return [data.hex().upper() for number, data in frames if number == identifier and not is_answer(identifier, data)]
 
 
 def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
