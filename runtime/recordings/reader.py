@@ -15,6 +15,7 @@ from runtime.recordings import messages
 from runtime.recordings.chunks import Expander, TooLarge, compressed, parsed
 
 FORMATS = ("1",)
+DEEPEST = 64                    # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
 MAGIC = b"\x89MCAP0\r\n"
 FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
@@ -134,7 +135,10 @@ class Reader:
                 self.take(record)
                 self.count += 1
             elif isinstance(record, Attachment) and record.name in ATTACHMENTS:
-                setattr(self, record.name.removesuffix(".json"), json.loads(record.data))
+                try:
+                    setattr(self, record.name.removesuffix(".json"), parsed_json(record.data))
+                except TooDeep:
+                    raise BadInput(f"{stream.name} is damaged: its {record.name} is nested more than {DEEPEST} levels deep") from None
             elif isinstance(record, Channel):
                 self.topics[record.id] = record.topic
                 self.messages.setdefault(record.topic, [])
@@ -177,7 +181,7 @@ class Reader:
         if topic.startswith(messages.BUS):
             self.frames.append(self.frame(topic.removeprefix(messages.BUS), record))
         elif topic == messages.EVENTS:
-            event = json.loads(messages.read(messages.EVENT, record.data)["json"])
+            event = parsed_json(messages.read(messages.EVENT, record.data)["json"])
             self.events.append(event)
             if event["event"] == "begin":
                 self.began = event["wall"]
@@ -204,11 +208,29 @@ class Reader:
         return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)
 
 
+class TooDeep(ValueError):
+    """JSON is nested deeper than any that a recorder writes."""
+
+
+def parsed_json(text):
+    """What a JSON text holds. ValueError; TooDeep, so that whoever goes through it later can do so to the bottom"""
+    try:
+        found = json.loads(text)
+    except RecursionError:
+        raise TooDeep from None
+    layer = [found]
+    for _ in range(DEEPEST + 1):
+        layer = [item for held in layer if isinstance(held, (dict, list)) for item in (held.values() if isinstance(held, dict) else held)]
+        if not layer:
+            return found
+    raise TooDeep
+
+
 def sound(about):
     """Whether all is there that tells what the messages mean."""
     try:
         said = [about["name"], *about["buses"], *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype"))]
-        return all(isinstance(word, str) for word in said) and about["rate"] > 0 and about["metadata"] is not None
+        return all(isinstance(word, str) for word in said) and about["rate"] > 0 and isinstance(about["metadata"], dict)
     except (LookupError, TypeError):
         return False
 

@@ -276,6 +276,21 @@ def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_
     assert command_line("replay", file, "--diagram", path)[0] == OK
 
 
+@pytest.mark.parametrize("depth", [100, 900, 5_000, 200_000])
+@pytest.mark.parametrize("command", [("replay",), ("convert", "--to", "csv"), ("convert", "--to", "mcap"), ("plot",)], ids="-".join)
+def test_an_about_json_of_any_depth_is_refused_in_one_line(recorded, command_line, tmp_path, depth, command):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(file, lambda data: data.rstrip()[:-1] + b', "deep": ' + b'{"a": [' * (depth // 2) + b"1" + b"]}" * (depth // 2) + b"}")
+    assert command_line.refused(command[0], file, *command[1:]) == (
+        f"{file.relative_to(tmp_path)} is damaged: its about.json is nested more than 64 levels deep")
+
+
+def test_an_about_json_as_deep_as_a_recorder_may_write_it_is_read(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(file, lambda data: data.rstrip()[:-1] + b', "deep": ' + b"[" * 60 + b"]" * 60 + b"}")
+    assert command_line("replay", file)[0] == OK
+
+
 def test_a_file_that_changes_between_the_comparison_and_the_import_is_not_executed(tmp_path):
     path = write(tmp_path, LIBRARY + TRAP, "waves.py")
     with pytest.raises(BadInput, match="changed while it was read"):
