@@ -6,6 +6,7 @@ from runtime.commands.parsing import Parser, number
 from runtime.commands.reading import read
 from runtime.conversion import FORMATS, OPENSIM, convert
 from runtime.errors import OK, BadInput
+from runtime.recorder.files import make_folder
 from runtime.recorder.mcap_mending import MendingFailed, finish
 from runtime.recordings.parts import heads
 from runtime.telling.progress import Progress
@@ -83,6 +84,6 @@ def finished(recording):
 
 def make(folder):
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     except (FileExistsError, NotADirectoryError):
         raise BadInput(f"cannot write into {folder}: that is a file, and no folder") from None

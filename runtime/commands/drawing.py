@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from runtime.errors import BadInput
-from runtime.recorder.files import create
+from runtime.recorder.files import create, private
 
 KINDS = (".png", ".svg")
 
@@ -22,7 +22,7 @@ def write(draw, output, stem, suffix=".png"):
     """
     try:
         path, descriptor = (str(output), str(output)) if output is not None else create(stem, suffix)
-        file = open(descriptor, "wb")
+        file = open(descriptor, "wb", opener=private)
     except OSError as error:
         raise BadInput(f"cannot write {output or Path(stem).parent}: {error.strerror}") from None
     try:

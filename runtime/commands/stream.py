@@ -1,11 +1,10 @@
 """`stream actuator ID`: one drive live, without torque; `stream imu SERIAL...`, `stream openimu ADDRESS` and `stream i2c ADDRESS...`: sensors."""
 
-import os
-
 from runtime.commands.configure import drive_id
 from runtime.commands.move import model_of
 from runtime.commands.parsing import LONGEST, Parser, folder, host_and_port, number, rerun_target, settings
 from runtime.errors import CHECK_FAILED, OK, BadInput
+from runtime.recorder.files import make_folder
 from runtime.telling.terminal import tell
 from runtime.tools.bus import add_bus, i2c_bus, opened, single_bus
 from runtime.tools.streaming import Watched, stream
@@ -63,7 +62,7 @@ def show(watched, name, options):
     """The Told of what `add_showing` asks for."""
     try:
         if options.record is not None:
-            os.makedirs(options.record, exist_ok=True)
+            make_folder(options.record)
         folder = None if options.record is None else str(options.record)
         return stream(watched, name, options.rate, options.duration, folder, options.plotjuggler, options.rerun)
     except OSError as error:

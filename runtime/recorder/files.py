@@ -1,7 +1,12 @@
-"""Files of a recording: never overwritten, always ending in a whole piece."""
+"""Files of a recording: never overwritten, always ending in a whole piece, and readable for their owner alone.
+
+A recording holds data of the person who wears the robot. Where its folder has the setgid bit, and its group may read it, the group may
+read the recording, too.
+"""
 
 import fcntl
 import os
+import stat
 from itertools import accumulate, count
 
 SIDECAR = ".json"
@@ -9,14 +14,36 @@ INCOMPLETE, DELETED = "incomplete", "deleted while it was written"      # remark
 AT_ONCE = 16 << 10              # bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
 
 
+def is_shared(folder):
+    """Whether the group of a folder may read what is recorded into it."""
+    mode = os.stat(folder).st_mode
+    return bool(mode & stat.S_ISGID and mode & stat.S_IRGRP)
+
+
+def mode_in(folder):
+    """Permissions of a new file in a folder, before the umask."""
+    return 0o640 if is_shared(folder or ".") else 0o600
+
+
+def private(path, flags):
+    """An opener for `open`: a new file gets the permissions of a recording."""
+    return os.open(path, flags, mode_in(os.path.dirname(path)))
+
+
 def make_folder(path):
-    """Create a folder and its parents. Returns those that were not there, outermost first."""
+    """Create a folder and its parents, for their owner, and for the group of a shared folder. Returns those that were not there, outermost first."""
     made = []
     above = os.path.abspath(path)
     while not os.path.lexists(above):
         made.insert(0, above)
         above = os.path.dirname(above)
-    os.makedirs(path, exist_ok=True)
+    mode = 0o750 if made and is_shared(above) else 0o700
+    for folder in made:
+        try:
+            os.mkdir(folder, mode)
+        except FileExistsError:         # made by another process meanwhile
+            pass
+    os.makedirs(path, exist_ok=True)    # FileExistsError where it is no folder
     return made
 
 
@@ -25,13 +52,14 @@ def create(stem, ending, overwrite=False):
 
     overwrite : what has the name is replaced instead
     """
+    mode = mode_in(os.path.dirname(stem))
     if overwrite:
         path = f"{stem}{ending}"
-        return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, mode)
     for number in count(1):
         path = f"{stem}{ending}" if number == 1 else f"{stem}-{number}{ending}"
         try:
-            return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
         except FileExistsError:
             pass
 
@@ -44,7 +72,7 @@ def reserve(folder, stem):
             continue
         path = os.path.join(folder, free + SIDECAR)
         try:
-            return free, path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            return free, path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode_in(folder))
         except FileExistsError:
             pass
 

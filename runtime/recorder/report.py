@@ -6,6 +6,7 @@ from signal import Signals
 
 from runtime.errors import BadInput
 from runtime.exception_text import name_and_text
+from runtime.recorder.files import private
 
 STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 
@@ -65,7 +66,7 @@ def write_json(path, content):
 
     part = path + PARTIAL
     try:
-        with open(part, "xb") as file:
+        with open(part, "xb", opener=private) as file:
             file.write(msgspec.json.format(msgspec.json.encode(content), indent=2) + b"\n")
             file.flush()
             os.fsync(file.fileno())

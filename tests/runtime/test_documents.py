@@ -152,7 +152,7 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
     assert process.stdout == "9.0\n", process.stderr
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md", "docs/realtime.md", "docs/rate.md", "docs/recordings.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md", "docs/realtime.md", "docs/rate.md", "docs/recordings.md", "docs/subjects_data.md"])
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text()):
         assert ((ROOT / page).parent / target).exists(), target

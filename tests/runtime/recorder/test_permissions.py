@@ -1,0 +1,89 @@
+"""Who may read a recording: its owner, and the group of a folder that was shared on purpose."""
+
+import os
+import stat
+
+import pytest
+
+from runtime.errors import OK
+from runtime.recorder.files import create, make_folder, mode_in
+from runtime.recorder.report import write_json
+from tests.runtime.runs import KNEE_EXO
+
+
+@pytest.fixture(autouse=True)
+def generous_umask():
+    """Debian's default, under which others read every new file."""
+    before = os.umask(0o022)
+    yield
+    os.umask(before)
+
+
+def mode(path):
+    return stat.S_IMODE(os.stat(path).st_mode)
+
+
+def modes(folder):
+    """The permissions of everything in a folder."""
+    return {mode(path) for path in folder.rglob("*")}
+
+
+def record(command_line, *words):
+    code, _, err = command_line(KNEE_EXO, "--fast", "--duration", "0.1", *words)
+    assert code == OK, err
+
+
+def test_a_recording_is_for_its_owner_alone(command_line):
+    record(command_line)
+    folder = command_line.folder / "recordings"
+    assert mode(folder) == 0o700 and modes(folder) == {0o600}
+    assert {path.suffix for path in folder.iterdir()} >= {".csv", ".mcap", ".json", ".log"}
+
+
+def test_it_is_so_in_a_folder_that_others_may_read(command_line, tmp_path):
+    folder = tmp_path / "open"
+    folder.mkdir(mode=0o755)
+    record(command_line, "--record", folder)
+    assert mode(folder) == 0o755 and modes(folder) == {0o600}
+
+
+def test_a_folder_with_the_setgid_bit_is_shared_with_its_group(command_line, tmp_path):
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    folder.chmod(0o2770)
+    record(command_line, "--record", folder / "monday" / "subject")
+    assert mode(folder / "monday") == mode(folder / "monday" / "subject") == 0o2750
+    assert modes(folder / "monday" / "subject") == {0o640}
+
+
+def test_the_setgid_bit_alone_shares_nothing(tmp_path):
+    tmp_path.chmod(0o2700)
+    assert mode_in(tmp_path) == 0o600
+
+
+def test_what_is_converted_and_drawn_from_it_is_for_its_owner_alone(command_line):
+    record(command_line, "--no-record")
+    record(command_line)
+    [recording] = (command_line.folder / "recordings").glob("*.mcap")
+    assert command_line("convert", recording, "--to", "sto", "-o", command_line.folder / "out")[0] == OK
+    assert command_line("plot", recording)[0] == OK
+    assert command_line("plot", recording, "-o", command_line.folder / "picture.png")[0] == OK
+    assert mode(command_line.folder / "out") == 0o700
+    assert {mode(path) for path in command_line.folder.rglob("*") if path.is_file() and path.suffix != ".xml"} == {0o600}
+    assert list((command_line.folder / "out").glob("*.sto")) and len(list(command_line.folder.rglob("*.png"))) >= 2
+
+
+def test_a_sidecar_keeps_its_permissions_when_it_is_replaced(tmp_path):
+    path, descriptor = create(str(tmp_path / "trial"), ".json")
+    os.close(descriptor)
+    write_json(path, {"name": "trial"})
+    assert mode(path) == 0o600
+
+
+def test_a_file_that_is_named_as_a_folder_is_still_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileExistsError):
+        make_folder(tmp_path / "file")
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    with pytest.raises(FileExistsError):
+        make_folder(tmp_path / "link")
