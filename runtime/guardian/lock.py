@@ -7,6 +7,7 @@ inherits it, so that a bus is not free before its actuators are stopped.
 import errno
 import hashlib
 import os
+import pwd
 import socket
 import struct
 import time
@@ -14,14 +15,19 @@ import time
 from cext.thresholds import BUS_LOCK_RELEASE_LIMIT
 
 NAME_BYTES = 80                 # at most; the system takes 107
-CREDENTIALS = struct.Struct("3i")
+CREDENTIALS = struct.Struct("iII")        # struct ucred: pid, uid, gid
 
 
 class BusTaken(Exception):
-    """Another process controls the bus. pid : its number, 0 if the system does not tell; owner : the process in words"""
+    """Another process controls the bus.
 
-    def __init__(self, pid):
-        self.pid, self.owner = pid, in_words(pid)
+    pid : its number, 0 if the system does not tell
+    user : number of the account that it runs under, None if the system does not tell
+    owner : the process and its account in words
+    """
+
+    def __init__(self, pid, user=None):
+        self.pid, self.user, self.owner = pid, user, in_words(pid, user)
         super().__init__(f"controlled by {self.owner}")
 
 
@@ -44,9 +50,9 @@ class BusLock:
                 self.socket.close()
                 if error.errno != errno.EADDRINUSE:
                     raise
-            pid = holder(name)
-            if pid is not None and (alive(pid) or time.monotonic() > deadline):
-                raise BusTaken(pid)
+            found = holder(name)
+            if found is not None and (alive(found[0]) or time.monotonic() > deadline):
+                raise BusTaken(*found)
             time.sleep(0.01)
 
     def fileno(self):
@@ -65,7 +71,7 @@ def name_of(interface, channel):
 
 
 def holder(name):
-    """Number of the process that listens at a name, 0 if the system does not tell; None if there is none by now."""
+    """(process, account) that listens at a name, as numbers; 0 and None if the system does not tell. None if there is none by now."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
         visitor.setblocking(False)
         try:
@@ -73,20 +79,29 @@ def holder(name):
         except ConnectionRefusedError:
             return None
         except OSError:
-            return 0
-        return CREDENTIALS.unpack(visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[0]
+            return 0, None
+        return CREDENTIALS.unpack(visitor.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size))[:2]
 
 
 def alive(pid):
     return pid == 0 or os.path.exists(f"/proc/{pid}")
 
 
-def in_words(pid):
+def in_words(pid, user):
+    of = "" if user is None else f" of user {account(user)}"
     if pid == 0:
-        return "another process"
+        return "another process" + of
     try:
         with open(f"/proc/{pid}/cmdline", "rb") as file:
             words = " ".join(file.read().decode(errors="replace").replace("\0", " ").split())
     except OSError:
-        return f"process {pid}, which has ended; its guardian has not"
-    return f"process {pid}" + (f" ({words})" if words else "")
+        return f"process {pid}{of}, which has ended; its guardian has not"
+    return f"process {pid}" + (f" ({words})" if words else "") + of
+
+
+def account(user):
+    """The name of an account, or its number where it has none, as in a container."""
+    try:
+        return pwd.getpwuid(user).pw_name
+    except KeyError:
+        return str(user)

@@ -1,6 +1,7 @@
 """One controller a bus: a lock that ends with its process and names it."""
 
 import os
+import pwd
 import socket
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 
 import pytest
 
-from runtime.guardian.lock import BusLock, BusTaken, name_of
+from runtime.guardian.lock import BusLock, BusTaken, in_words, name_of
 from tests.runtime.runs import ROOT
 
 HOLD = (
@@ -36,6 +37,34 @@ def test_a_bus_has_one_controller_and_others_learn_who_it_is(channel):
             assert taken.value.pid == process.pid
         BusLock("socketcan", f"{channel}_other").close()
         BusLock("slcan", channel).close()
+
+
+def test_the_user_who_holds_the_bus_is_named(channel):
+    name = pwd.getpwuid(os.geteuid()).pw_name
+    with holding(channel) as process:
+        with pytest.raises(BusTaken, match=f"controlled by process {process.pid} \\(.*\\) of user {name}$") as taken:
+            BusLock("socketcan", channel)
+        assert taken.value.user == os.geteuid()
+        process.stdin.close()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root, to be another user")
+def test_another_user_who_holds_the_bus_is_named(channel):
+    nobody = pwd.getpwnam("nobody").pw_uid
+    os.seteuid(nobody)
+    try:
+        lock = BusLock("socketcan", channel)
+    finally:
+        os.seteuid(0)
+    with pytest.raises(BusTaken, match=" of user nobody$"):
+        BusLock("socketcan", channel)
+    lock.close()
+
+
+def test_an_account_without_a_name_is_told_by_its_number():
+    assert in_words(0, 3_999_999_999) == "another process of user 3999999999"
+    assert in_words(1 << 30, 3_999_999_999).startswith(f"process {1 << 30} of user 3999999999, which has ended")
+    assert in_words(0, None) == "another process"
 
 
 def test_the_lock_ends_with_its_process_even_by_kill_9(channel):
