@@ -4,14 +4,15 @@ from pathlib import Path
 
 from runtime.commands.parsing import Parser, number
 from runtime.commands.reading import read
-from runtime.conversion import FORMATS, OPENSIM, convert
+from runtime.conversion import FORMATS, OPENSIM, convert, opensim
 from runtime.errors import OK, BadInput
 from runtime.recorder.files import make_folder
 from runtime.recorder.mcap_mending import MendingFailed, finish
 from runtime.recordings.parts import heads
+from runtime.telling.lines import count
 from runtime.telling.progress import Progress
 from runtime.telling.suggestion import suggestion
-from runtime.telling.terminal import tell
+from runtime.telling.terminal import complain, tell
 
 READING = 0.5                   # share of the time that goes into reading, about
 
@@ -23,6 +24,8 @@ def main(arguments):
     parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
     parser.add_argument("--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles")
     parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="at this rate, between samples as each kind of signal goes on")
+    parser.add_argument("--names", type=Path, metavar="FILE",
+                        help="for sto and mot: a TOML file of OpenSim coordinates, with lines such as \"left/knee.position\" = \"knee_angle_l\"")
     parser.add_argument("--in-place", action="store_true",
                         help="with --to mcap: finish the files themselves, where a second copy would not fit")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)")
@@ -34,8 +37,12 @@ def main(arguments):
         raise BadInput("--to mcap keeps every sample as it was recorded: --rate is for the other formats")
     if options.in_place and (kinds != ["mcap"] or options.output is not None):
         raise BadInput("--in-place goes with --to mcap alone")
+    if options.names is not None and not set(kinds) & set(OPENSIM):
+        raise BadInput("--names is for OpenSim: add --to sto, --to mot or --opensim")
+    names = None if options.names is None else (opensim.read_names(options.names), options.names)
     for recording in heads(options.recordings):
-        for path in finished(recording) if options.in_place else converted(recording, dict.fromkeys(kinds), options.rate, options.output):
+        for path in finished(recording) if options.in_place else converted(
+                recording, dict.fromkeys(kinds), options.rate, options.output, names):
             tell([path])
     return OK
 
@@ -49,12 +56,14 @@ def formats(text):
     return kinds
 
 
-def converted(recording, kinds, rate, folder):
-    """Paths of what one recording becomes, as they are written."""
+def converted(recording, kinds, rate, folder, names):
+    """Paths of what one recording becomes, as they are written. names : of coordinates and the path of their file, or None"""
     with Progress(f"converting {recording.name}") as progress:
         trial = read(recording, progress, 0.0, READING)
         if rate is not None:
             trial = trial.resample(rate)
+        if names is not None:
+            trial = opensim.named(trial, *names)
         stem = str((folder or recording.parent) / recording.stem)
         for place, kind in enumerate(kinds):
             step = (1.0 - READING) / len(kinds)
@@ -65,6 +74,8 @@ def converted(recording, kinds, rate, folder):
             except OSError as error:
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
             progress.terminal.erase()
+            if kind in OPENSIM and opensim.missed(trial):
+                complain([f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in, as OpenSim needs even times"])
             yield path
 
 

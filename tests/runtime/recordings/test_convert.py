@@ -103,19 +103,66 @@ def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
     assert trial["fields"] == {"gr__e": "1.8", "gr__e_2": "viele"}
 
 
-def test_opensim_gets_all_signals_and_the_angles(command_line, recording):
+def table(path):
+    """(header lines, names, rows) of a file for OpenSim."""
+    head, _, body = open(path, encoding="utf-8").read().partition("endheader\n")
+    lines = [line.split("\t") for line in body.splitlines()]
+    return head.splitlines(), lines[0], [[float(word) for word in line] for line in lines[1:]]
+
+
+def test_opensim_gets_all_signals_and_the_angles_at_even_times_and_what_was_filled_in_is_told(command_line, recording):
     code, out, err = command_line("convert", recording, "--opensim", "-o", command_line.folder / "out")
-    assert (code, err) == (OK, "")
+    assert code == OK
+    assert err == "".join(f"tickwork: odd.{kind}: 1 missed tick filled in, as OpenSim needs even times\n" for kind in ("sto", "mot"))
     sto, mot = out.split()
     trial = runtime.load(recording)
+    there = [tick for tick in range(len(trial) + 1) if tick != 101]
     for path, names in ((sto, list(trial.signals)), (mot, ["left/knee.position"])):
-        head, _, body = open(path, encoding="utf-8").read().partition("endheader\n")
-        lines = [line.split("\t") for line in body.splitlines()]
-        assert head.splitlines()[1:5] == ["version=1", f"nRows={len(trial)}", f"nColumns={1 + len(names)}", "inDegrees=no"]
-        assert lines[0] == ["time", *names] and len(lines) == 1 + len(trial)
+        head, found, values = table(path)
+        assert head[1:5] == ["version=1", f"nRows={len(trial) + 1}", f"nColumns={1 + len(names)}", "inDegrees=no"]
+        assert found == ["time", *names] and [row[0] for row in values] == [tick / 200 for tick in range(len(trial) + 1)]
         for column, name in enumerate(names, 1):
-            assert bits(float(line[column]) for line in lines[1:]) == bits(trial[name])
+            assert bits(values[tick][column] for tick in there) == bits(trial[name])            # what was recorded is to the bit
     assert sto.endswith(".sto") and mot.endswith(".mot") and "units=s\trad\trad/s" in open(sto, encoding="utf-8").read()
+    column = list(trial.signals).index("left/knee.torque") + 1
+    assert table(sto)[2][101][column] == pytest.approx(0.5 * (table(sto)[2][100][column] + table(sto)[2][102][column]))
+
+
+def test_signals_get_the_names_of_coordinates(command_line, recording):
+    names = command_line.folder / "names.toml"
+    names.write_text('"left/knee.position" = "knee_angle_l"\n"left/imu.gyro[1]" = "turn"\n')
+    code, out, _ = command_line("convert", recording, "--to", "sto", "--names", names, "-o", command_line.folder / "out")
+    trial = runtime.load(recording)
+    assert code == OK and table(out.strip())[1] == [
+        "time", *({"left/knee.position": "knee_angle_l", "left/imu.gyro[1]": "turn"}.get(name, name) for name in trial.signals)]
+    assert "left/imu.gyro[1] is in rad/s: .mot holds coordinates" in command_line.refused("convert", recording, "--to", "mot", "--names", names)
+    names.write_text('"left/knee.position" = "knee_angle_l"\n')
+    _, out, _ = command_line("convert", recording, "--to", "mot", "--rate", "100", "--names", names, "-o", command_line.folder / "out")
+    head, found, values = table(out.strip())
+    assert found == ["time", "knee_angle_l"] and np.allclose(np.diff([row[0] for row in values]), 0.01)
+
+
+@pytest.mark.parametrize("text, told", [
+    ('"left/knee.positoin" = "k"', "odd.mcap has no signal 'left/knee.positoin': did you mean 'left/knee.position'?"),
+    ('left/knee.position = "k"', 'it is not TOML: '),
+    ('knee.position = "k"', "'knee' has no name of a coordinate; write \"left/knee.position\" = \"knee_angle_l\", both in quotes"),
+    ('"left/knee.position" = 3', "'left/knee.position' has no name of a coordinate"),
+    ('"left/knee.position" = "knee angle"', "'knee angle' is not a name of a column"),
+    ('"left/knee.position" = ""', "'' is not a name of a column"),
+    ('"left/knee.position" = "time"', "'time' is already the name of the time"),
+    ('"left/knee.position" = "k"\n"left/knee.torque" = "k"', "'k' is already the name of 'left/knee.position'"),
+    ("", "it names no signal"), (b"\xff", "it is not UTF-8 text"), (None, "No such file or directory")])
+def test_names_that_are_wrong_are_told_in_one_line(command_line, recording, text, told):
+    names = command_line.folder / "names.toml"
+    if text is not None:
+        names.write_bytes(text if isinstance(text, bytes) else text.encode())
+    refused = command_line.refused("convert", recording, "--to", "sto", "--names", names)
+    assert refused.startswith("--names ") and told in refused and "\n" not in refused
+
+
+def test_names_are_for_opensim(command_line, recording):
+    assert command_line.refused("convert", recording, "--to", "csv", "--names", "x") == (
+        "--names is for OpenSim: add --to sto, --to mot or --opensim")
 
 
 def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_path):
