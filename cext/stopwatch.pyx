@@ -10,8 +10,9 @@ from libc.stdlib cimport calloc, free
 from libc.string cimport memset
 
 
+MACHINE = "the machine, which woke the loop late"
 PHASES = {
-    WOKEN_LATE: "the machine, which woke the loop late", RECEIVE: "receiving", COMMAND: "encoding", TRANSMIT: "sending",
+    WOKEN_LATE: MACHINE, RECEIVE: "receiving", COMMAND: "encoding", TRANSMIT: "sending",
     GIL_WAIT: "waiting for the GIL", PLANT: "the plant", RECORD: "recording",
 }
 

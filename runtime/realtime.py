@@ -32,6 +32,9 @@ HEADROOM = 64 << 20         # bytes that a process whose locked memory is limite
 GROUP = "realtime"          # who may have what a loop needs, after `doctor --script`
 LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
 IDLE_DEVICE = "/dev/cpu_dma_latency"
+RISK = (
+    "caution: the loop has no real-time priority. Other processes can delay it: ticks are then lost, commands arrive late, and the run may "
+    "stop the motors in mid-movement as if a drive were silent")
 
 
 class RealtimeRefused(Exception):
@@ -115,6 +118,10 @@ class Realtime:
         if not self.refused:
             return [f"realtime: {', '.join(self.granted)}"]
         return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._cures()]
+
+    def risk(self):
+        """Lines for the operator of a rig: what a run without real-time priority risks; none where it was granted."""
+        return [] if any(name.startswith("SCHED_FIFO") for name in self.granted) else [RISK]
 
     def summary(self):
         """One line for after the run."""

@@ -168,7 +168,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
             recorder.keep_to(realtime.others)
         if aside and rig is not None:
             rig.guardian.bring_to(aside)
-        say([*(rig.remarks() if rig is not None else []), *realtime.lines()])
+        say([*(rig.remarks() if rig is not None else []), *realtime.lines(), *(realtime.risk() if rig is not None else [])])
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
         control.count_from(count_from)

@@ -7,6 +7,7 @@ from graph.diagram import Signal
 from runtime.diagram_file import own_frames, words
 from runtime.exception_text import last_lines
 from runtime.telling import aftermath, drive_faults
+from runtime.telling.lost_ticks import before_fault
 from runtime.telling.timing import micro
 
 
@@ -18,7 +19,7 @@ def explain(result):
         diagram, schedule, program = result.simulation.diagram, result.simulation.plant, result.simulation.program
     block = diagram.blocks.get(outcome.culprit)
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
-    lines = [f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: {what(result, block, program)}"]
+    lines = [f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: {what(result, block, program)}{before_fault(result)}"]
     if block is not None:
         lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]
     if outcome.error is not None:

@@ -173,6 +173,13 @@ print(json.dumps([before, realtime.lines(), sorted(realtime.metadata()["refused"
     assert after == before
 
 
+def test_a_run_without_real_time_priority_tells_its_risk_and_one_with_it_does_not():
+    realtime = Realtime("off")
+    assert len(realtime.risk()) == 1 and "ticks are then lost" in realtime.risk()[0]
+    realtime.granted.append("SCHED_FIFO 80")
+    assert realtime.risk() == []
+
+
 def test_what_is_required_and_refused_ends_it_with_nothing_held():
     refused, before, after = told('''
 limit((0, 0), (1 << 20, 1 << 20))

@@ -80,6 +80,14 @@ def test_the_run_can_be_ended_at_the_table(bus, terminal, key, code):
     assert "  ticks       0 done" in terminal.look()
 
 
+def test_a_loop_without_real_time_priority_is_told_with_its_risk_before_enter(bus, terminal):
+    at_the_table(bus, terminal, "--no-record")
+    shown = terminal.look()
+    assert shown.index("the loop has no real-time priority") < shown.index("press Enter to arm")
+    terminal.press(b"q")
+    assert terminal.end() == 0
+
+
 def test_the_guardian_watches_over_the_table_as_well(bus, terminal):
     at_the_table(bus, terminal, "--no-record")
     stopped = time.time()
