@@ -5,6 +5,7 @@ It outlives the control process: whatever had reached the ring when that died is
 
 import json
 import os
+import signal
 import time
 
 from cext.thresholds import GUARDIAN_DEATH
@@ -67,7 +68,7 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     report = recording.finish(orphaned)
     status.erase()
     if orphaned:
-        terminal.say(orphan_line(report))
+        terminal.say(orphan_line(report, cause_of_death(page)))
     answer(answers, report)
 
 
@@ -103,10 +104,25 @@ def guarded(page):
     return time.monotonic_ns() - page.guarded < GUARDIAN_DEATH
 
 
-def orphan_line(report):
+def cause_of_death(page):
+    """What the page shows of a control process that died before the end of its run: the signal that killed it from within, or where it was.
+
+    Its exit code goes to the process that started it, and to no other.
+    """
+    if page.crashed:
+        return f"of {signal.Signals(page.crashed).name}"
+    tick = page.statistics()["last_tick"]
+    where = {
+        "init": "before arming", "arming": "while arming", "ready": "before it was armed", "stopping": "during the safe stop",
+        "safe": "after the safe stop"}
+    when = where.get(page.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
+    return f"{when} without ending the run: it was killed, or a block called os._exit or exec"
+
+
+def orphan_line(report, cause):
     files = ", ".join(file["path"] for file in report["files"]) or "no files"
     return (
-        f"tickwork recorder: the control process died; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
+        f"tickwork recorder: the control process died {cause}; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
 
 
 def answer(descriptor, message):
