@@ -30,6 +30,7 @@ import select
 import signal
 import subprocess
 import termios
+from contextlib import suppress
 
 from runtime.child import ChildProcess
 from runtime.recorder.ascii_units import ascii_name
@@ -117,6 +118,9 @@ class RecorderProcess(ChildProcess):
         except TimeoutError:
             self._give_terminal_back()
             return self._lost(f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself")
+        except OSError:
+            self._end()
+            return self._lost("its report is missing: a block closed descriptors of the run. The recorder has finished the files by itself")
         how = self._end()
         if report is None:
             return self._lost(f"the recorder process died before the end ({how}): the files stop where it did; {CURE}")
@@ -136,8 +140,9 @@ class RecorderProcess(ChildProcess):
     def _give_terminal_back(self):
         """As it was; the process has done that, unless it was killed."""
         if self._terminal is not None:
-            put_back(self._terminal, self._attributes)
-            os.close(self._terminal)
+            with suppress(OSError):
+                put_back(self._terminal, self._attributes)
+                os.close(self._terminal)
             self._terminal = None
 
     def _lost(self, problem):
@@ -163,12 +168,14 @@ class RecorderProcess(ChildProcess):
                 self._child.kill()
                 self._child.wait()
             self._await_writer(timeout)
-            os.close(self._answers)
+            with suppress(OSError):             # a block may have closed it
+                os.close(self._answers)
             self._give_terminal_back()
         code = self._child.returncode
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
     def __del__(self):
         if getattr(self, "_over", True) is False:
-            os.close(self._answers)
+            with suppress(OSError):
+                os.close(self._answers)
             self._give_terminal_back()

@@ -1,0 +1,25 @@
+"""A block that closes descriptors which it did not open: the run still ends with a summary, and its files are whole."""
+
+import signal
+import time
+
+import pytest
+
+from tests.runtime.runs import Files, knee, started
+
+
+@pytest.mark.parametrize("ending", ["signal", "duration"])
+def test_a_run_whose_block_closed_all_descriptors_ends_with_a_summary_and_whole_files(tmp_path, ending):
+    path = knee(tmp_path, "import os; tick == 20 and (os.closerange(3, 256), print('closed', flush=True)); return 1.0")
+    process = started(path, "--duration", "20" if ending == "signal" else "0.3", cwd=tmp_path)
+    assert process.stdout.readline() == "closed\n"
+    began = time.monotonic()
+    if ending == "signal":
+        process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=10)
+    assert time.monotonic() - began < 2.0 and process.returncode == (130 if ending == "signal" else 0)
+    assert "Traceback" not in err and "Bad file descriptor" not in err
+    assert out.startswith("knee: ") and "its report is missing: a block closed descriptors of the run" in out
+    files = Files(tmp_path / "recordings")
+    assert files.sidecar["ended"] == ("stopped by SIGINT" if ending == "signal" else "ok")
+    assert files.sidecar["ticks"] == len(files.table["tick"]) > 0
