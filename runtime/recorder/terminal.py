@@ -3,7 +3,7 @@
 import os
 import select
 
-from runtime.telling.terminal import readable
+from runtime.telling.terminal import harmless, readable
 
 STDOUT, STDERR = 1, 2
 
@@ -47,7 +47,7 @@ class Terminal:
     def draw(self, text):
         """Replace the status line."""
         if self.interactive:
-            self.write(f"\r{text}\x1b[K")
+            self.write(f"\r{harmless(text, self.coloured)}\x1b[K")
             self.drawn = True
 
     def erase(self):
@@ -58,4 +58,4 @@ class Terminal:
     def say(self, line):
         """A line that stays."""
         self.erase()
-        self.write(line + "\n")
+        self.write(harmless(line, self.coloured) + "\n")

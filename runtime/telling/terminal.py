@@ -30,6 +30,18 @@ IN_ASCII = str.maketrans({
     "ω": "omega", "…": "...", "–": "-", "→": "->", "≤": "<=", "≥": ">=", "━": "#", "╌": ".", "│": "|", "─": "-", "“": '"', "”": '"', "’": "'"})
 
 
+# What a terminal would obey, or show in another order, besides the ends of lines and tabs; and, first, the styles of our own.
+CONTROL = re.compile("(\x1b\\[(?:0|1|2|31|32|33)m)|[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
+def harmless(text, coloured):
+    """A text whose control characters are written out, as in \\x1b. Names, notes and events of a recording may hold any.
+
+    coloured : whether our own styles may be in it
+    """
+    return CONTROL.sub(lambda found: found[0] if found[1] and coloured else found[0].encode("unicode_escape").decode(), text)
+
+
 def tell(lines):
     """Lines for standard output."""
     write(lines, sys.stdout)
@@ -43,8 +55,8 @@ def complain(lines):
 def write(lines, stream):
     if stream is None:
         return
-    text = "".join(f"{line}\n" for line in lines)
     try:
+        text = harmless("".join(f"{line}\n" for line in lines), stream.isatty())
         stream.write(readable(text, stream.encoding or "utf-8"))
         stream.flush()
     except BrokenPipeError:

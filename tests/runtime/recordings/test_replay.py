@@ -291,6 +291,13 @@ def test_an_about_json_as_deep_as_a_recorder_may_write_it_is_read(recorded, comm
     assert command_line("replay", file)[0] == OK
 
 
+def test_control_characters_of_a_recording_never_reach_the_terminal(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(file, lambda data: data.replace(b"robot.py", b"\\u001b]0;title\\u0007\\u001b[2J.py"))
+    complaint = command_line.refused("replay", file)
+    assert "\\x1b]0;title\\x07\\x1b[2J.py is not there" in complaint and "\x1b" not in complaint and "\x07" not in complaint
+
+
 def test_a_file_that_changes_between_the_comparison_and_the_import_is_not_executed(tmp_path):
     path = write(tmp_path, LIBRARY + TRAP, "waves.py")
     with pytest.raises(BadInput, match="changed while it was read"):
