@@ -21,7 +21,8 @@ from mcap.stream_reader import StreamReader
 import runtime
 from runtime.errors import BadInput
 from runtime.recorder.mcap_file import CHUNK_HEAD
-from runtime.recorder.mcap_mending import Backlog, Mending, MendingFailed
+from runtime.recorder.mcap_mending import Backlog, Mending, MendingFailed, walk
+from runtime.recordings.reader import MAGIC
 from tests.runtime.recorder.running import CSV, columns, leg, plan, record, row, run, sink
 from tests.runtime.recorder.test_mcap import chunks, unfinished
 from tests.runtime.runs import environment
@@ -180,8 +181,11 @@ def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
 
 
 def test_what_is_damaged_is_left_as_it_is(tmp_path, long):
-    path, middle = tmp_path / "a.mcap", len(long) // 2
-    for data in (unfinished(long)[:middle] + b"\xff" * 30 + unfinished(long)[middle + 30 :], unfinished(long)[:middle] + unfinished(long)[middle + 5 :]):
+    path, sound = tmp_path / "a.mcap", unfinished(long)
+    stream = io.BytesIO(sound)
+    stream.seek(len(MAGIC))
+    middle = next(at for at, _, _ in walk(stream, len(MAGIC)) if at > len(sound) // 2)          # where a record begins
+    for data in (sound[:middle] + b"\xff" * 30 + sound[middle + 30 :], sound[:middle] + sound[middle + 5 :]):
         path.write_bytes(data)
         with pytest.raises(MendingFailed, match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes what stands before"):
             Mending(str(path)).finish()
