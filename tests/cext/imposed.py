@@ -1,12 +1,10 @@
 """One drive at a joint whose motion is imposed, in virtual time: what it is sent, what it gives at every substep, how the run ends."""
 
-import json
 import math
 
 import numpy as np
 
 from blocks.actuators import CubeMars
-from cext.page import RECORD_EVENT, Page
 from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig
 
@@ -52,27 +50,12 @@ class Kept(Block):
         self.rows.append((t, torque))
 
 
-class Listening:
-    """A page whose events are kept."""
-
-    def __init__(self, page, events):
-        self.page, self.events = page, events
-
-    def __getattr__(self, name):
-        return getattr(self.page, name)
-
-    def drain(self, most):
-        records = self.page.drain(most)
-        self.events += [json.loads(payload) for kind, payload in records if kind == RECORD_EVENT]
-        return records
-
-
 UNITS = {"temperature": ("°C", float), "power_lost": ("1", bool), "fault": ("1", int), "dropped": ("1", float), "delay": ("s", float)}
 
 
 def imposed(motion, *, rate=200, substeps=4, seconds=1.0, noise=0.0, drive=CubeMars, model="AK80-9", commands=None, emulator=None,
             fade=0.0, **parameters):
-    """(Rig after its run, Outcome). rig.torques : rows of time and the drive's torque; rig.events : what was told; rig.watched : what was seen
+    """(Rig after its run, Outcome). rig.torques : rows of time and the drive's torque; rig.watched : what was seen
 
     motion : (position, velocity) as a function of time; commands : by name, numbers or functions of time
     emulator : parameters of the drive that is played, and its inputs as functions of time
@@ -97,8 +80,6 @@ def imposed(motion, *, rate=200, substeps=4, seconds=1.0, noise=0.0, drive=CubeM
         kept(played.torque)
         played(position=joint.position, velocity=joint.velocity, **inputs)
     rig = Rig(robot, plant)
-    rig.events = []
-    rig.page = Listening(rig.page, rig.events)
     outcome = rig.run(round(seconds * rate), fade=fade)
     rig.torques, [rig.watched] = np.array(kept.rows), rig.control.watched
     return rig, outcome

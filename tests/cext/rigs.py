@@ -1,5 +1,6 @@
 """Robots on in-memory buses with emulated drives, and what a third party sees of their runs."""
 
+import json
 import struct
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from blocks.models import Limb
 from blocks.recorders import CsvRecorder
 from cext.buses import MemoryBus
 from cext.executor import Executor
-from cext.page import RECORD_CHANGE, RECORD_FRAME, RECORD_ROW, Page
+from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
 from cext.program import Program
 from graph import Diagram, compile
 
@@ -68,10 +69,10 @@ class Rig:
             self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=virtual, **options)
 
     def run(self, ticks, **options):
-        """Run, and take what was recorded: rows by column, frames in their order. Returns the Outcome."""
+        """Run, and take what was recorded: rows by column, frames and events in their order. Returns the Outcome."""
         outcome = self.executor.run(ticks, **options)
         width = 2 + len(self.schedule.columns)
-        rows, self.frames, self.changes = [], [], []
+        rows, self.frames, self.changes, self.events = [], [], [], []
         for kind, record in self.page.drain(1 << 30):
             if kind == RECORD_ROW:
                 rows.append(struct.unpack(f"={width}d", record))
@@ -79,6 +80,8 @@ class Rig:
                 time, identifier, length, _, bus, sent, data = FRAME.unpack(record)
                 assert sent in (0, 1)
                 self.frames.append(Frame(time, identifier, bus, bool(sent), data[:length]))
+            elif kind == RECORD_EVENT:
+                self.events.append(json.loads(record))
             elif kind == RECORD_CHANGE:
                 self.changes += map(Change._make, CHANGE.iter_unpack(record))
         rows = np.array(rows).reshape(-1, width)

@@ -1,12 +1,10 @@
 """What a drive warns of becomes an event of the recording: each bit once a run, in words."""
 
-import json
 import struct
 
 import pytest
 
 from blocks.actuators import RobStride
-from cext.page import RECORD_EVENT
 from graph import Block, Diagram, Output
 from tests.blocks.actuators import robstride_reference as reference
 from tests.cext.rigs import Rig
@@ -36,22 +34,9 @@ def warned(model, warnings):
         reports = Reports(name="reports")
     rig = Rig(robot, plant)
     reports.warnings, reports.end = warnings, rig.buses["can"].device
-    page, events = rig.page, []
-    drain = page.drain
-
-    class Listening:
-        def __getattr__(self, name):
-            return getattr(page, name)
-
-        def drain(self, most):
-            records = drain(most)
-            events.extend(json.loads(payload) for kind, payload in records if kind == RECORD_EVENT)
-            return records
-
-    rig.page = Listening()
     outcome = rig.run(100)
     assert outcome.status == "ok", "a warning ends nothing"
-    return rig, events
+    return rig, rig.events
 
 
 def test_a_warning_is_announced_once_by_its_name():

@@ -1,6 +1,5 @@
 """The watch over each actuator: its RMS torque in five modes, its temperature, each told once and counted."""
 
-import json
 import math
 
 import numpy as np
@@ -8,7 +7,6 @@ import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars, RobStride
 from blocks.models import Limb
-from cext.page import RECORD_EVENT
 from graph import Block, Diagram, DiagramError, Output
 from tests.cext.rigs import Rig
 
@@ -45,19 +43,6 @@ def watched(torque=None, temperature=30.0, seconds=2.0, **parameters):
         limb(torque=drive.torque)
         drive(position=limb.position, velocity=limb.velocity, temperature=Heat()() if temperature is None else temperature)
     rig = Rig(robot, plant)
-    page, rig.events = rig.page, []
-    drain = page.drain
-
-    class Listening:
-        def __getattr__(self, name):
-            return getattr(page, name)
-
-        def drain(self, most):
-            records = drain(most)
-            rig.events += [json.loads(payload) for kind, payload in records if kind == RECORD_EVENT]
-            return records
-
-    rig.page = Listening()
     outcome = rig.run(round(seconds * RATE), fade=0.0)
     return rig, outcome
 
