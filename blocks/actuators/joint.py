@@ -120,7 +120,7 @@ class Joint:
         self.check_pose()
 
     def check_pose(self):
-        """Set `shift`, rad by which the reading of the joint can be off after a power cycle, and check the pose that tells."""
+        """Set `shift`, rad by which a power cycle can shift the reading of the joint, and check `known_pose`."""
         self.shift = self.found.wake_shift / self.gear_ratio if self.wake_shift is None else self.wake_shift
         self.known_pose = pose_of(self.known_pose, self.shift)
 

@@ -87,7 +87,7 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
 
     def motion(self):
-        """Its torque is computed from its current: against the law that was sent, its torque constant can be told."""
+        """Also compare the torque, computed from the current, with the law that was sent: that checks the torque constant."""
         return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
     def feedback_ends(self):

@@ -59,7 +59,7 @@ class EmulatedRobStride(Emulated, Device):
         self.identity = (*self.unique_bytes(), *self.firmware_bytes(), float(found.is_cybergear))
 
     def own_gains(self, is_cybergear):
-        """{index: value} of `gains`. ValueError for what the drive does not have or nobody may write."""
+        """Return {index: value} of `gains`. ValueError for a parameter that the drive does not have or that is read-only."""
         values = {}
         for name, value in self.gains:
             parameter = parameters.find(name)

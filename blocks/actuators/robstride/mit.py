@@ -56,7 +56,7 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         self.talk = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)), float(limit), 0.0, 0.0, READ_AGAIN, 0.0, 0.0, 0.0)
 
     def torque_bytes(self):
-        """The torque limit at the motor as it is written: a second layer, which no proof counts."""
+        """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof counts."""
         return struct.pack("<f", self.torque_limit / self.gear_ratio)
 
     def prepare(self, dt):
