@@ -29,15 +29,17 @@ class BuildNative(build_ext):
     def finalize_options(self):
         super().finalize_options()
         self.parallel = self.parallel or os.cpu_count()
-        if self.editable_mode:                  # pip gives it a throw-away folder; what `build_ext --inplace` has compiled is as good
+        if self.editable_mode:  # pip gives it a throw-away folder; what `build_ext --inplace` has compiled is as good
             build = self.distribution.get_command_class("build")(self.distribution)
             build.ensure_finalized()
             self.build_lib, self.build_temp = build.build_platlib, build.build_temp
 
     def run(self):
         try:
-            translated = cythonize(self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES)
-        except CompileError as error:           # the compiler has told what is wrong, and where
+            translated = cythonize(
+                self.extensions, nthreads=self.parallel, language_level=3, compiler_directives=DIRECTIVES
+            )
+        except CompileError as error:  # the compiler has told what is wrong, and where
             raise SystemExit(f"Cython finds errors in {error}") from None
         sources = {extension.name: extension.sources for extension in translated}
         for extension in self.extensions:
@@ -50,7 +52,12 @@ if __name__ == "__main__":
         cmdclass={"build_ext": BuildNative},
         ext_modules=[
             Extension(
-                ".".join(source.with_suffix("").parts), [str(source)], depends=["setup.py"], extra_compile_args=FLAGS, libraries=["m"])
+                ".".join(source.with_suffix("").parts),
+                [str(source)],
+                depends=["setup.py"],
+                extra_compile_args=FLAGS,
+                libraries=["m"],
+            )
             for source in sorted(Path("cext").rglob("*.pyx"))
         ],
     )

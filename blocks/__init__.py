@@ -1,1 +1,3 @@
-"""The library: actuators, filters, controllers, limiters, recorders, sinks, and models of what a robot is attached to."""
+"""The library: actuators, filters, controllers, limiters, recorders, sinks, and models of what a robot is attached
+to.
+"""

@@ -9,7 +9,9 @@ from graph import units
 
 
 def read_columns(file, time, column):
-    """(times in s, values, unit of the column as the header has it or "") of a CSV file. OSError, or ValueError saying what is wrong."""
+    """(times in s, values, unit of the column as the header has it or "") of a CSV file. OSError, or ValueError saying
+    what is wrong.
+    """
     with open(file, newline="", encoding="utf-8-sig") as stream:
         header = stream.readline()
         delimiter = max(",;\t", key=header.count)
@@ -22,7 +24,9 @@ def read_columns(file, time, column):
             try:
                 found.append([float(row[index]) for index in at])
             except (ValueError, IndexError):
-                raise ValueError(f"{file}, line {number}: a number is missing in column {time!r} or {column!r}") from None
+                raise ValueError(
+                    f"{file}, line {number}: a number is missing in column {time!r} or {column!r}"
+                ) from None
     times, values = np.array(found).reshape(-1, 2).T
     if np.any(np.isinf(values)) or not np.any(np.isfinite(values)):
         raise ValueError(f"{file}: column {column!r} must hold finite numbers")

@@ -11,9 +11,9 @@ from graph.units import divide, multiply
 class Hold(Block):
     """Zero-order hold: y = u at its own ticks, and the same until the next of them. Simulink's Rate Transition.
 
-    `Hold(every=3)` samples its input at every third tick, and may stand where rates meet that do not divide: between them y is up to one
-    of its own periods older than u, by a varying amount. Where rates divide, each block holds its output by itself. Direct feedthrough;
-    NaN passes.
+    `Hold(every=3)` samples its input at every third tick, and may stand where rates meet that do not divide: between
+    them y is up to one of its own periods older than u, by a varying amount. Where rates divide, each block holds its
+    output by itself. Direct feedthrough; NaN passes.
     """
 
     u = Input("any", "input at another rate", shape=...)
@@ -87,8 +87,9 @@ class Integrator(Block):
     backward      y[k] = y[k-1] + dt u[k]
     trapezoidal   y[k] = y[k-1] + dt (u[k] + u[k-1]) / 2     with u[-1] = 0
 
-    It is the state that is limited, so the integral leaves a limit as soon as u turns: no windup. While `restart` is true the output is
-    `initial`. dt is the true time since the step before, also after missed ticks. NaN, or an infinity as NaN, stays until a restart.
+    It is the state that is limited, so the integral leaves a limit as soon as u turns: no windup. While `restart` is
+    true the output is `initial`. dt is the true time since the step before, also after missed ticks. NaN, or an
+    infinity as NaN, stays until a restart.
     """
 
     initial = Param(0.0, "any", "output at the start and at a restart", fixed=True)
@@ -119,17 +120,19 @@ class Integrator(Block):
 
     def output_range(self, u, restart):
         initial, lower, upper = self.span("initial"), self.span("lower"), self.span("upper")
-        falls, rises = initial | upper, initial | lower             # where an input of one sign leads, live limits included
+        falls, rises = initial | upper, initial | lower  # where an input of one sign leads, live limits included
         low = falls.low if u.low >= 0.0 else (falls | lower).low
         high = rises.high if u.high <= 0.0 else (rises | upper).high
         return Interval(low, high)
 
 
 class Derivative(Block):
-    """Filtered derivative: y[k] = (u[k] - v[k-1]) / (τ + dt), with v following u by τ dv/dt = u - v in backward differences.
+    """Filtered derivative: y[k] = (u[k] - v[k-1]) / (τ + dt), with v following u by τ dv/dt = u - v in backward
+    differences.
 
-    Its transfer function is s / (τ s + 1); with τ = 0 it is the plain difference quotient. Direct feedthrough. Starts at 0, whatever the
-    first input is. dt is the true time since the step before. NaN and infinity pass and are not held: the next slope is taken from the last number.
+    Its transfer function is s / (τ s + 1); with τ = 0 it is the plain difference quotient. Direct feedthrough. Starts
+    at 0, whatever the first input is. dt is the true time since the step before. NaN and infinity pass and are not
+    held: the next slope is taken from the last number.
     """
 
     time_constant = Param(0.0, "s", "τ of the filter: noise above 1/(2π τ) is not amplified further", min=0.0)

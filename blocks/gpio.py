@@ -1,7 +1,9 @@
-"""Inputs and outputs of the computer itself, on its GPIO header: switches, emergency stops, and pulses that synchronise.
+"""Inputs and outputs of the computer itself, on its GPIO header: switches, emergency stops, and pulses that
+synchronise.
 
-A line is taken through libgpiod (the extra `gpio`: pip install 'tickwork[gpio]'), and its edges come with the kernel's own times, so that a press
-between two ticks is not missed and an edge is timed to some µs. A level is that which the kernel says after `active_low`.
+A line is taken through libgpiod (the extra `gpio`: pip install 'tickwork[gpio]'), and its edges come with the kernel's
+own times, so that a press between two ticks is not missed and an edge is timed to some µs. A level is that which the
+kernel says after `active_low`.
 """
 
 from cext.kernels import gpio as kernels
@@ -23,18 +25,28 @@ class GpioLine:
 
     def opening(self):
         return {"chip": self.chip, "pin": self.pin, "active_low": self.active_low, "output": True} | (
-            {"bias": self.bias, "debounce": self.debounce, "output": False} if "bias" in self.parameters else {})
+            {"bias": self.bias, "debounce": self.debounce, "output": False} if "bias" in self.parameters else {}
+        )
 
 
 class GpioInput(GpioLine, StreamDevice):
     """An input of the computer: its level, how often it rose and fell, and when, by the kernel's clock.
 
-    For buttons and switches, and as `SyncIn` for what another system's edge says. Times are those of the edge itself, as the kernel stamped
-    it, not of the tick that heard of it; they count from where the frames of a recording do, the beginning of arming.
+    For buttons and switches, and as `SyncIn` for what another system's edge says. Times are those of the edge itself,
+    as the kernel stamped it, not of the tick that heard of it; they count from where the frames of a recording do, the
+    beginning of arming.
     """
 
     bias = Param("as_is", "1", "resistor of the chip at the line", choices=BIASES)
-    debounce = Param(0.0, "s", "for which a level has to stay before it counts; 0 for none", min=0.0, max=1.0, fixed=True, kernel=False)
+    debounce = Param(
+        0.0,
+        "s",
+        "for which a level has to stay before it counts; 0 for none",
+        min=0.0,
+        max=1.0,
+        fixed=True,
+        kernel=False,
+    )
 
     on = Output("1", "whether it is active", dtype=bool)
     known = Output("1", "whether its level is known: it is there", dtype=bool)
@@ -49,33 +61,50 @@ class GpioInput(GpioLine, StreamDevice):
     decode = kernels.decode
 
     def output_range(self):
-        return {"on": Interval(0.0, 1.0), "known": Interval(0.0, 1.0), "rises": Interval(0.0), "falls": Interval(0.0), "missed": Interval(0.0),
-                "age": Interval(0.0)}
+        return {
+            "on": Interval(0.0, 1.0),
+            "known": Interval(0.0, 1.0),
+            "rises": Interval(0.0),
+            "falls": Interval(0.0),
+            "missed": Interval(0.0),
+            "age": Interval(0.0),
+        }
 
     def emulator(self, **parameters):
         return EmulatedGpio(bus=self.bus, **parameters)
 
 
 class SyncIn(GpioInput):
-    """The edge by which another system, such as motion capture, says that it has begun: its number and its time, in both recordings.
+    """The edge by which another system, such as motion capture, says that it has begun: its number and its time, in
+    both recordings.
 
-    `on` is true from a rise to the next fall: while the other one records, where it holds its line up for that. The rest is as of GpioInput.
+    `on` is true from a rise to the next fall: while the other one records, where it holds its line up for that. The
+    rest is as of GpioInput.
     """
 
 
 class EStopSwitch(GpioLine, StreamDevice):
-    """An emergency stop on a GPIO line: pressed unless the line is active, so that an open contact and a broken wire stop the robot.
+    """An emergency stop on a GPIO line: pressed unless the line is active, so that an open contact and a broken wire
+    stop the robot.
 
-    Wire a contact that is closed as long as nobody presses it between the line and ground (`bias="pull_up"`, `active_low=True`, as it is here by
-    default). A press ends the run in the tick that hears of it, no command of that tick is sent, and it is latched, however short it was,
-    even while the robot is being armed. So does a line that is gone, and one whose level is not known. It is software: it never replaces a
-    switch that cuts the power of the motors.
+    Wire a contact that is closed as long as nobody presses it between the line and ground (`bias="pull_up"`,
+    `active_low=True`, as it is here by default). A press ends the run in the tick that hears of it, no command of that
+    tick is sent, and it is latched, however short it was, even while the robot is being armed. So does a line that is
+    gone, and one whose level is not known. It is software: it never replaces a switch that cuts the power of the
+    motors.
     """
 
     active_low = Param(True, "1", "whether a low voltage is released: a contact to ground", fixed=True, kernel=False)
     bias = Param("pull_up", "1", "resistor of the chip at the line", choices=BIASES)
-    debounce = Param(0.0, "s", "for which a level has to stay before it counts; 0, so that no press is too short", min=0.0, max=0.02, fixed=True,
-                     kernel=False)
+    debounce = Param(
+        0.0,
+        "s",
+        "for which a level has to stay before it counts; 0, so that no press is too short",
+        min=0.0,
+        max=0.02,
+        fixed=True,
+        kernel=False,
+    )
 
     pressed = Output("1", "whether it is pressed", dtype=bool)
     known = Output("1", "whether its level has been heard", dtype=bool)
@@ -93,9 +122,11 @@ class EStopSwitch(GpioLine, StreamDevice):
 
 
 class SyncOut(GpioLine, StreamDevice):
-    """A pulse on a GPIO line at tick 0, where the recording begins, and whenever `pulse` is true: by it other recordings find ours.
+    """A pulse on a GPIO line at tick 0, where the recording begins, and whenever `pulse` is true: by it other
+    recordings find ours.
 
-    It goes out at the end of the tick. When the run is over the line is let go, and what it is then its chip or the other end says.
+    It goes out at the end of the tick. When the run is over the line is let go, and what it is then its chip or the
+    other end says.
     """
 
     duration = Param(0.1, "s", "of a pulse", above=0.0, max=3600.0, fixed=True)
@@ -132,4 +163,7 @@ class EmulatedGpio(StreamDevice):
     def configure(self):
         super().configure()
         lost = type(self).inputs["lost"]
-        self.inputs = {"level": Input("1", "whether it is active", default=self.rest, dtype=bool).named("level"), "lost": lost}
+        self.inputs = {
+            "level": Input("1", "whether it is active", default=self.rest, dtype=bool).named("level"),
+            "lost": lost,
+        }

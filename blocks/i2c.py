@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from cext.kernels import quiet
 from graph import Device, Param
 
-MUX, CHANNELS = 0x70, 8         # lowest address of a TCA9548A, and how many buses each makes
+MUX, CHANNELS = 0x70, 8  # lowest address of a TCA9548A, and how many buses each makes
 EXTENDED_ID = True
 
 
 @dataclass(frozen=True)
 class Write:
-    """Bytes written from a register on. wait : s for which the device is left alone afterwards; address : another chip inside the device"""
+    """Bytes written from a register on. wait : s for which the device is left alone afterwards; address : another chip
+    inside the device
+    """
 
     register: int
     data: bytes
@@ -72,17 +74,29 @@ class I2cDevice(Device):
 
     abstract = True
     medium = "i2c"
-    kind = ""                   # what it is, in words
-    known_addresses = ()        # that its pins can choose
-    address_hint = "each chip on a piece of bus has an address of its own: choose another with its pins, or put one behind a multiplexer"
+    kind = ""  # what it is, in words
+    known_addresses = ()  # that its pins can choose
+    address_hint = (
+        "each chip on a piece of bus has an address of its own: choose another with its pins, or put one "
+        "behind a multiplexer"
+    )
     encode = quiet.mute
 
     bus = Param("i2c", "1", "logical name of its I2C bus", dtype=str)
     address = Param(0x08, "1", "its address, of seven bits", min=0x08, max=0x77, fixed=True, kernel=False)
-    mux = Param(0, "1", "address of the multiplexer TCA9548A that it is behind, 0x70 to 0x77; 0 for none", min=0, max=0x77, fixed=True,
-                kernel=False)
+    mux = Param(
+        0,
+        "1",
+        "address of the multiplexer TCA9548A that it is behind, 0x70 to 0x77; 0 for none",
+        min=0,
+        max=0x77,
+        fixed=True,
+        kernel=False,
+    )
     channel = Param(0, "1", "of that multiplexer", min=0, max=CHANNELS - 1, fixed=True, kernel=False)
-    timeout = Param(0.1, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
+    timeout = Param(
+        0.1, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+    )
 
     hardware = ("address", "mux", "channel")
 
@@ -124,7 +138,9 @@ class I2cDevice(Device):
         return ()
 
     def release(self):
-        """Write by Write, before any device of the bus is set up: chips inside it that others have too leave the bus."""
+        """Write by Write, before any device of the bus is set up: chips inside it that others have too leave the
+        bus.
+        """
         return ()
 
     def set_up(self):
@@ -138,7 +154,9 @@ class I2cDevice(Device):
         """
 
     def check(self):
-        """(register, bytes) by which it shows that it is still set up; None for a device that cannot lose that unseen."""
+        """(register, bytes) by which it shows that it is still set up; None for a device that cannot lose that
+        unseen.
+        """
         return None
 
     def rounds(self):

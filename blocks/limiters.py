@@ -1,4 +1,6 @@
-"""Limiters: what stands between a controller and a person. NaN passes and infinity becomes NaN, which is a fault at the actuator."""
+"""Limiters: what stands between a controller and a person. NaN passes and infinity becomes NaN, which is a fault at the
+actuator.
+"""
 
 import math
 
@@ -25,7 +27,7 @@ class Saturation(Block):
 
     def output_range(self, u):
         lower, upper = self.span("lower"), self.span("upper")
-        if lower.high > upper.low:              # live bounds that may cross
+        if lower.high > upper.low:  # live bounds that may cross
             return lower | upper
         return Interval(min(max(u.low, lower.low), upper.low), min(max(u.high, lower.high), upper.high))
 
@@ -33,7 +35,8 @@ class Saturation(Block):
 class SlewRate(Block):
     """Follows the input at a bounded rate: |y[k] - y[k-1]| <= rate · dt.
 
-    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes, infinity becomes NaN, and neither is held.
+    Starts at zero, or at the present input when armed. Direct feedthrough; NaN passes, infinity becomes NaN, and
+    neither is held.
     """
 
     rate = Param(1.0, "any", "largest change a second", min=0.0)
@@ -55,14 +58,17 @@ class SlewRate(Block):
 class TorqueLimiter(Block):
     """Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew.
 
-    Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never leaves the interval that
-    holds both. Where no slew is given, the torque crosses the whole range in 0.1 s: slew = 20 limit per second, of the limit as it is now
-    where that is live; `slew=math.inf` asks for none. A limit lowered while running holds at once. Starts at zero. NaN passes, infinity
-    becomes NaN, neither is held, and both are a fault at the actuator.
+    Principle: 1. the input is clipped to ± limit; 2. the output moves toward it by at most slew · dt, so it never
+    leaves the interval that holds both. Where no slew is given, the torque crosses the whole range in 0.1 s: slew = 20
+    limit per second, of the limit as it is now where that is live; `slew=math.inf` asks for none. A limit lowered while
+    running holds at once. Starts at zero. NaN passes, infinity becomes NaN, neither is held, and both are a fault at
+    the actuator.
     """
 
     limit = Param(1.0, "N·m", "largest torque, either way", min=0.0, required=True)
-    slew = Param(None, "N·m/s", "fastest change, either way; the whole range in 0.1 s if left out", min=0.0, dtype=float)
+    slew = Param(
+        None, "N·m/s", "fastest change, either way; the whole range in 0.1 s if left out", min=0.0, dtype=float
+    )
 
     torque = Input("N·m", "asked for")
     limited = Output("N·m", "let through")
@@ -81,7 +87,9 @@ class TorqueLimiter(Block):
 
 
 class DeadZone(Block):
-    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. NaN passes, infinity becomes NaN."""
+    """Lets nothing small through: y = u - lower below lower, 0 between, u - upper above. NaN passes, infinity becomes
+    NaN.
+    """
 
     lower = Param(-1.0, "any", "where the zone begins")
     upper = Param(1.0, "any", "where it ends")
@@ -97,7 +105,7 @@ class DeadZone(Block):
 
     def output_range(self, u):
         lower, upper = self.span("lower"), self.span("upper")
-        if lower.high > upper.low:                          # live ends that may cross
+        if lower.high > upper.low:  # live ends that may cross
             return u - (lower | upper)
         return Interval(beyond(u.low, lower.high, upper.high), beyond(u.high, lower.low, upper.low))
 
@@ -130,8 +138,9 @@ class PowerLimiter(Block):
 class SoftStop(Block):
     """A spring and a damper at each end of a range of motion: τ -= K (θ - upper) + B ω beyond upper, and so at lower.
 
-    The damper resists what moves further out and lets what comes back go. Inside the range the torque passes as it is. A limiter behind
-    it bounds the sum. Direct feedthrough. NaN or infinity in the position or the velocity gives NaN, in the torque passes.
+    The damper resists what moves further out and lets what comes back go. Inside the range the torque passes as it is.
+    A limiter behind it bounds the sum. Direct feedthrough. NaN or infinity in the position or the velocity gives NaN,
+    in the torque passes.
     """
 
     lower = Param(-1.0, "rad", "where motion ends")
@@ -153,22 +162,24 @@ class SoftStop(Block):
     def output_range(self, torque, position, velocity):
         low, high = torque.low, torque.high
         lower, upper, stiffness, damping = map(self.span, ("lower", "upper", "stiffness", "damping"))
-        if position.high > upper.low:                       # beyond upper torque is only taken away
+        if position.high > upper.low:  # beyond upper torque is only taken away
             farthest = Interval(0.0, (position - upper).high)
             low = min(low, (torque - stiffness * farthest - damping * Interval(0.0, max(0.0, velocity.high))).low)
-        if position.low < lower.high:                       # and below lower only added
+        if position.low < lower.high:  # and below lower only added
             farthest = Interval(0.0, (lower - position).high)
             high = max(high, (torque + stiffness * farthest - damping * Interval(min(0.0, velocity.low), 0.0)).high)
         return Interval(low, high)
 
 
 class RMSTorqueLimiter(Block):
-    """Bounds the root mean square of a torque over a window, which is what heats a motor: √(Σ τ² / N) <= limit, N = window / dt.
+    """Bounds the root mean square of a torque over a window, which is what heats a motor: √(Σ τ² / N) <= limit, N =
+    window / dt.
 
-    Principle: 1. the squares of the last N outputs are kept and summed without drift; 2. what N limit² still allows is the budget; 3. a
-    tick may take 1/M of it, M = fade / dt, so that a torque that asks for too much is taken back over about two `fade` rather than cut.
-    The bound holds at every tick, from an empty window on. |τ| <= limit √(window / fade). Put it last, or its sum is not that of the
-    motor. Through missed ticks the last torque counts. Direct feedthrough. NaN passes, infinity becomes NaN, neither is held.
+    Principle: 1. the squares of the last N outputs are kept and summed without drift; 2. what N limit² still allows is
+    the budget; 3. a tick may take 1/M of it, M = fade / dt, so that a torque that asks for too much is taken back over
+    about two `fade` rather than cut. The bound holds at every tick, from an empty window on. |τ| <= limit √(window /
+    fade). Put it last, or its sum is not that of the motor. Through missed ticks the last torque counts. Direct
+    feedthrough. NaN passes, infinity becomes NaN, neither is held.
     """
 
     limit = Param(1.0, "N·m", "largest root mean square: the rated torque", min=0.0, max=1e6, required=True)
@@ -183,7 +194,11 @@ class RMSTorqueLimiter(Block):
     ticks = Memory(1.0, "M")
 
     kernel = kernels.rms_torque
-    examples = ({"limit": 9.0}, {"limit": 2.0, "window": 0.05, "fade": 0.01}, {"limit": 2.0, "window": 0.05, "fade": 0.0})
+    examples = (
+        {"limit": 9.0},
+        {"limit": 2.0, "window": 0.05, "fade": 0.01},
+        {"limit": 2.0, "window": 0.05, "fade": 0.0},
+    )
 
     def configure(self):
         if self.fade > self.window:
@@ -202,7 +217,7 @@ class RMSTorqueLimiter(Block):
         if counts is None:
             return found
         count, ticks = counts
-        most = self.span("limit").high * math.sqrt(count / ticks) + 1e-150          # where squares underflow
+        most = self.span("limit").high * math.sqrt(count / ticks) + 1e-150  # where squares underflow
         return found & Interval(-most, most)
 
 

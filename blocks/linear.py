@@ -17,12 +17,13 @@ from graph.units import canonical, multiply
 
 
 class TransferFunction(Block):
-    """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z, or s by Tustin's bilinear transform.
+    """Rational transfer function: H = (b₀ xⁿ + ... + bₙ) / (a₀ xⁿ + ... + aₙ), x = z, or s by Tustin's bilinear
+    transform.
 
-    Coefficients in falling powers, as in scipy.signal.TransferFunction; leading zeros may be left out. Direct feedthrough where numerator
-    and denominator in z are of one degree; else none, and it may close a loop. Starts at zero; when a robot has been armed it starts as
-    if it had seen its present input for ever, if it has such a state. NaN stays until the next reset. For high orders take a
-    BiquadCascade, which rounding hurts less.
+    Coefficients in falling powers, as in scipy.signal.TransferFunction; leading zeros may be left out. Direct
+    feedthrough where numerator and denominator in z are of one degree; else none, and it may close a loop. Starts at
+    zero; when a robot has been armed it starts as if it had seen its present input for ever, if it has such a state.
+    NaN stays until the next reset. For high orders take a BiquadCascade, which rounding hurts less.
     """
 
     numerator = Param((1.0,), "1", "b, in falling powers", dtype=tuple)
@@ -42,10 +43,16 @@ class TransferFunction(Block):
     settle_kernel = kernels.transfer_at_rest
 
     def configure(self):
-        self.numerator, self.denominator = polynomial("numerator", self.numerator), polynomial("denominator", self.denominator)
+        self.numerator, self.denominator = (
+            polynomial("numerator", self.numerator),
+            polynomial("denominator", self.denominator),
+        )
         if len(self.numerator) > len(self.denominator):
-            raise ValueError(f"the numerator is of degree {len(self.numerator) - 1}, above the denominator's, {len(self.denominator) - 1}: "
-                             f"it would need inputs of the future")
+            raise ValueError(
+                f"the numerator is of degree {len(self.numerator) - 1}, above the denominator's, "
+                f"{len(self.denominator) - 1}: "
+                f"it would need inputs of the future"
+            )
         self.unit = canonical(self.unit)
         proper = self.domain == "s" or len(self.numerator) == len(self.denominator)
         self.feedthrough = None if proper else ()
@@ -75,7 +82,9 @@ class TransferFunction(Block):
 
 
 def polynomial(name, coefficients):
-    """The coefficients as a tuple without leading zeros. ValueError if they are none, not finite or all zero in a denominator."""
+    """The coefficients as a tuple without leading zeros. ValueError if they are none, not finite or all zero in a
+    denominator.
+    """
     try:
         values = [float(value) for value in coefficients]
     except (TypeError, ValueError):
@@ -102,7 +111,8 @@ def tustin(coefficients, dt):
 
 
 def delays_at_rest(b, a):
-    """Delays of the transposed direct form II that has seen an input of 1 for ever, from sums that are exact before one rounding.
+    """Delays of the transposed direct form II that has seen an input of 1 for ever, from sums that are exact before one
+    rounding.
 
     Zeros for an integrator, which has no such state, and for what differs from one by rounding only.
     """
@@ -113,10 +123,11 @@ def delays_at_rest(b, a):
 
 
 class BiquadCascade(Block):
-    """Second-order sections in series, each H(z) = (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²), in direct form II transposed.
+    """Second-order sections in series, each H(z) = (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²), in direct form II
+    transposed.
 
-    Rows (b0, b1, b2, a0, a1, a2) as SciPy's designs with output="sos" give them. Direct feedthrough. Starts at zero, or at its present
-    input when a robot has been armed. NaN passes and stays until the next reset.
+    Rows (b0, b1, b2, a0, a1, a2) as SciPy's designs with output="sos" give them. Direct feedthrough. Starts at zero, or
+    at its present input when a robot has been armed. NaN passes and stays until the next reset.
     """
 
     sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows b0 b1 b2 a0 a1 a2", dtype=tuple)
@@ -132,8 +143,16 @@ class BiquadCascade(Block):
 
     def configure(self):
         rows = np.asarray(self.sos, dtype=float)
-        if rows.ndim != 2 or rows.shape[1] != 6 or not len(rows) or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
-            raise ValueError(f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, a0 not zero, got {self.sos!r}")
+        if (
+            rows.ndim != 2
+            or rows.shape[1] != 6
+            or not len(rows)
+            or not np.all(np.isfinite(rows))
+            or not np.all(rows[:, 3])
+        ):
+            raise ValueError(
+                f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, a0 not zero, got {self.sos!r}"
+            )
         self.sos = tuple(map(tuple, rows.tolist()))
         self.rows = [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
         self.sections = [coefficient for row in self.rows for coefficient in row]
@@ -150,9 +169,10 @@ class BiquadCascade(Block):
 class StateSpace(Block):
     """Linear system in state space: x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k], x[0] = start.
 
-    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar where m or p is 1, else a vector.
-    Direct feedthrough where D is not zero; else none, and it may close a loop. When a robot has been armed it starts as if it had seen its
-    present input for ever, unless `start` is given or it is not stable. NaN stays until the next reset.
+    Matrices are nested tuples or arrays: A (n, n), B (n, m), C (p, n), D (p, m). A port is a scalar where m or p is 1,
+    else a vector. Direct feedthrough where D is not zero; else none, and it may close a loop. When a robot has been
+    armed it starts as if it had seen its present input for ever, unless `start` is given or it is not stable. NaN stays
+    until the next reset.
     """
 
     A = Param((), "1", "system matrix", dtype=tuple, required=True)
@@ -184,10 +204,17 @@ class StateSpace(Block):
         n, m, p = len(A), B.shape[1], len(C)
         D = matrix("D", self.D) if len(self.D) else np.zeros((p, m))
         start = np.asarray(self.start, dtype=float) if len(self.start) else np.zeros(n)
-        for name, found, wanted in (("A", A.shape, (n, n)), ("B", B.shape, (n, m)), ("C", C.shape, (p, n)), ("D", D.shape, (p, m)),
-                                    ("start", start.shape, (n,))):
+        for name, found, wanted in (
+            ("A", A.shape, (n, n)),
+            ("B", B.shape, (n, m)),
+            ("C", C.shape, (p, n)),
+            ("D", D.shape, (p, m)),
+            ("start", start.shape, (n,)),
+        ):
             if found != wanted:
-                raise ValueError(f"{name}: expected shape {wanted}, got {found}, with A {A.shape}, B {B.shape} and C {C.shape}")
+                raise ValueError(
+                    f"{name}: expected shape {wanted}, got {found}, with A {A.shape}, B {B.shape} and C {C.shape}"
+                )
         self.inputs = {"u": Input("any", "input", shape=() if m == 1 else (m,)).named("u")}
         self.outputs = {"y": Output("any", "output", shape=() if p == 1 else (p,)).named("y")}
         self.feedthrough = None if D.any() else ()
@@ -221,7 +248,10 @@ def matrix(name, rows):
 def state_at_rest(A, B):
     """(I - A)⁻¹ B: where each input of 1 brings the state in the end, exact before one rounding, for a stable A."""
     n, m = B.shape
-    rows = [[Fraction(int(i == j)) - Fraction(A[i, j]) for j in range(n)] + [Fraction(value) for value in B[i]] for i in range(n)]
+    rows = [
+        [Fraction(int(i == j)) - Fraction(A[i, j]) for j in range(n)] + [Fraction(value) for value in B[i]]
+        for i in range(n)
+    ]
     for column in range(n):
         pivot = next(row for row in range(column, n) if rows[row][column])
         rows[column], rows[pivot] = rows[pivot], rows[column]
@@ -235,7 +265,9 @@ def state_at_rest(A, B):
 
 
 def zero_order_hold(A, B, dt):
-    """(A, B) of the discrete system that x' = A x + B u is, for u that holds for dt: the matrix exponential, by scaling and squaring."""
+    """(A, B) of the discrete system that x' = A x + B u is, for u that holds for dt: the matrix exponential, by scaling
+    and squaring.
+    """
     n, m = B.shape
     step = np.zeros((n + m, n + m))
     step[:n, :n], step[:n, n:] = A * dt, B * dt

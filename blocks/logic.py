@@ -1,4 +1,6 @@
-"""Logic. A bool is 0 or 1 in a wire, anything but 0 is true, and NaN is neither: it passes through every one of these."""
+"""Logic. A bool is 0 or 1 in a wire, anything but 0 is true, and NaN is neither: it passes through every one of
+these.
+"""
 
 import math
 
@@ -9,7 +11,9 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class Compare(Block):
-    """Compares two signals: y = a `relation` b, as in Compare(">")(angle, 0.5). Direct feedthrough; element by element."""
+    """Compares two signals: y = a `relation` b, as in Compare(">")(angle, 0.5). Direct feedthrough; element by
+    element.
+    """
 
     relation = Param(">", "1", "between a and b", choices=("<", "<=", ">", ">=", "==", "!="))
 
@@ -23,9 +27,13 @@ class Compare(Block):
         self.kernel = kernels.relations[self.relation]
 
     def output_range(self, a, b):
-        less, more, equal = a.low < b.high, a.high > b.low, a.low <= b.high and b.low <= a.high         # what can be
-        true = {"<": less, "<=": less or equal, ">": more, ">=": more or equal, "==": equal, "!=": less or more}[self.relation]
-        false = {"<": more or equal, "<=": more, ">": less or equal, ">=": less, "==": less or more, "!=": equal}[self.relation]
+        less, more, equal = a.low < b.high, a.high > b.low, a.low <= b.high and b.low <= a.high  # what can be
+        true = {"<": less, "<=": less or equal, ">": more, ">=": more or equal, "==": equal, "!=": less or more}[
+            self.relation
+        ]
+        false = {"<": more or equal, "<=": more, ">": less or equal, ">=": less, "==": less or more, "!=": equal}[
+            self.relation
+        ]
         return truth(true, false)
 
 
@@ -62,7 +70,9 @@ class Or(Block):
 
 
 class Xor(Block):
-    """Whether an odd number of signals are true: of two, whether they differ. Direct feedthrough; element by element."""
+    """Whether an odd number of signals are true: of two, whether they differ. Direct feedthrough; element by
+    element.
+    """
 
     count = Param(2, "1", "how many inputs", min=2, fixed=True)
 
@@ -95,7 +105,8 @@ class Not(Block):
 class Edge(Block):
     """Whether a signal has just become true (rising), false (falling), or either (both): true for one tick.
 
-    Direct feedthrough. The first sample is no edge. A NaN passes and is not remembered: the sample after it is held against the one before.
+    Direct feedthrough. The first sample is no edge. A NaN passes and is not remembered: the sample after it is held
+    against the one before.
     """
 
     kind = Param("rising", "1", "which edge", choices=("rising", "falling", "both"))
@@ -133,13 +144,17 @@ class Latch(Block):
 
     def output_range(self, on, off):
         always_off, always_on = not can_be_false(off), not can_be_false(on) and not can_be_true(off)
-        return truth(not always_off and (self.initial or can_be_true(on)), not always_on and (not self.initial or can_be_true(off)))
+        return truth(
+            not always_off and (self.initial or can_be_true(on)),
+            not always_on and (not self.initial or can_be_true(off)),
+        )
 
 
 class Debounce(Block):
     """Follows a signal once it has kept its new value for `time`: what is shorter never shows.
 
-    Direct feedthrough; with time = 0 it is the input. The first sample is believed at once. A NaN passes, and the wait begins anew.
+    Direct feedthrough; with time = 0 it is the input. The first sample is believed at once. A NaN passes, and the wait
+    begins anew.
     """
 
     time = Param(0.02, "s", "how long a new value must last", min=0.0)
@@ -177,7 +192,8 @@ class Counter(Block):
 class Timer(Block):
     """Time since `restart` was last true, or since the start: y = t − t₀, 0 while it is true.
 
-    Direct feedthrough. Time passes by the clock, also while a subsystem that holds the timer is disabled. A NaN passes, and time goes on.
+    Direct feedthrough. Time passes by the clock, also while a subsystem that holds the timer is disabled. A NaN passes,
+    and time goes on.
     """
 
     restart = Input("1", "begins anew", dtype=bool, default=False)
@@ -210,9 +226,11 @@ class Switch(Block):
 
 
 class Selector(Block):
-    """Chooses one of several signals by number: y = u[index], counted from 0; NaN, a fault at an actuator, where there is no such input.
+    """Chooses one of several signals by number: y = u[index], counted from 0; NaN, a fault at an actuator, where there
+    is no such input.
 
-    Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the chosen one, or from the index.
+    Direct feedthrough; an index between two whole numbers chooses the lower. A NaN shows only from the chosen one, or
+    from the index.
     """
 
     count = Param(2, "1", "how many inputs", min=2, fixed=True)
@@ -227,5 +245,7 @@ class Selector(Block):
         self.inputs = {"index": type(self).index} | signals
 
     def output_range(self, index, **inputs):
-        reachable = [u for i, u in enumerate(inputs.values()) if index.low < i + 1 and i <= index.high] or list(inputs.values())
+        reachable = [u for i, u in enumerate(inputs.values()) if index.low < i + 1 and i <= index.high] or list(
+            inputs.values()
+        )
         return hull(reachable)

@@ -1,7 +1,7 @@
 """Arithmetic on signals. All have direct feedthrough and no state, and work element by element; NaN passes.
 
-An infinity never becomes a finite number: where arithmetic would make one of it (the smallest of 1 and inf, the sign of inf, inf to the
-power -1) the result is NaN.
+An infinity never becomes a finite number: where arithmetic would make one of it (the smallest of 1 and inf, the sign of
+inf, inf to the power -1) the result is NaN.
 """
 
 import math
@@ -71,7 +71,9 @@ class Max(Block):
 
 
 class Round(Block):
-    """Rounds to a whole number: to the nearest, the even one of two as near (numpy.rint), or down (floor), or up (ceil)."""
+    """Rounds to a whole number: to the nearest, the even one of two as near (numpy.rint), or down (floor), or up
+    (ceil).
+    """
 
     method = Param("nearest", "1", "which way", choices=("nearest", "floor", "ceil"))
 
@@ -89,7 +91,9 @@ class Round(Block):
 
 
 class SquareRoot(Block):
-    """Square root: y = √u, NaN for u < 0. The output has the root of the unit, "any" where that has no whole exponents."""
+    """Square root: y = √u, NaN for u < 0. The output has the root of the unit, "any" where that has no whole
+    exponents.
+    """
 
     u = Input("any", "input", shape=...)
     y = Output("any", "√u", shape=...)
@@ -129,7 +133,7 @@ class Power(Block):
             return EVERYTHING
         if p == 0.0:
             return Interval.point(1.0)
-        if p % 2.0 == 1.0:                                  # odd: rises, or falls on both sides of a pole
+        if p % 2.0 == 1.0:  # odd: rises, or falls on both sides of a pole
             if p > 0.0:
                 return rising(lambda x: power(x, p), u, LIBM)
             return EVERYTHING if 0.0 in u else falling(lambda x: power(x, p), u, LIBM)
@@ -138,7 +142,9 @@ class Power(Block):
 
 
 class Polynomial(UnitOfOutput, Block):
-    """A polynomial: y = c₀ uⁿ + c₁ uⁿ⁻¹ + ... + cₙ by Horner's rule, coefficients as numpy.polyval has them, the highest power first."""
+    """A polynomial: y = c₀ uⁿ + c₁ uⁿ⁻¹ + ... + cₙ by Horner's rule, coefficients as numpy.polyval has them, the
+    highest power first.
+    """
 
     coefficients = Param((1.0, 0.0), "1", "of each power, the highest first")
     unit = Param(units.ANY, "1", "unit of the output")
@@ -163,7 +169,7 @@ def power(x, p):
         return math.pow(x, p)
     except OverflowError:
         return math.copysign(math.inf, x) if p % 2.0 == 1.0 else math.inf
-    except ValueError:                                      # zero to a negative power
+    except ValueError:  # zero to a negative power
         return math.inf
 
 

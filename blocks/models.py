@@ -17,9 +17,9 @@ KNEE_FLEXION = (4, 9, 15, 18, 17, 14, 11, 8, 6, 7, 12, 21, 35, 50, 60, 62, 56, 4
 class Limb(Block):
     """A joint moved by its wearer and by a drive: I (α − α₀) = τ + K (θ₀ − θ) + B (ω₀ − ω) − d (ω − ω₀).
 
-    The wearer means to move along θ₀, ω₀, α₀ and holds to it like a spring with a damper; τ is what the drive adds. With no wearer
-    (stiffness and reflex 0) it is a free inertia. Below `lower` the ligaments pull back with `ligament`, a straight knee's end of
-    motion. Semi-implicit Euler; no direct feedthrough.
+    The wearer means to move along θ₀, ω₀, α₀ and holds to it like a spring with a damper; τ is what the drive adds.
+    With no wearer (stiffness and reflex 0) it is a free inertia. Below `lower` the ligaments pull back with `ligament`,
+    a straight knee's end of motion. Semi-implicit Euler; no direct feedthrough.
     """
 
     inertia = Param(0.35, "kg·m²", "of shank and foot about the knee", above=0.0)
@@ -47,7 +47,9 @@ class Limb(Block):
 
 
 class WalkingKnee(Block):
-    """The knee of an average adult who walks: a Fourier series over the stride, with its derivatives. `at_start` is the angle at t = 0."""
+    """The knee of an average adult who walks: a Fourier series over the stride, with its derivatives. `at_start` is the
+    angle at t = 0.
+    """
 
     stride_time = Param(1.1, "s", "duration of a stride", above=0.0)
     start = Param(0.0, "1", "gait phase at t = 0: 0 for one leg, 0.5 for the other")
@@ -72,10 +74,12 @@ class WalkingKnee(Block):
 
 
 class RecordedKnee(Block):
-    """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time` column in s.
+    """A recorded knee, played as the wearer's intention, over and over: a column in degrees of a CSV file with a `time`
+    column in s.
 
-    Linear between samples. Its last two seconds are cut where it goes on most as its beginning does, so that it repeats stride after
-    stride, with a small step at the seam; one of less than four seconds is played whole. `at_start` is the angle at t = 0.
+    Linear between samples. Its last two seconds are cut where it goes on most as its beginning does, so that it repeats
+    stride after stride, with a small step at the seam; one of less than four seconds is played whole. `at_start` is the
+    angle at t = 0.
     """
 
     file = Param("", "1", "path of the CSV file", required=True, dtype=str, file=True)
@@ -102,7 +106,9 @@ class RecordedKnee(Block):
 
 
 def read_column(file, column):
-    """(times in s, angles in rad) of a CSV file of at least 100 evenly spaced samples. ValueError or OSError saying what it lacks."""
+    """(times in s, angles in rad) of a CSV file of at least 100 evenly spaced samples. ValueError or OSError saying
+    what it lacks.
+    """
     with open(file, newline="", encoding="utf-8-sig") as stream:
         reader = csv.reader(stream)
         try:
@@ -112,7 +118,9 @@ def read_column(file, column):
     header = [name.strip() for name in rows[0][1]] if rows else []
     for name in ("time", column):
         if name not in header:
-            raise ValueError(f"{file} has no column {name!r}; it has {shorten(', '.join(header), 200, placeholder=' ...') or 'none'}")
+            raise ValueError(
+                f"{file} has no column {name!r}; it has {shorten(', '.join(header), 200, placeholder=' ...') or 'none'}"
+            )
     indices = header.index("time"), header.index(column)
     samples = []
     for line, row in rows[1:]:
@@ -127,16 +135,21 @@ def read_column(file, column):
         raise ValueError(f"{file} has {len(samples)} samples, and at least 100 are needed")
     times, angles = np.array(samples).T
     steps = np.diff(times)
-    # Half a step either way is what rounding to three decimals makes of some hundred hertz; a lost sample is a whole one.
+    # Half a step either way is what rounding to three decimals makes of some hundred hertz; a lost sample is a whole
+    # one.
     wrong = np.flatnonzero((steps <= 0.0) | (np.abs(steps - np.median(steps)) > 0.5 * np.median(steps)))
     if len(wrong):
         before, after = times[wrong[0] : wrong[0] + 2]
-        raise ValueError(f"{file}: the samples must be evenly spaced in time, and {before:g} s is followed by {after:g} s")
+        raise ValueError(
+            f"{file}: the samples must be evenly spaced in time, and {before:g} s is followed by {after:g} s"
+        )
     return times, np.radians(angles)
 
 
 def seam(angles, window):
-    """Where to cut a recording so that it repeats: after the sample of its last two windows that goes on most as the beginning does."""
+    """Where to cut a recording so that it repeats: after the sample of its last two windows that goes on most as the
+    beginning does.
+    """
     if len(angles) < 4 * window:
         return len(angles)
     beginning = angles[: window // 2]

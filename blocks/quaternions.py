@@ -1,8 +1,8 @@
 """Quaternions and Euler angles: w first, q = (w, x, y, z), Hamilton's product, right-handed.
 
-Euler angles are yaw, pitch and roll in rad: turn about z by yaw, then about the new y by pitch, then about the newest x by roll
-(intrinsic z-y-x; "ZYX" in scipy.spatial.transform.Rotation). All blocks have direct feedthrough and no state; NaN passes.
-(Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006.)
+Euler angles are yaw, pitch and roll in rad: turn about z by yaw, then about the new y by pitch, then about the newest x
+by roll (intrinsic z-y-x; "ZYX" in scipy.spatial.transform.Rotation). All blocks have direct feedthrough and no state;
+NaN passes. (Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and Rotation Vectors, 2006.)
 """
 
 import math
@@ -45,7 +45,8 @@ class QuaternionConjugate(Block):
 class RotateVector(Block):
     """Turns a vector by a quaternion: y = q ⊗ v ⊗ q⁻¹. q is normalised first, as SciPy does; NaN for a zero quaternion.
 
-    Where q is the attitude of a body in the world, v in the body's axes becomes y in the world's; with the conjugate, the other way round.
+    Where q is the attitude of a body in the world, v in the body's axes becomes y in the world's; with the conjugate,
+    the other way round.
     """
 
     q = Input("1", "quaternion", shape=(4,))
@@ -55,7 +56,7 @@ class RotateVector(Block):
     kernel = kernels.rotate
 
     def output_range(self, q, v):
-        farthest = math.sqrt(3.0) * abs(v).high * (1.0 + 1e-14) + 1e-320   # the length is kept, and no element is longer
+        farthest = math.sqrt(3.0) * abs(v).high * (1.0 + 1e-14) + 1e-320  # the length is kept, and no element is longer
         return Interval(-farthest, farthest) if farthest < 1e307 else EVERYTHING
 
 

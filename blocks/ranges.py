@@ -7,8 +7,8 @@ import numpy as np
 from graph import Interval
 
 TURN = 2.0 * math.pi
-FAR = 1e6                       # rad, beyond which nothing is said of where in its turn an angle is
-LIBM = 2                        # units in the last place that libm may be off
+FAR = 1e6  # rad, beyond which nothing is said of where in its turn an angle is
+LIBM = 2  # units in the last place that libm may be off
 
 
 def rising(function, u, ulps=0):
@@ -86,6 +86,6 @@ def horner(coefficients, u, pieces=1000):
     with np.errstate(all="ignore"):
         for coefficient in coefficients[1:]:
             corners = np.array([a * b for a in (low, high) for b in x])
-            corners[np.isnan(corners)] = 0.0                # a bound of 0 times an infinite one
+            corners[np.isnan(corners)] = 0.0  # a bound of 0 times an infinite one
             low, high = corners.min(axis=0) + coefficient, corners.max(axis=0) + coefficient
     return Interval(float(low.min()), float(high.max()))

@@ -4,20 +4,30 @@ from graph import Input, Param, Sink
 
 
 class CsvRecorder(Sink):
-    """Writes its signals as a CSV file: time, tick, and one column a signal, named by block path and port with its unit in ASCII."""
+    """Writes its signals as a CSV file: time, tick, and one column a signal, named by block path and port with its unit
+    in ASCII.
+    """
 
     delimiter = Param(",", "1", "between columns", choices=(",", ";", "\t"))
     flush_rows = Param(200, "1", "rows between flushes to the disk", min=1, fixed=True)
-    time = Param("relative", "1", "relative: s since tick 0; device: s since 1970 by the clock of the computer", choices=("relative", "device"))
+    time = Param(
+        "relative",
+        "1",
+        "relative: s since tick 0; device: s since 1970 by the clock of the computer",
+        choices=("relative", "device"),
+    )
     overwrite = Param(False, "1", "whether a file of this name is replaced; else the new one gets a number", fixed=True)
-    during = Param("", "1", "signal among its own, such as mocap.on: rows only of ticks in which that is true; by default of all")
+    during = Param(
+        "", "1", "signal among its own, such as mocap.on: rows only of ticks in which that is true; by default of all"
+    )
     file = Param("", "1", "name of the file without its ending; the diagram's name and the time by default")
 
     service = "runtime.recorder.csv:CsvWriter"
 
 
 class StrideReport(Sink):
-    """The average stride of one leg: counts strides, sums work, and draws angle and torque over the gait phase at the end of a run.
+    """The average stride of one leg: counts strides, sums work, and draws angle and torque over the gait phase at the
+    end of a run.
 
     Work is positive where the drive pushes the way the joint moves: W⁺ = ∫ max(τ ω, 0) dt, over a stride.
     """
@@ -32,5 +42,3 @@ class StrideReport(Sink):
 
     variadic = False
     service = "runtime.recorder.strides:StrideAverage"
-
-

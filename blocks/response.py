@@ -1,10 +1,11 @@
 """Range proof of linear systems: how far the output can go, whatever the input does inside its interval.
 
-The bound is the 1-norm of the impulse response, split by sign: with P and N the sums of the positive and of the negative parts of h,
-an input in [low, high] (0 included, where every system starts) gives an output in [P low - N high, P high - N low], and some input
-comes as near to both ends as one likes. On top comes what rounding can add: each rounding of the kernel is a small push at a state or
-an output, and the response to such pushes is summed in the same way. (Desoer and Vidyasagar, Feedback Systems, 1975, 2.4; Jackson, On
-the interaction of roundoff noise and dynamic range in digital filters, 1970.)
+The bound is the 1-norm of the impulse response, split by sign: with P and N the sums of the positive and of the
+negative parts of h, an input in [low, high] (0 included, where every system starts) gives an output in [P low - N high,
+P high - N low], and some input comes as near to both ends as one likes. On top comes what rounding can add: each
+rounding of the kernel is a small push at a state or an output, and the response to such pushes is summed in the same
+way. (Desoer and Vidyasagar, Feedback Systems, 1975, 2.4; Jackson, On the interaction of roundoff noise and dynamic
+range in digital filters, 1970.)
 """
 
 from dataclasses import dataclass
@@ -16,8 +17,8 @@ from cext.response import impulse_sums
 from graph.interval import EVERYTHING, Interval
 
 EPSILON = 2.0**-52
-TINY = 1e-290                   # absorbs underflow
-HUGE = 1e307                    # beyond which a step on the way may overflow
+TINY = 1e-290  # absorbs underflow
+HUGE = 1e307  # beyond which a step on the way may overflow
 
 
 def with_zero(interval):
@@ -26,7 +27,9 @@ def with_zero(interval):
 
 
 def designed(block):
-    """What the block's design(dt) gives; None where the rate is not known, or cannot carry it, which `prepare` tells."""
+    """What the block's design(dt) gives; None where the rate is not known, or cannot carry it, which `prepare`
+    tells.
+    """
     try:
         return None if block.dt is None else block.design(block.dt)
     except ValueError:
@@ -61,7 +64,7 @@ class Reach:
                 slack = self.slack[row, column] * max(-u.low, u.high)
                 low += p * u.low - n * u.high - slack
                 high += p * u.high - n * u.low + slack
-            more = 8.0 * EPSILON * max(-low, high)              # the sums of this method
+            more = 8.0 * EPSILON * max(-low, high)  # the sums of this method
             one = Interval(float(low - more), float(high + more))
             found = one if found is None else found | one
         return found
@@ -78,8 +81,8 @@ def reach_of_state_space(A, B, C, D, start=None):
     if found is None:
         return None
     positive, negative, highest, lowest, states, steps = found
-    pushed = (positive + negative)[:, :n]                               # of a push at each state
-    moved, moved_by_start = states[:, n : n + m], states[:, -1:]        # how far each input, and the start, moves each state
+    pushed = (positive + negative)[:, :n]  # of a push at each state
+    moved, moved_by_start = states[:, n : n + m], states[:, -1:]  # how far each input, and the start, moves each state
     unit = (n + m + 2) * EPSILON
     slack = unit * (pushed @ (np.abs(A) @ moved + np.abs(B)) + np.abs(C) @ moved + np.abs(D))
     slack_of_start = unit * (pushed @ (np.abs(A) @ moved_by_start) + np.abs(C) @ moved_by_start)
@@ -90,12 +93,15 @@ def reach_of_state_space(A, B, C, D, start=None):
     if np.any(slack > 1e-3 * total + TINY * 1e3 * (1.0 + pushed.sum())):
         return None
     largest = (np.abs(A) @ moved + np.abs(B)).sum(axis=0) + (np.abs(C) @ moved + np.abs(D)).sum(axis=0)
-    return Reach(positive[:, n : n + m] + D_positive, negative[:, n : n + m] + D_negative, slack, free, tuple(largest.tolist()))
+    return Reach(
+        positive[:, n : n + m] + D_positive, negative[:, n : n + m] + D_negative, slack, free, tuple(largest.tolist())
+    )
 
 
 @lru_cache(maxsize=256)
 def reach_of_cascade(sections):
-    """Reach of sections in series, each (b, a) with a[0] = 1 in direct form II transposed, from zero or settled. None without a bound.
+    """Reach of sections in series, each (b, a) with a[0] = 1 in direct form II transposed, from zero or settled. None
+    without a bound.
 
     sections : tuple of pairs of equally long tuples, coefficients of z^0, z^-1, ...
     """
@@ -122,8 +128,8 @@ def reach_of_cascade(sections):
     positive[:, n:] += np.maximum(D, 0.0)
     negative[:, n:] += np.maximum(-D, 0.0)
     sums = positive + negative
-    reached = sums[:, n]                                                # each section's output, for inputs up to 1
-    state, pushed = states[:, n], sums[-1]                              # each state's; and the output, for a push at each place
+    reached = sums[:, n]  # each section's output, for inputs up to 1
+    state, pushed = states[:, n], sums[-1]  # each state's; and the output, for a push at each place
     slack, largest, first = 0.0, 0.0, 0
     for index, (b, a) in enumerate(sections):
         order = len(b) - 1
@@ -131,13 +137,21 @@ def reach_of_cascade(sections):
         z = np.append(state[first : first + order], 0.0)
         slack += pushed[n + 1 + index] * (abs(b[0]) * x + y)
         slack += sum(pushed[first + i] * 2.0 * (abs(b[i + 1]) * x + abs(a[i + 1]) * y + z[i + 1]) for i in range(order))
-        largest = max(largest, abs(b[0]) * x + y, *(abs(b[i + 1]) * x + abs(a[i + 1]) * y + z[i + 1] for i in range(order)))
+        largest = max(
+            largest, abs(b[0]) * x + y, *(abs(b[i + 1]) * x + abs(a[i + 1]) * y + z[i + 1] for i in range(order))
+        )
         first += order
     # A settled start is off by a few roundings of its own, and each section passes its error on.
     slack = 8.0 * (count + 1) * EPSILON * slack + steps * EPSILON * reached[-1] + TINY * (1.0 + pushed.sum())
     if slack > 1e-3 * reached[-1] + TINY * 1e3 * (1.0 + pushed.sum()):
         return None
-    return Reach(positive[-1:, n : n + 1], negative[-1:, n : n + 1], np.array([[slack]]), np.zeros((1, 2)), (2.0 * float(largest),))
+    return Reach(
+        positive[-1:, n : n + 1],
+        negative[-1:, n : n + 1],
+        np.array([[slack]]),
+        np.zeros((1, 2)),
+        (2.0 * float(largest),),
+    )
 
 
 def stable(A):

@@ -1,14 +1,18 @@
-"""Emergency stops, and arming again. What ends here is software: it never replaces a switch that cuts the power of the motors."""
+"""Emergency stops, and arming again. What ends here is software: it never replaces a switch that cuts the power of the
+motors.
+"""
 
 from cext.kernels import safety as kernels
 from graph import Block, Device, Input, Interval, Memory, Output, Param
 
 
 class EmergencyStop(Block):
-    """Ends the run, in the safe stop, as soon as its input is true: no command of that tick is sent. NaN counts as pressed.
+    """Ends the run, in the safe stop, as soon as its input is true: no command of that tick is sent. NaN counts as
+    pressed.
 
-    A diagram may have any number of them; a vector is pressed where any of its elements is. It runs in every tick, so it stands in no subsystem
-    that is slower or may be disabled. Nothing re-enables by itself: the run is over, with exit code 3, unless a person may arm it again.
+    A diagram may have any number of them; a vector is pressed where any of its elements is. It runs in every tick, so
+    it stands in no subsystem that is slower or may be disabled. Nothing re-enables by itself: the run is over, with
+    exit code 3, unless a person may arm it again.
     """
 
     pressed = Input("1", "whether to stop", shape=..., dtype=bool)
@@ -18,10 +22,11 @@ class EmergencyStop(Block):
 
 
 class Rearm(Block):
-    """Lets a run survive a fault: after its safe stop the run waits, and is armed again when `request` rises and nothing stands in the way.
+    """Lets a run survive a fault: after its safe stop the run waits, and is armed again when `request` rises and
+    nothing stands in the way.
 
-    For a button in somebody's hand. Only a rising edge counts, and only while the run waits: an input that is held, or rose before, asks for
-    nothing. It resets no emergency stop, and arms nothing at the start of a run.
+    For a button in somebody's hand. Only a rising edge counts, and only while the run waits: an input that is held, or
+    rose before, asks for nothing. It resets no emergency stop, and arms nothing at the start of a run.
     """
 
     request = Input("1", "rises when a person wants the robot armed again", dtype=bool)
@@ -32,13 +37,14 @@ class Rearm(Block):
 class EStopHeartbeat(Device):
     """An emergency-stop button, wired or wireless, that tells over a bus again and again that it is not pressed.
 
-    Its frame: the standard id `can_id`, two bytes. Byte 0 is a counter, one more (modulo 256) in every frame; byte 1 is 5A (hex) as long as the button is
-    released, and anything else means pressed. A good sender repeats it every 20 ms, and at once when it is pressed.
+    Its frame: the standard id `can_id`, two bytes. Byte 0 is a counter, one more (modulo 256) in every frame; byte 1 is
+    5A (hex) as long as the button is released, and anything else means pressed. A good sender repeats it every 20 ms,
+    and at once when it is pressed.
 
-    Pressed ends the run in the same tick: no command of that tick is sent. Silence for `timeout`, a counter that stands still and frames of another
-    length, which are counted and ignored, end it too. A press is latched: a run that has seen one ends, even if it was let go within the tick, and even while
-    it was still being armed. Who
-    can send on its bus can say that it is released.
+    Pressed ends the run in the same tick: no command of that tick is sent. Silence for `timeout`, a counter that stands
+    still and frames of another length, which are counted and ignored, end it too. A press is latched: a run that has
+    seen one ends, even if it was let go within the tick, and even while it was still being armed. Who can send on its
+    bus can say that it is released.
     """
 
     bus = Param("estop", "1", "logical name of its bus", dtype=str)

@@ -1,4 +1,6 @@
-"""Which serial ports have a baud rate that counts: those with a real line behind them. USB devices that only look like a port carry what they can."""
+"""Which serial ports have a baud rate that counts: those with a real line behind them. USB devices that only look like
+a port carry what they can.
+"""
 
 import re
 

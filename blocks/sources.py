@@ -11,7 +11,9 @@ from graph import Block, Interval, Memory, Output, Param, units
 
 
 class Constant(UnitOfOutput, Block):
-    """A constant: y = value. A number wired to an input is one already; this one has a name and a unit, and may be recorded, or live."""
+    """A constant: y = value. A number wired to an input is one already; this one has a name and a unit, and may be
+    recorded, or live.
+    """
 
     value = Param(0.0, "any", "what it is")
     unit = Param(units.ANY, "1", "unit of the output")
@@ -75,10 +77,11 @@ class Sine(UnitOfOutput, Block):
 
 
 class Chirp(UnitOfOutput, Block):
-    """A sine wave whose frequency sweeps: y = bias + amplitude · sin(2π ∫ f dt + phase), and stays at `stop` after `duration`.
+    """A sine wave whose frequency sweeps: y = bias + amplitude · sin(2π ∫ f dt + phase), and stays at `stop` after
+    `duration`.
 
-    linear: f = start + (stop − start) t / duration. logarithmic: f = start · (stop / start) ^ (t / duration). It begins as Sine does;
-    scipy.signal.chirp, a cosine, is this with phase = π/2.
+    linear: f = start + (stop − start) t / duration. logarithmic: f = start · (stop / start) ^ (t / duration). It begins
+    as Sine does; scipy.signal.chirp, a cosine, is this with phase = π/2.
     """
 
     amplitude = Param(1.0, "any", "half of peak to peak")
@@ -129,8 +132,14 @@ class _OverTime(UnitOfOutput):
 
     def take(self, times, samples):
         if len(times) < 2 or len(times) != len(samples):
-            raise ValueError(f"at least two times are needed, and as many values: there are {len(times)} and {len(samples)}")
-        if not np.all(np.isfinite(times)) or not np.all(times[:-1] < times[1:]) or not math.isfinite(float(times[-1]) - float(times[0])):
+            raise ValueError(
+                f"at least two times are needed, and as many values: there are {len(times)} and {len(samples)}"
+            )
+        if (
+            not np.all(np.isfinite(times))
+            or not np.all(times[:-1] < times[1:])
+            or not math.isfinite(float(times[-1]) - float(times[0]))
+        ):
             raise ValueError("the times must be finite, and rise from each to the next")
         self.instants, self.samples = times, samples
         self.kernel = kernels.tables[self.interpolation]
@@ -140,14 +149,21 @@ class _OverTime(UnitOfOutput):
 
 
 class TimeTable(_OverTime, Block):
-    """A table over time: y runs through (times, values), level before the first and after the last, or over and over with `repeat`.
+    """A table over time: y runs through (times, values), level before the first and after the last, or over and over
+    with `repeat`.
 
-    A table that repeats goes from its last value on with its first, so a closed curve has the first value at its end once more.
+    A table that repeats goes from its last value on with its first, so a closed curve has the first value at its end
+    once more.
     """
 
     times = Param((0.0, 1.0), "s", "at least two, rising")
     values = Param((0.0, 1.0), "any", "one for each time")
-    interpolation = Param("linear", "1", "between two times: on a line, or at the value of the time before", choices=("linear", "previous"))
+    interpolation = Param(
+        "linear",
+        "1",
+        "between two times: on a line, or at the value of the time before",
+        choices=("linear", "previous"),
+    )
     repeat = Param(False, "1", "whether it starts again at the end")
     unit = Param(units.ANY, "1", "unit of the output")
 
@@ -163,14 +179,16 @@ class TimeTable(_OverTime, Block):
 class Playback(_OverTime, Block):
     """Plays a column of a CSV file by its column of times in s.
 
-    The first row of the file is t = 0. Columns are found by name; the unit is what the header says behind it, as in `knee.position [rad]`.
-    A NaN in the file is played as NaN, and shows on the way to it and from it.
+    The first row of the file is t = 0. Columns are found by name; the unit is what the header says behind it, as in
+    `knee.position [rad]`. A NaN in the file is played as NaN, and shows on the way to it and from it.
     """
 
     file = Param("", "1", "path of the CSV file; commas, semicolons or tabs", required=True, dtype=str, file=True)
     column = Param("", "1", "name of the column", required=True, dtype=str)
     time = Param("time", "1", "name of the column of times, in s")
-    interpolation = Param("linear", "1", "between two rows: on a line, or at the value of the row before", choices=("linear", "previous"))
+    interpolation = Param(
+        "linear", "1", "between two rows: on a line, or at the value of the row before", choices=("linear", "previous")
+    )
     repeat = Param(False, "1", "whether it starts again at the end")
     unit = Param("", "1", "unit of the column, where the header does not say it")
 
@@ -181,7 +199,9 @@ class Playback(_OverTime, Block):
     def configure(self):
         times, samples, written = read_columns(self.file, self.time, self.column)
         if self.unit and written and units.canonical(self.unit) != written:
-            raise ValueError(f"{self.file}: {self.column} is in {written}, not in {self.unit}: convert it with a UnitConversion")
+            raise ValueError(
+                f"{self.file}: {self.column} is in {written}, not in {self.unit}: convert it with a UnitConversion"
+            )
         self.of_column = units.canonical(self.unit or written or units.ANY)
         self.take(times - times[0], samples)
 
@@ -190,10 +210,11 @@ class Playback(_OverTime, Block):
 
 
 class GaussianNoise(UnitOfOutput, Block):
-    """White noise with a normal distribution: each tick's value depends on the seed and the tick alone, so a run can be repeated.
+    """White noise with a normal distribution: each tick's value depends on the seed and the tick alone, so a run can be
+    repeated.
 
-    Philox 4x64-10 (Salmon et al. 2011) and Box and Muller's transform, which never leaves the mean by more than 8.572 deviations. Give
-    each noise of a diagram a seed of its own: two with the same are the same.
+    Philox 4x64-10 (Salmon et al. 2011) and Box and Muller's transform, which never leaves the mean by more than 8.572
+    deviations. Give each noise of a diagram a seed of its own: two with the same are the same.
     """
 
     mean = Param(0.0, "any", "of the distribution")
@@ -210,7 +231,8 @@ class GaussianNoise(UnitOfOutput, Block):
 
 
 class UniformNoise(UnitOfOutput, Block):
-    """White noise, anywhere from lower to upper with equal chance: each tick's value depends on the seed and the tick alone.
+    """White noise, anywhere from lower to upper with equal chance: each tick's value depends on the seed and the tick
+    alone.
 
     Philox 4x64-10 (Salmon et al. 2011). Give each noise of a diagram a seed of its own: two with the same are the same.
     """

@@ -7,20 +7,23 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class StateMachine(Block):
-    """A finite state machine: in each state its outputs have given values; conditions on inputs lead from one state to another.
+    """A finite state machine: in each state its outputs have given values; conditions on inputs lead from one state to
+    another.
 
         gait = StateMachine(
-            takes={"angle": "rad", "contact": "1"},
-            gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
+            takes={"angle": "rad", "contact": "1"}, gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
             states={"stance": {"stiffness": 60.0, "damping": 1.0}, "swing": {"stiffness": 0.0, "damping": 0.4}},
-            transitions=[("stance", "swing", "not contact and angle > 0.5"), ("swing", "stance", "contact and time_in_state > 0.1")],
+            transitions=[("stance", "swing", "not contact and angle > 0.5"), ("swing", "stance", "contact and
+            time_in_state > 0.1")],
         )(angle=knee.position, contact=foot.contact)
 
-    Principle: 1. once a tick the conditions that lead out of the present state are looked at in their order; 2. the first that holds is
-    taken, and the outputs are the new state's at once; 3. at most one transition a tick. It starts in the first state, or in `initial`.
+    Principle: 1. once a tick the conditions that lead out of the present state are looked at in their order; 2. the
+    first that holds is taken, and the outputs are the new state's at once; 3. at most one transition a tick. It starts
+    in the first state, or in `initial`.
 
-    A condition is written with the inputs' names, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or, not. A NaN or an
-    infinity at an input changes no state and makes every value NaN, so that an actuator sees it and faults.
+    A condition is written with the inputs' names, `time_in_state` in s, numbers, + - * / abs(), comparisons, and, or,
+    not. A NaN or an infinity at an input changes no state and makes every value NaN, so that an actuator sees it and
+    faults.
     """
 
     takes = Param({}, "1", "unit by name of input", dtype=dict)
@@ -37,14 +40,20 @@ class StateMachine(Block):
     current = Memory((0.0, 0.0, 0.0), "state, periods in it, whether it has begun")
 
     kernel = kernels.machine
-    examples = ({
-        "takes": {"u": "1"}, "gives": {"y": "N·m"}, "states": {"low": {"y": 0.0}, "high": {"y": 1.5}},
-        "transitions": (("low", "high", "u > 1"), ("high", "low", "u < -1 and time_in_state > 0.02")),
-    },)
+    examples = (
+        {
+            "takes": {"u": "1"},
+            "gives": {"y": "N·m"},
+            "states": {"low": {"y": 0.0}, "high": {"y": 1.5}},
+            "transitions": (("low", "high", "u > 1"), ("high", "low", "u < -1 and time_in_state > 0.02")),
+        },
+    )
 
     def configure(self):
         self.inputs = {name: Input(unit, f"input {name}").named(name) for name, unit in self.takes.items()}
-        own = {name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()}
+        own = {
+            name: Output(unit, f"value of {name} in the present state").named(name) for name, unit in self.gives.items()
+        }
         for name in [*self.inputs, *own]:
             if not name.isidentifier() or name in ("state", "time_in_state") or (name in self.inputs and name in own):
                 raise ValueError(f"{name!r} cannot be the name of a port: it must be an identifier that is used once")
@@ -71,8 +80,14 @@ class StateMachine(Block):
         for state, values in self.states.items():
             missing, strange = set(outputs) - set(values), set(values) - set(outputs)
             if missing or strange:
-                what = f"gives no {sorted(missing)[0]}" if missing else f"gives {sorted(strange)[0]}, which is not an output"
-                raise ValueError(f"state {state!r} {what}: each state has a value for each of {', '.join(outputs) or 'no outputs'}")
+                what = (
+                    f"gives no {sorted(missing)[0]}"
+                    if missing
+                    else (f"gives {sorted(strange)[0]}, which is not an output")
+                )
+                raise ValueError(
+                    f"state {state!r} {what}: each state has a value for each of {', '.join(outputs) or 'no outputs'}"
+                )
 
     def index(self, state, where):
         if state not in self.names:
@@ -111,7 +126,10 @@ def compile_condition(text, inputs):
             case ast.Name() if node.id in inputs:
                 emit("input", inputs.index(node.id))
             case ast.Name():
-                raise ValueError(f"the condition {text!r} uses {node.id!r}, which is not an input ({', '.join([*inputs, 'time_in_state'])})")
+                raise ValueError(
+                    f"the condition {text!r} uses {node.id!r}, which is not an input "
+                    f"({', '.join([*inputs, 'time_in_state'])})"
+                )
             case ast.UnaryOp(op=ast.USub()):
                 visit(node.operand)
                 emit("negate")
@@ -128,7 +146,9 @@ def compile_condition(text, inputs):
                     visit(value)
                     emit("and" if isinstance(node.op, ast.And) else "or")
             case ast.Compare() if all(type(op) in _COMPARE for op in node.ops):
-                for number, (left, op, right) in enumerate(zip([node.left, *node.comparators], node.ops, node.comparators)):
+                for number, (left, op, right) in enumerate(
+                    zip([node.left, *node.comparators], node.ops, node.comparators)
+                ):
                     visit(left)
                     visit(right)
                     emit(_COMPARE[type(op)])
@@ -138,7 +158,10 @@ def compile_condition(text, inputs):
                 visit(argument)
                 emit("abs")
             case _:
-                raise ValueError(f"the condition {text!r} uses {ast.unparse(node)!r}: only names, numbers, + - * /, abs(), comparisons, and, or, not")
+                raise ValueError(
+                    f"the condition {text!r} uses {ast.unparse(node)!r}: only names, numbers, + - * /, "
+                    "abs(), comparisons, and, or, not"
+                )
 
     visit(tree)
     depth = deepest = 0

@@ -1,7 +1,8 @@
 """Interpolation tables: a curve or a surface through given points, on straight lines between them.
 
-Beyond the ends of the table the output keeps the value at the end (clamp), goes on along the last line (extrapolate), or the run ends
-in a fault (error). All have direct feedthrough and no state, and work element by element; NaN passes, and infinity becomes NaN.
+Beyond the ends of the table the output keeps the value at the end (clamp), goes on along the last line (extrapolate),
+or the run ends in a fault (error). All have direct feedthrough and no state, and work element by element; NaN passes,
+and infinity becomes NaN.
 """
 
 import math
@@ -13,7 +14,7 @@ from cext.kernels import tables as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
 from graph.interval import EVERYTHING
 
-ROUNDING = 16 * 2.0**-52        # relative, more than the few roundings of one interpolation add up to
+ROUNDING = 16 * 2.0**-52  # relative, more than the few roundings of one interpolation add up to
 CHOICES = ("clamp", "extrapolate", "error")
 
 
@@ -57,7 +58,9 @@ class LookupTable1D(UnitOfOutput, Block):
         return Interval(max(y - slack, min(a, b)), min(y + slack, max(a, b)))
 
     def end(self, x):
-        """Interval of the curve from an end of the table to x; the last line rounds as the kernel does, which keeps order."""
+        """Interval of the curve from an end of the table to x; the last line rounds as the kernel does, which keeps
+        order.
+        """
         (x0, x1), (a, b) = self.piece(0 if x < self.knots[0] else len(self.knots) - 2)
         share = (x - x0) / (x1 - x0)
         if a == b or 0.0 <= share <= 1.0:
@@ -74,7 +77,9 @@ class LookupTable2D(UnitOfOutput, Block):
 
     rows = Param((0.0, 1.0), "any", "breakpoints of `row`, at least two, rising")
     columns = Param((0.0, 1.0), "any", "breakpoints of `column`, at least two, rising")
-    values = Param(((0.0, 0.0), (0.0, 1.0)), "any", "of the output: a tuple for each row, with one value for each column")
+    values = Param(
+        ((0.0, 0.0), (0.0, 1.0)), "any", "of the output: a tuple for each row, with one value for each column"
+    )
     beyond = Param("clamp", "1", "what happens beyond the ends", choices=CHOICES)
     unit = Param(units.ANY, "1", "unit of the output")
 
@@ -104,7 +109,8 @@ class LookupTable2D(UnitOfOutput, Block):
         r, c = (corners(u, knots, extends) for u, knots in ((row, self.row_knots), (column, self.column_knots)))
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(c))):
             return EVERYTHING
-        # Between grid lines the surface is bilinear, so its extremes are at the corners of what the inputs can reach of each cell.
+        # Between grid lines the surface is bilinear, so its extremes are at the corners of what the inputs can reach of
+        # each cell.
         grid = self.heights.reshape(len(self.row_knots), -1)
         (i, s), (j, t) = place(self.row_knots, r), place(self.column_knots, c)
         s, t = s[:, None], t[None, :]
@@ -112,11 +118,18 @@ class LookupTable2D(UnitOfOutput, Block):
         with np.errstate(over="ignore", invalid="ignore"):
             farthest = np.max(np.abs(cells)) * np.max(np.abs(s) + np.abs(1.0 - s)) * np.max(np.abs(t) + np.abs(1.0 - t))
             if extends and not farthest < 1e307:
-                return EVERYTHING                           # the kernel may overflow on its way
-            parts = [weight * cell for weight, cell in zip(((1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t), cells)]
+                return EVERYTHING  # the kernel may overflow on its way
+            parts = [
+                weight * cell
+                for weight, cell in zip(((1.0 - s) * (1.0 - t), (1.0 - s) * t, s * (1.0 - t), s * t), cells)
+            ]
             y, slack = sum(parts), ROUNDING * sum(map(np.abs, parts))
             low, high = float(np.min(y - slack)), float(np.max(y + slack))
-        return Interval(low, high) if extends else Interval(max(low, float(np.min(cells))), min(high, float(np.max(cells))))
+        return (
+            Interval(low, high)
+            if extends
+            else Interval(max(low, float(np.min(cells))), min(high, float(np.max(cells))))
+        )
 
 
 def rising_numbers(name, values):

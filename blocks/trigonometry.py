@@ -43,7 +43,12 @@ class Tan(Block):
     kernel = kernels.tangent
 
     def output_range(self, u):
-        pole = not u.bounded or u.high - u.low >= TURN / 2 or max(-u.low, u.high) > FAR or holds_phase(u, TURN / 4, TURN / 2)
+        pole = (
+            not u.bounded
+            or u.high - u.low >= TURN / 2
+            or max(-u.low, u.high) > FAR
+            or holds_phase(u, TURN / 4, TURN / 2)
+        )
         return EVERYTHING if pole else rising(math.tan, u, LIBM)
 
 
@@ -93,7 +98,7 @@ class Atan2(Block):
     kernel = kernels.angle
 
     def output_range(self, opposite, adjacent):
-        if 0.0 in opposite and adjacent.low <= 0.0:         # the jump from -π to π; -0.0 lies below it
+        if 0.0 in opposite and adjacent.low <= 0.0:  # the jump from -π to π; -0.0 lies below it
             return outward(-math.pi, math.pi, LIBM)
         corners = [math.atan2(y, x) for y in (opposite.low, opposite.high) for x in (adjacent.low, adjacent.high)]
         return outward(min(corners), max(corners), LIBM)

@@ -1,4 +1,6 @@
-"""Vectors: putting them together, taking them apart, and linear algebra. All have direct feedthrough and no state; NaN passes."""
+"""Vectors: putting them together, taking them apart, and linear algebra. All have direct feedthrough and no state; NaN
+passes.
+"""
 
 import math
 
@@ -25,7 +27,8 @@ class Concatenate(Block):
         if not sizes:
             raise ValueError("sizes must name one length at least")
         self.inputs = {
-            f"u{i}": Input("any", f"input {i}", shape=(size,) if size > 1 else ()).named(f"u{i}") for i, size in enumerate(sizes, start=1)
+            f"u{i}": Input("any", f"input {i}", shape=(size,) if size > 1 else ()).named(f"u{i}")
+            for i, size in enumerate(sizes, start=1)
         }
         self.outputs = {"y": Output("any", "one vector", shape=(sum(sizes),)).named("y")}
 
@@ -81,7 +84,9 @@ class Cross(Block):
 
 
 class MatrixGain(Block):
-    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, and a scalar y for one row of numbers."""
+    """Multiplies by a constant matrix: y = A u, as numpy's A @ u: a row for each element of y, and a scalar y for one
+    row of numbers.
+    """
 
     matrix = Param(((1.0, 0.0), (0.0, 1.0)), "any", "A: a tuple for each row, or one row of numbers")
     unit = Param("1", "1", "unit of the matrix; the output has the product of both units")

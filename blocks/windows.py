@@ -1,4 +1,6 @@
-"""Statistics of what an input was during the last so many seconds. Each counts its own steps: a missed tick is no sample."""
+"""Statistics of what an input was during the last so many seconds. Each counts its own steps: a missed tick is no
+sample.
+"""
 
 import math
 
@@ -7,11 +9,13 @@ from cext.kernels import windows as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
 
-LONGEST = 1_000_000             # samples
+LONGEST = 1_000_000  # samples
 
 
 def samples_in(window, dt):
-    """How many samples of period dt, in s, make a window of that many seconds: the nearest whole number, at least one."""
+    """How many samples of period dt, in s, make a window of that many seconds: the nearest whole number, at least
+    one.
+    """
     count = round(window / dt)
     if count < 1:
         raise ValueError(f"a window of {window:g} s is shorter than half a sampling period of {dt:g} s")
@@ -34,8 +38,8 @@ class _Sums(Block):
 class MovingAverage(_Sums):
     """Mean of the last N inputs: y[k] = (u[k] + ... + u[k-N+1]) / N, N = window / dt.
 
-    Until there are N, the mean of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window.
-    Exact to a few roundings however long it runs: no drift. Constant time.
+    Until there are N, the mean of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is
+    in the window. Exact to a few roundings however long it runs: no drift. Constant time.
     """
 
     y = Output("any", "mean over the window", shape=...)
@@ -47,16 +51,17 @@ class MovingAverage(_Sums):
 
     def output_range(self, u):
         largest = max(abs(u.low), abs(u.high))
-        if not LONGEST * largest < HUGE:                    # the sum might overflow
+        if not LONGEST * largest < HUGE:  # the sum might overflow
             return EVERYTHING
-        return Interval(u.low - 1e-15 * largest, u.high + 1e-15 * largest)      # the sum keeps 106 bits, the mean is rounded twice
+        # the sum keeps 106 bits, the mean is rounded twice
+        return Interval(u.low - 1e-15 * largest, u.high + 1e-15 * largest)
 
 
 class MovingRMS(_Sums):
     """Root of the mean square of the last N inputs: y[k] = √((u[k]² + ... + u[k-N+1]²) / N), N = window / dt.
 
-    Until there are N, of those there are. Direct feedthrough. A NaN, an infinity or a square that overflows gives NaN for as long as it
-    is in the window. No drift. Constant time.
+    Until there are N, of those there are. Direct feedthrough. A NaN, an infinity or a square that overflows gives NaN
+    for as long as it is in the window. No drift. Constant time.
     """
 
     y = Output("any", "root mean square over the window", shape=..., range=(0.0, math.inf))
@@ -68,7 +73,7 @@ class MovingRMS(_Sums):
 
     def output_range(self, u):
         size = abs(u)
-        if not LONGEST * size.high * size.high < HUGE:      # the sum might overflow
+        if not LONGEST * size.high * size.high < HUGE:  # the sum might overflow
             return Interval(0.0)
         # A sum of squares keeps 106 bits of the largest that was in it; squares below 1e-300 are lost.
         return Interval(max(0.0, size.low - 1e-9 * size.high) if size.low > 1e-150 else 0.0, size.high * (1.0 + 1e-15))
@@ -91,8 +96,8 @@ class _Extreme(Block):
 class MovingMaximum(_Extreme):
     """Largest of the last N inputs: y[k] = max(u[k], ..., u[k-N+1]), N = window / dt.
 
-    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window. Amortised constant
-    time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
+    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the
+    window. Amortised constant time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
     """
 
     y = Output("any", "largest in the window", shape=...)
@@ -107,8 +112,8 @@ class MovingMaximum(_Extreme):
 class MovingMinimum(_Extreme):
     """Smallest of the last N inputs: y[k] = min(u[k], ..., u[k-N+1]), N = window / dt.
 
-    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the window. Amortised constant
-    time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
+    Until there are N, of those there are. Direct feedthrough. A NaN or infinity gives NaN for as long as it is in the
+    window. Amortised constant time, N steps at worst. (Lemire, Streaming maximum-minimum filter, 2006.)
     """
 
     y = Output("any", "smallest in the window", shape=...)

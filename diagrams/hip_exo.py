@@ -3,9 +3,10 @@
     python -m runtime diagrams/hip_exo.py --duration 10
     python -m runtime diagrams/hip_exo.py --duration 10 --set gain=6
 
-Delayed output feedback: τ = gain · (sin θ_left − sin θ_right)(t − delay) helps the right thigh forward and the left one back, a quarter of a stride
-after they were furthest apart the other way; neither stride nor gait phase has to be known. (After Lim et al. 2019, IEEE Transactions on Robotics 35)
-Angles are flexion from upright; positive torque flexes the hip.
+Delayed output feedback: τ = gain · (sin θ_left − sin θ_right)(t − delay) helps the right thigh forward and the left one
+back, a quarter of a stride after they were furthest apart the other way; neither stride nor gait phase has to be known.
+(After Lim et al. 2019, IEEE Transactions on Robotics 35) Angles are flexion from upright; positive torque flexes the
+hip.
 """
 
 from math import pi
@@ -24,7 +25,7 @@ from blocks.sources import Sine
 from blocks.trigonometry import Sin
 from graph import Diagram, deg, stack, subsystem
 
-RATE = 200.0                    # Hz
+RATE = 200.0  # Hz
 
 
 def build(gain=4.0, delay=0.25):

@@ -44,7 +44,9 @@ def leg(side, can_id, assistance, invert):
         torque = TorqueLimiter(limit=12.0, slew=200.0)(Sum("++")(profile, damper))
         knee(torque_command=torque)
 
-        StrideReport()(phase=gait.phase, walking=gait.walking, angle=knee.position, velocity=velocity, torque=knee.torque)
+        StrideReport()(
+            phase=gait.phase, walking=gait.walking, angle=knee.position, velocity=velocity, torque=knee.torque
+        )
 
 
 def plant(robot, gait="", stride_time=1.1):

@@ -1,6 +1,6 @@
 """The language: blocks with typed ports, wired into diagrams, compiled into schedules. No I/O, no hardware, no threads.
 
-    from graph import Block, Diagram, Input, Output, Param, compile, subsystem
+from graph import Block, Diagram, Input, Output, Param, compile, subsystem
 """
 
 from graph.arithmetic import stack
@@ -18,7 +18,31 @@ from graph.stream import StreamDevice
 from graph.units import deg
 
 __all__ = [
-    "Actuator", "Block", "DampedStop", "Device", "Diagnostic", "Diagram", "DiagramError", "Input", "Interval", "Live", "Memory", "Motion",
-    "Output", "Param", "ReplyField", "Schedule", "Signal", "Sink", "StreamDevice", "TorqueBound", "Watch", "block", "compile", "deg", "main",
-    "stack", "subsystem",
+    "Actuator",
+    "Block",
+    "DampedStop",
+    "Device",
+    "Diagnostic",
+    "Diagram",
+    "DiagramError",
+    "Input",
+    "Interval",
+    "Live",
+    "Memory",
+    "Motion",
+    "Output",
+    "Param",
+    "ReplyField",
+    "Schedule",
+    "Signal",
+    "Sink",
+    "StreamDevice",
+    "TorqueBound",
+    "Watch",
+    "block",
+    "compile",
+    "deg",
+    "main",
+    "stack",
+    "subsystem",
 ]

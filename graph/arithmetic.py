@@ -53,7 +53,9 @@ class Sum(Block):
     def configure(self):
         if not self.signs or set(self.signs) - {"+", "-"}:
             raise ValueError(f"signs is one + or - for each input, as in '+-', not {self.signs!r}")
-        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)}
+        self.inputs = {
+            f"u{i}": Input("any", f"input {i}", shape=...).named(f"u{i}") for i in range(1, len(self.signs) + 1)
+        }
         self.weights = [1.0 if sign == "+" else -1.0 for sign in self.signs]
 
     def output_range(self, **inputs):
@@ -64,7 +66,9 @@ class Sum(Block):
 
 
 class Product(Block):
-    """Multiplies two signals: y = a · b, element by element; a scalar goes with every element. Direct feedthrough; NaN passes."""
+    """Multiplies two signals: y = a · b, element by element; a scalar goes with every element. Direct feedthrough; NaN
+    passes.
+    """
 
     a = Input("any", "first factor", shape=..., broadcast=True)
     b = Input("any", "second factor", shape=..., broadcast=True)
@@ -81,7 +85,8 @@ class Product(Block):
 
 
 class Divide(Block):
-    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an actuator. 1 / inf is NaN, not 0.
+    """Divides two signals: y = a / b, by IEEE 754: 1 / 0 is infinite and 0 / 0 is NaN, and both are faults at an
+    actuator. 1 / inf is NaN, not 0.
 
     Element by element; a scalar goes with every element.
     """
@@ -120,7 +125,8 @@ class UnitConversion(Block):
         self.outputs = {"y": Output(self.target, "in the unit `target`", shape=...).named("y")}
 
     def output_range(self, u):
-        return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)     # rounded as the kernel rounds: exact
+        # rounded as the kernel rounds: exact
+        return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
 
 
 class Stack(Block):
@@ -135,7 +141,9 @@ class Stack(Block):
 
     def configure(self):
         shape = whole_numbers("shape", self.shape)
-        self.inputs = {f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)}
+        self.inputs = {
+            f"u{i}": Input("any", f"input {i}", shape=shape).named(f"u{i}") for i in range(1, self.count + 1)
+        }
         self.outputs = {"y": Output("any", "all of them", shape=(self.count, *shape)).named("y")}
 
     def output_range(self, **inputs):
@@ -148,7 +156,12 @@ class Select(Block):
     Of a signal whose shape is not declared an index is a whole number, or a list of them, and the signal a vector.
     """
 
-    index = Param(0, "1", "which elements: a whole number, or several; with `of`, as `encoded` writes what NumPy takes", dtype=object)
+    index = Param(
+        0,
+        "1",
+        "which elements: a whole number, or several; with `of`, as `encoded` writes what NumPy takes",
+        dtype=object,
+    )
     of = Param(None, "1", "shape of the input, found along the wire if left out", dtype=tuple)
 
     u = Input("any", "array", shape=...)
@@ -226,7 +239,9 @@ def whole_numbers(name, values, smallest=1):
 
 
 class Convert(Block):
-    """Converts to another unit of the input's dimension: y = factor · u + offset. Behind `signal.to("deg")`; the input's unit is found along the wire."""
+    """Converts to another unit of the input's dimension: y = factor · u + offset. Behind `signal.to("deg")`; the
+    input's unit is found along the wire.
+    """
 
     target = Param("", "1", "unit of the output", required=True, dtype=str)
 

@@ -30,22 +30,33 @@ class Assembly:
         self.in_order = [block for block in self.blocks if not computes(block)] + facts.order
         self.native = [block for block in self.in_order if not block.is_python and not isinstance(block, Sink)]
         self.places = {
-            Signal(block, name): self.place_signal(block, name, port) for block in self.in_order for name, port in block.outputs.items()
+            Signal(block, name): self.place_signal(block, name, port)
+            for block in self.in_order
+            for name, port in block.outputs.items()
         }
         self.constants = {
             (block, name): self.layout.place(np.broadcast_to(facts.sources[block, name], facts.shapes[block, name]))
-            for block in self.in_order for name in block.inputs
+            for block in self.in_order
+            for name in block.inputs
             if not isinstance(facts.sources[block, name], Signal) and not isinstance(block, Sink)
         }
         parameters = {block: place_parameters(block, self.layout) for block in self.native}
         self.memory_start = len(self.layout)
         self.memory = memory = {block: place_memory(block, self.layout) for block in self.native}
-        self.parameters = {f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()}
+        self.parameters = {
+            f"{block.path}.{name}": slot for block in self.native for name, slot in parameters[block].items()
+        }
         self.tables = {
             block: kernel_table(
                 [(self.input_slot(block, name), self.size(block, name)) for name in block.inputs],
-                [(self.places[Signal(block, name)].slot, self.size(block, name)) for name, port in block.outputs.items() if port.kernel],
-                list(parameters[block].values()), list(memory[block].values()))
+                [
+                    (self.places[Signal(block, name)].slot, self.size(block, name))
+                    for name, port in block.outputs.items()
+                    if port.kernel
+                ],
+                list(parameters[block].values()),
+                list(memory[block].values()),
+            )
             for block in self.native
         }
 
@@ -68,8 +79,14 @@ class Assembly:
 
     def python_step(self, block, method, names, outputs):
         return Step(
-            block.path, block.every, self.conditions(block), function=method, inputs=tuple(self.argument(block, name) for name in names),
-            outputs=tuple(self.result(block, name, port) for name, port in outputs.items()), hold=block.hold_exceptions)
+            block.path,
+            block.every,
+            self.conditions(block),
+            function=method,
+            inputs=tuple(self.argument(block, name) for name in names),
+            outputs=tuple(self.result(block, name, port) for name, port in outputs.items()),
+            hold=block.hold_exceptions,
+        )
 
     def conditions(self, block):
         return tuple(self.places[condition].slot for condition in block.conditions)
@@ -81,7 +98,14 @@ class Assembly:
 
     def result(self, block, name, port):
         promised = port.range or EVERYTHING
-        return name, self.places[Signal(block, name)].slot, port.dtype, self.facts.shapes[block, name], promised.low, promised.high
+        return (
+            name,
+            self.places[Signal(block, name)].slot,
+            port.dtype,
+            self.facts.shapes[block, name],
+            promised.low,
+            promised.high,
+        )
 
     def output_step(self, block):
         if block.is_python:
@@ -97,8 +121,14 @@ class Assembly:
         return None
 
     def update_steps(self):
-        steps = [self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None]
-        steps += [self.python_step(block, block.update, block.update_inputs(), {}) for block in self.blocks if block.has_python_update]
+        steps = [
+            self.native_step(block, block.update_kernel) for block in self.blocks if block.update_kernel is not None
+        ]
+        steps += [
+            self.python_step(block, block.update, block.update_inputs(), {})
+            for block in self.blocks
+            if block.has_python_update
+        ]
         return sorted(steps, key=lambda step: (step.every, step.conditions, step.kernel is None))
 
     # The whole
@@ -107,8 +137,14 @@ class Assembly:
         facts = self.facts
         output = [self.output_step(block) for block in facts.order]
         settle = {block: step for block in facts.order if (step := self.settle_step(block)) is not None}
-        seen = upstream(settle, facts.sources)                  # no other step is called before its first tick
-        look = [step for block, step in zip(facts.order, output) if block in seen for step in (settle.get(block), step) if step is not None]
+        seen = upstream(settle, facts.sources)  # no other step is called before its first tick
+        look = [
+            step
+            for block, step in zip(facts.order, output)
+            if block in seen
+            for step in (settle.get(block), step)
+            if step is not None
+        ]
         buses = sorted({block.bus for block in self.blocks if isinstance(block, Device)})
         columns, recorded, sinks = self.recorded()
         return Schedule(
@@ -120,17 +156,26 @@ class Assembly:
             settle=list(settle.values()),
             output=output,
             update=self.update_steps(),
-            devices=sorted((self.device_steps(block, buses) for block in self.blocks if isinstance(block, Device)), key=lambda d: d.bus),
+            devices=sorted(
+                (self.device_steps(block, buses) for block in self.blocks if isinstance(block, Device)),
+                key=lambda d: d.bus,
+            ),
             buses=buses,
-            media=[next(block.medium for block in self.blocks if isinstance(block, Device) and block.bus == bus) for bus in buses],
+            media=[
+                next(block.medium for block in self.blocks if isinstance(block, Device) and block.bus == bus)
+                for bus in buses
+            ],
             signals={place.path: place for place in self.places.values()},
             columns=columns,
             recorded=recorded,
             sinks=sinks,
             python_blocks=[block for block in self.blocks if block.is_python or block.has_python_update],
             inputs={
-                block.path: {name: self.input_slot(block, name) for name in block.inputs if facts.shapes[block, name] == ()}
-                for block in self.blocks if not isinstance(block, Sink)
+                block.path: {
+                    name: self.input_slot(block, name) for name in block.inputs if facts.shapes[block, name] == ()
+                }
+                for block in self.blocks
+                if not isinstance(block, Sink)
             },
             parameters=self.parameters,
             live=self.live_parameters(),
@@ -148,10 +193,21 @@ class Assembly:
                 if bounds is None or isinstance(block, Sink):
                     continue
                 path = f"{block.path}.{name}"
-                found.append(LiveParameter(
-                    path, self.parameters.get(path, -1), block if block.is_python or block.has_python_update else None, name,
-                    param.dtype.__name__, param.unit, param.description, float(getattr(block, name)), float(bounds.min), float(bounds.max),
-                    float(bounds.slew)))
+                found.append(
+                    LiveParameter(
+                        path,
+                        self.parameters.get(path, -1),
+                        block if block.is_python or block.has_python_update else None,
+                        name,
+                        param.dtype.__name__,
+                        param.unit,
+                        param.description,
+                        float(getattr(block, name)),
+                        float(bounds.min),
+                        float(bounds.max),
+                        float(bounds.slew),
+                    )
+                )
         return found
 
     def device_steps(self, block, buses):
@@ -159,14 +215,27 @@ class Assembly:
             return self.places[Signal(block, name)].slot if name in block.outputs else -1
 
         return DeviceSteps(
-            name=block.path, bus=buses.index(block.bus), decode=block.decode, encode=block.encode, table=self.tables[block],
-            age=slot("age"), fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1, timeout=block.timeout,
-            enable=tuple(block.enable_frames()), zero=tuple(block.zero_frames()), disable=tuple(block.disable_frames()),
-            damp=self.damped_stop(block), unanswered=block.unanswered_frames,
-            relay_time=block.relay_time, start_time=block.start_time,
-            watch=self.watch_steps(block, slot), warning=slot("warning") if isinstance(block, Actuator) else -1,
-            warnings=block.warnings_in_words() if isinstance(block, Actuator) and "warning" in block.outputs else (), reads=tuple(block.read_frames()),
-**self.ready_place(block))
+            name=block.path,
+            bus=buses.index(block.bus),
+            decode=block.decode,
+            encode=block.encode,
+            table=self.tables[block],
+            age=slot("age"),
+            fault=slot("fault") if isinstance(block, Actuator) or block.relay_time else -1,
+            timeout=block.timeout,
+            enable=tuple(block.enable_frames()),
+            zero=tuple(block.zero_frames()),
+            disable=tuple(block.disable_frames()),
+            damp=self.damped_stop(block),
+            unanswered=block.unanswered_frames,
+            relay_time=block.relay_time,
+            start_time=block.start_time,
+            watch=self.watch_steps(block, slot),
+            warning=slot("warning") if isinstance(block, Actuator) else -1,
+            warnings=block.warnings_in_words() if isinstance(block, Actuator) and "warning" in block.outputs else (),
+            reads=tuple(block.read_frames()),
+            **self.ready_place(block),
+        )
 
     def damped_stop(self, block):
         """Its DampedStop with the round that its bus can carry."""
@@ -185,7 +254,15 @@ class Assembly:
             return None
         name, index = watch.felt or ("", 0)
         felt, full = (self.memory[block][name][0] + index, float(vars(block)[name][index])) if name else (-1, 0.0)
-        return WatchSteps(watch, slot("torque"), slot("temperature"), slot("rms_torque"), felt, full, **self.motion_slots(block, watch.motion, slot))
+        return WatchSteps(
+            watch,
+            slot("torque"),
+            slot("temperature"),
+            slot("rms_torque"),
+            felt,
+            full,
+            **self.motion_slots(block, watch.motion, slot),
+        )
 
     def motion_slots(self, block, motion, slot):
         """Where the watch over an actuator's motion finds its things, {} where it has none."""
@@ -203,7 +280,9 @@ class Assembly:
     def recorded(self):
         """Slots of everything that some sink takes, what each is, and each sink's columns among them."""
         slots, index_of, sinks, recorded = [], {}, [], []
-        everything = [(place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)]
+        everything = [
+            (place.path, signal) for signal, place in sorted(self.places.items(), key=lambda item: item[1].path)
+        ]
         for block in self.blocks:
             if not isinstance(block, Sink):
                 continue
@@ -216,7 +295,9 @@ class Assembly:
                     if slot not in index_of:
                         index_of[slot] = len(slots)
                         slots.append(slot)
-                        recorded.append(Column(index_of[slot], place.path + where, place.dtype, place.unit, place.circle))
+                        recorded.append(
+                            Column(index_of[slot], place.path + where, place.dtype, place.unit, place.circle)
+                        )
                     columns.append(Column(index_of[slot], label + where, place.dtype, place.unit, place.circle))
             sinks.append(SinkColumns(block, tuple(columns)))
         return np.array(slots, dtype=np.int32), recorded, sinks

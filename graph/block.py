@@ -10,20 +10,20 @@ from graph.diagram import Outputs, Signal, current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_inherited_kernels, replace_kernels
 
-CLOCK = {"t": 0, "tick": 1, "dt": 2}          # arguments that every step may ask for, and their slots in the arena
+CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may ask for, and their slots in the arena
 
 
 class Block:
     """Base of all blocks.
 
-    A Python block defines `step(self, *inputs)`, called with floats (vectors: read-only views, valid during the call) and
-    returning its outputs. Inputs that `step` does not take have no direct feedthrough. With state it may have
-    `update(self, *inputs)`, run at the end of the tick, `reset()`, and `settle(self, *inputs)`, which takes the present inputs
-    as the steady state when a robot has been armed. A step may also take `t`, `tick` and `dt`.
+    A Python block defines `step(self, *inputs)`, called with floats (vectors: read-only views, valid during the call)
+    and returning its outputs. Inputs that `step` does not take have no direct feedthrough. With state it may have
+    `update(self, *inputs)`, run at the end of the tick, `reset()`, and `settle(self, *inputs)`, which takes the present
+    inputs as the steady state when a robot has been armed. A step may also take `t`, `tick` and `dt`.
 
-    A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names the
-    inputs its kernel reads, all by default. A kernel finds its items by position, so a class that inherits one keeps its inputs,
-    outputs, placed parameters and memory as they are; a `step` in Python replaces inherited kernels.
+    A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names
+    the inputs its kernel reads, all by default. A kernel finds its items by position, so a class that inherits one
+    keeps its inputs, outputs, placed parameters and memory as they are; a `step` in Python replaces inherited kernels.
 
     Hooks: `configure()` after the parameters are set; `prepare(dt)` when the sampling period is known; `output_range`
     for the proof; `output_units` where outputs have units of their own.
@@ -32,19 +32,20 @@ class Block:
     kernel = update_kernel = settle_kernel = None
     feedthrough = None
     inputs = outputs = parameters = memory = {}
-    free_units = ()             # "any" inputs that need not share the one unit of the others
-    variadic = False            # takes any number of signals
-    width = 1                   # how many elements its `...` ports have, once it is known
-    every = 1                   # runs at every n-th tick
-    hold_exceptions = 0         # steps in a row that may raise while its outputs keep their last values; 0: the first is a fault
-    conditions = ()             # signals that must all be true for it to run
-    resamples = False           # may stand where rates meet that do not divide, as Hold may
-    models_heat = False         # tells how hot an actuator is that does not tell by itself
-    always = False              # must run in every tick: in no slower subsystem, and in none that may be disabled
-    abstract = False            # what others are made of, and stands in no list: where a class itself says so
-    output_slew = None          # fastest change of its output per second, where the block bounds it
-    jit = False                 # a Python block that shall be compiled to a kernel, where Numba is installed
-    compiled = False            # it has been
+    free_units = ()  # "any" inputs that need not share the one unit of the others
+    variadic = False  # takes any number of signals
+    width = 1  # how many elements its `...` ports have, once it is known
+    every = 1  # runs at every n-th tick
+    # steps in a row that may raise while its outputs keep their last values; 0: the first is a fault
+    hold_exceptions = 0
+    conditions = ()  # signals that must all be true for it to run
+    resamples = False  # may stand where rates meet that do not divide, as Hold may
+    models_heat = False  # tells how hot an actuator is that does not tell by itself
+    always = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
+    abstract = False  # what others are made of, and stands in no list: where a class itself says so
+    output_slew = None  # fastest change of its output per second, where the block bounds it
+    jit = False  # a Python block that shall be compiled to a kernel, where Numba is installed
+    compiled = False  # it has been
     diagram = None
     path = ""
     _scratch = None
@@ -53,7 +54,8 @@ class Block:
         super().__init_subclass__(**options)
         cls._own = {n: d for n, d in vars(cls).items() if isinstance(d, Param)}
         for name in cls._own:
-            delattr(cls, name)      # an attribute that the class has too is found slowly by CPython 3.11: a step would take a quarter longer
+            # an attribute that the class has too is found slowly by CPython 3.11: a step would take a quarter longer
+            delattr(cls, name)
         declared = {}
         for base in reversed(cls.__mro__):
             names = vars(base) | vars(base).get("_own", {})
@@ -71,7 +73,8 @@ class Block:
             strangers = [] if takes_all else [n for n in names if n not in cls.inputs and n not in CLOCK]
             if strangers:
                 raise TypeError(
-                    f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input ({', '.join(cls.inputs) or 'none'}) "
+                    f"{cls.__name__}.{method} takes {strangers[0]!r}, which is neither an input "
+                    f"({', '.join(cls.inputs) or 'none'}) "
                     f"nor one of {', '.join(CLOCK)}"
                 )
         if cls.step is not Block.step:
@@ -79,7 +82,7 @@ class Block:
         check_inherited_kernels(cls)
 
     def __init__(self, *values, name=None, every=1, hold_exceptions=0, **named):
-        self.dt = None              # s, the block's own sampling period, once it is known
+        self.dt = None  # s, the block's own sampling period, once it is known
         self.location = caller()
         self.live_bounds = {}
         self.every, self.hold_exceptions = every, hold_exceptions
@@ -125,11 +128,20 @@ class Block:
             except (ValueError, TypeError, OverflowError) as error:
                 wrong(f"{key}: {error}", param.description)
         if not is_count(self.every):
-            problems.append(Diagnostic(
-                "TW014", f"every must be a whole number of ticks, 1 or more, got {self.every!r}", path=who, where=self.location,
-                hint="every=2 runs the block in every second tick"))
+            problems.append(
+                Diagnostic(
+                    "TW014",
+                    f"every must be a whole number of ticks, 1 or more, got {self.every!r}",
+                    path=who,
+                    where=self.location,
+                    hint="every=2 runs the block in every second tick",
+                )
+            )
         if not (is_count(self.hold_exceptions) or (type(self.hold_exceptions) is int and self.hold_exceptions == 0)):
-            wrong(f"hold_exceptions must be a whole number of steps in a row, got {self.hold_exceptions!r}", "0: the first exception is a fault")
+            wrong(
+                f"hold_exceptions must be a whole number of steps in a row, got {self.hold_exceptions!r}",
+                "0: the first exception is a fault",
+            )
         elif self.hold_exceptions and not (self.is_python or self.has_python_update):
             wrong("takes no hold_exceptions: it does not run in Python and raises none", "leave it out")
         if problems:
@@ -138,11 +150,14 @@ class Block:
     def _configure(self):
         self._attempt(self.configure)
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
-            raise TypeError(f"{type(self).__name__} chooses its kernel in configure: name one of them on the class too, so that its subclasses "
-                            "are checked against it")
+            raise TypeError(
+                f"{type(self).__name__} chooses its kernel in configure: name one of them on the class "
+                "too, so that its subclasses "
+                "are checked against it"
+            )
         for name in self.outputs:
             if not hasattr(type(self), name):
-                setattr(self, name, Signal(self, name))         # of an output that the parameters have made
+                setattr(self, name, Signal(self, name))  # of an output that the parameters have made
 
     # What a block's author may define
 
@@ -157,15 +172,21 @@ class Block:
         self._scratch = None
 
     def output_range(self, **inputs):
-        """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs declare."""
+        """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs
+        declare.
+        """
         return {}
 
     def start_range(self, **inputs):
-        """Interval of each output at the first tick, where the proof of a loop begins, inputs not yet known being 0. Default: `output_range`."""
+        """Interval of each output at the first tick, where the proof of a loop begins, inputs not yet known being 0.
+        Default: `output_range`.
+        """
         return self.output_range(**inputs)
 
     def output_units(self, **inputs):
-        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name. See `free_units` for inputs."""
+        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name. See `free_units`
+        for inputs.
+        """
         return {}
 
     # Using a block
@@ -174,22 +195,41 @@ class Block:
         """Wire the inputs, by position or by name; numbers become constants. Returns the output, or all of them."""
         where = caller()
         if self.diagram is None:
-            raise DiagramError(Diagnostic(
-                "TW011", "is wired, but was made outside a diagram", path=self.path, where=where,
-                hint="make and wire it inside `with Diagram(...)`; to compute one step by hand, call .step(...)"))
+            raise DiagramError(
+                Diagnostic(
+                    "TW011",
+                    "is wired, but was made outside a diagram",
+                    path=self.path,
+                    where=where,
+                    hint="make and wire it inside `with Diagram(...)`; to compute one step by hand, call .step(...)",
+                )
+            )
         names = list(self.inputs)
         if not self.variadic and len(signals) > len(names):
-            raise DiagramError(Diagnostic(
-                "TW012", f"has {len(names)} inputs ({', '.join(names) or 'none'}), and {len(signals)} were wired", path=self.path,
-                where=where))
-        wires = [(None if self.variadic else name, signal) for name, signal in zip(names or [None] * len(signals), signals)]
+            raise DiagramError(
+                Diagnostic(
+                    "TW012",
+                    f"has {len(names)} inputs ({', '.join(names) or 'none'}), and {len(signals)} were wired",
+                    path=self.path,
+                    where=where,
+                )
+            )
+        wires = [
+            (None if self.variadic else name, signal) for name, signal in zip(names or [None] * len(signals), signals)
+        ]
         if self.variadic:
             wires = [(None, signal) for signal in signals]
         for name, signal in wires + list(named.items()):
             if not self.variadic and name not in self.inputs:
-                raise DiagramError(Diagnostic(
-                    "TW012", f"has no input {name!r}", path=self.path, where=where,
-                    hint=suggestion(name, names) or f"its inputs are {', '.join(names) or 'none'}"))
+                raise DiagramError(
+                    Diagnostic(
+                        "TW012",
+                        f"has no input {name!r}",
+                        path=self.path,
+                        where=where,
+                        hint=suggestion(name, names) or f"its inputs are {', '.join(names) or 'none'}",
+                    )
+                )
             self.diagram.wire(signal, self, name, where)
         return self.result()
 
@@ -201,7 +241,9 @@ class Block:
         return signals[0] if len(signals) == 1 else Outputs(self.outputs, signals)
 
     def step(self, *values, **named):
-        """Compute one step by hand: inputs as numbers, outputs back. A native block runs its kernel on an arena of its own."""
+        """Compute one step by hand: inputs as numbers, outputs back. A native block runs its kernel on an arena of its
+        own.
+        """
         return self.scratch.step(values, named)
 
     def update(self, *values, **named):
@@ -225,7 +267,9 @@ class Block:
         return type(self).update is not Block.update and not self.compiled
 
     def step_inputs(self):
-        """Names of the inputs with direct feedthrough, in the order the step takes them, and of the clock arguments among them."""
+        """Names of the inputs with direct feedthrough, in the order the step takes them, and of the clock arguments
+        among them.
+        """
         if self.is_python:
             return self.arguments_of("step")
         return list(self.inputs if self.feedthrough is None else self.feedthrough)
@@ -234,21 +278,32 @@ class Block:
         return self.arguments_of("update") if self.has_python_update else []
 
     def arguments_of(self, method):
-        """Names of the inputs and clock arguments that a method takes, in its order; `*inputs` takes all that it does not name."""
+        """Names of the inputs and clock arguments that a method takes, in its order; `*inputs` takes all that it does
+        not name.
+        """
         names, takes_all = _arguments(getattr(type(self), method))
         return names + [name for name in self.inputs if name not in names] if takes_all else names
 
     def set(self, name, value):
-        """Set a parameter before the compile, from command-line text or to a value. DiagramError if there is none, or it refuses."""
+        """Set a parameter before the compile, from command-line text or to a value. DiagramError if there is none, or
+        it refuses.
+        """
         if name not in self.parameters:
-            raise DiagramError(Diagnostic(
-                "TW010", f"has no parameter {name!r}", path=self.path,
-                hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}"))
+            raise DiagramError(
+                Diagnostic(
+                    "TW010",
+                    f"has no parameter {name!r}",
+                    path=self.path,
+                    hint=suggestion(name, self.parameters) or f"it has {', '.join(self.parameters) or 'none'}",
+                )
+            )
         try:
             read = self.parameters[name].parse if isinstance(value, str) else self.parameters[name].check
             setattr(self, name, self.check_live(name, read(value)))
         except ValueError as error:
-            raise DiagramError(Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)) from None
+            raise DiagramError(
+                Diagnostic("TW010", f"{name}: {error}", path=self.path, hint=self.parameters[name].description)
+            ) from None
         self._configure()
 
     def check_live(self, name, value):
@@ -286,14 +341,18 @@ _WORDS = {word for word in vars(Block) if not word.startswith("_")} | {"name", "
 
 
 class Sink(Block):
-    """A block that only takes: a recorder or a viewer. It has no step; the recorder process serves it. Unwired, it takes every port."""
+    """A block that only takes: a recorder or a viewer. It has no step; the recorder process serves it. Unwired, it
+    takes every port.
+    """
 
     variadic = True
-    service = ""                # "module:class" of what serves it in the recorder process
+    service = ""  # "module:class" of what serves it in the recorder process
 
 
 def _arguments(function):
-    """(names of the positional arguments after self, whether it takes any number of them). TypeError where one must be named."""
+    """(names of the positional arguments after self, whether it takes any number of them). TypeError where one must be
+    named.
+    """
     kinds = inspect.Parameter
     parameters = list(inspect.signature(function).parameters.values())
     named = next((p.name for p in parameters if p.kind is kinds.KEYWORD_ONLY and p.default is kinds.empty), None)
@@ -304,7 +363,9 @@ def _arguments(function):
 
 
 def snake_case(name):
-    """'TorqueLimiter' gives 'torque_limiter'; 'PID' gives 'pid'; 'CubeMars' gives 'cube_mars'; 'LookupTable1D' gives 'lookup_table_1d'."""
+    """'TorqueLimiter' gives 'torque_limiter'; 'PID' gives 'pid'; 'CubeMars' gives 'cube_mars'; 'LookupTable1D' gives
+    'lookup_table_1d'.
+    """
     return re.sub(r"(?<=[a-z])(?=[A-Z]|[0-9][A-Z](?![a-z]))|(?<=[A-Z0-9])(?=[A-Z][a-z])", "_", name).lower()
 
 

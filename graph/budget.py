@@ -1,8 +1,8 @@
 """What a diagram puts on its CAN buses, and what sensors put on their serial lines, against what they carry.
 
-A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits between frames included. Stuffing adds
-one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about one in 16 data bits on average. (ISO 11898-1.) A byte
-on a serial line takes ten bits: one to begin, eight, one to end.
+A frame with 11-bit identifier and n bytes takes 47 + 8 n bits on the wire, one with 29 bits 67 + 8 n, the three bits
+between frames included. Stuffing adds one bit after each run of five: at worst (33 + 8 n) / 4 or (53 + 8 n) / 4, about
+one in 16 data bits on average. (ISO 11898-1.) A byte on a serial line takes ten bits: one to begin, eight, one to end.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,14 @@ from graph.device import Device
 from graph.stream import StreamDevice
 
 BITS_OF_A_BYTE = 10
-DAMPING_SHARE = 0.8         # of the bitrate, in a safe stop that damps
+DAMPING_SHARE = 0.8  # of the bitrate, in a safe stop that damps
 
 
 @dataclass(frozen=True)
 class BusLoad:
-    """frames : a second, commands and replies. typical, worst : share of the bitrate, with average and with worst stuffing."""
+    """frames : a second, commands and replies. typical, worst : share of the bitrate, with average and with worst
+    stuffing.
+    """
 
     bus: str
     bitrate: float
@@ -52,7 +54,9 @@ def bus_loads(devices, rate):
     devices = [device for device in devices if device.medium == "can"]
     for bus in sorted({device.bus for device in devices}):
         here = [device for device in devices if device.bus == bus]
-        frames = [(rate, *frame) for device in here for frame in device.traffic()] + [report for device in here for report in device.reports()]
+        frames = [(rate, *frame) for device in here for frame in device.traffic()] + [
+            report for device in here for report in device.reports()
+        ]
         if frames:
             bitrate = min(device.bitrate for device in here)
             bits = [(often, *frame_bits(*frame)) for often, *frame in frames]
@@ -62,10 +66,19 @@ def bus_loads(devices, rate):
 
 
 def damping_round(bus, blocks):
-    """s that a bus needs at least between rounds of damping frames and one reply to each, at DAMPING_SHARE of what it carries."""
-    damped = [(block, stop) for block in blocks if isinstance(block, Device) and block.bus == bus and (stop := block.damped_stop()) is not None]
+    """s that a bus needs at least between rounds of damping frames and one reply to each, at DAMPING_SHARE of what it
+    carries.
+    """
+    damped = [
+        (block, stop)
+        for block in blocks
+        if isinstance(block, Device) and block.bus == bus and (stop := block.damped_stop()) is not None
+    ]
     bits = sum(
-        2 * frame_bits(len(data), extended)[1] / block.bitrate for block, stop in damped for _, extended, data in stop.bands[0][1])
+        2 * frame_bits(len(data), extended)[1] / block.bitrate
+        for block, stop in damped
+        for _, extended, data in stop.bands[0][1]
+    )
     return bits / DAMPING_SHARE
 
 
@@ -75,5 +88,7 @@ def line_loads(devices):
     for device in devices:
         if isinstance(device, StreamDevice) and device.line_speed() and device.sends():
             messages = sum(often for often, _ in device.sends())
-            found.append(LineLoad(device, device.line_speed(), messages, sum(often * size for often, size in device.sends())))
+            found.append(
+                LineLoad(device, device.line_speed(), messages, sum(often * size for often, size in device.sends()))
+            )
     return found

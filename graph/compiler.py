@@ -21,7 +21,7 @@ from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
 from graph.schedule import Proof
 
-NARROW_TO_WIDE = ("bool", "int", "float")           # each holds the ones before it
+NARROW_TO_WIDE = ("bool", "int", "float")  # each holds the ones before it
 
 
 def compile(diagram):
@@ -35,7 +35,9 @@ def compile(diagram):
 
 @contextmanager
 def uncollected():
-    """No collection of garbage meanwhile: nothing here becomes any, and to look for it takes longer the more there is."""
+    """No collection of garbage meanwhile: nothing here becomes any, and to look for it takes longer the more there
+    is.
+    """
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -46,7 +48,9 @@ def uncollected():
 
 
 def examine(diagram):
-    """Check a diagram and sort it. Returns the Compilation, for those who tell or draw what it found; raises nothing that is wrong."""
+    """Check a diagram and sort it. Returns the Compilation, for those who tell or draw what it found; raises nothing
+    that is wrong.
+    """
     compilation = Compilation(diagram)
     for check in (
         compilation.check_names,
@@ -82,19 +86,21 @@ class Compilation:
         self.diagram = diagram
         self.blocks = sorted(diagram, key=lambda block: block.path)
         self.diagnostics = []
-        self.sources = {}           # (block, input name): Signal or constant array
-        self.wires = {}             # (block, input name): Wire
-        self.taps = {}              # sink: [(label, Signal)]
-        self.shapes = {}            # (block, port name): shape
-        self.units = {}             # (block, port name): unit
-        self.shared_units = {}      # block: unit of its ports declared "any"
-        self.ranges = {}            # Signal: Interval
+        self.sources = {}  # (block, input name): Signal or constant array
+        self.wires = {}  # (block, input name): Wire
+        self.taps = {}  # sink: [(label, Signal)]
+        self.shapes = {}  # (block, port name): shape
+        self.units = {}  # (block, port name): unit
+        self.shared_units = {}  # block: unit of its ports declared "any"
+        self.ranges = {}  # Signal: Interval
         self.order = []
-        self.failed = set()         # (block, hook) that have raised
+        self.failed = set()  # (block, hook) that have raised
 
     def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
         place = where or (block.location if block is not None else None)
-        self.diagnostics.append(Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity))
+        self.diagnostics.append(
+            Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity)
+        )
 
     @property
     def errors(self):
@@ -117,11 +123,17 @@ class Compilation:
     def check_names(self):
         for wanted, block in self.diagram.duplicates:
             first = self.diagram[wanted]
-            self.report("TW009", f"the name is taken by the block made at {first.location}", block, hint="choose another `name=`")
+            self.report(
+                "TW009",
+                f"the name is taken by the block made at {first.location}",
+                block,
+                hint="choose another `name=`",
+            )
         for block in self.blocks:
             if isinstance(block, Device) and block.bus not in ("", block.path):
                 try:
-                    for part in block.bus.split("/") if block.medium == "stream" else [block.bus]:      # a line has the path of its device
+                    # a line has the path of its device
+                    for part in block.bus.split("/") if block.medium == "stream" else [block.bus]:
                         check_name(part, block.location)
                 except DiagramError as error:
                     [wrong] = error.diagnostics
@@ -135,8 +147,14 @@ class Compilation:
                 continue
             key = (wire.block, wire.port)
             if key in self.sources:
-                self.report("TW004", f"is already wired at {self.wires[key].where}", wire.block, wire.port, wire.where,
-                            "an input takes one wire: add the two signals with a Sum, or choose with a Switch")
+                self.report(
+                    "TW004",
+                    f"is already wired at {self.wires[key].where}",
+                    wire.block,
+                    wire.port,
+                    wire.where,
+                    "an input takes one wire: add the two signals with a Sum, or choose with a Switch",
+                )
                 continue
             self.sources[key] = wire.source if isinstance(wire.source, Signal) else np.asarray(wire.source, dtype=float)
             self.wires[key] = wire
@@ -147,8 +165,13 @@ class Compilation:
                 if (block, name) in self.sources:
                     continue
                 if port.default is None:
-                    self.report("TW001", f"nothing is wired to it, and it has no default [{port.unit}]", block, name,
-                                hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)")
+                    self.report(
+                        "TW001",
+                        f"nothing is wired to it, and it has no default [{port.unit}]",
+                        block,
+                        name,
+                        hint=f"wire it, as in {block.path.split('/')[-1]}({name}=...)",
+                    )
                 self.sources[block, name] = np.asarray(0.0 if port.default is None else port.default, dtype=float)
 
     def compile_marked(self):
@@ -160,7 +183,13 @@ class Compilation:
 
         for block in marked:
             if not jit.available():
-                self.report("TW023", "runs in Python, since Numba is not installed", block, hint="pip install 'tickwork[jit]'", severity="warning")
+                self.report(
+                    "TW023",
+                    "runs in Python, since Numba is not installed",
+                    block,
+                    hint="pip install 'tickwork[jit]'",
+                    severity="warning",
+                )
                 continue
             try:
                 jit.compile_block(block)
@@ -171,25 +200,43 @@ class Compilation:
         for block in self.blocks:
             works = computes(block) or block.update_kernel is not None or block.has_python_update and not block.outputs
             if not works and not isinstance(block, (Device, Sink)):
-                self.report("TW015", f"{type(block).__name__} has neither a step nor a kernel", block,
-                            hint=f"define step(self, {', '.join(block.inputs)})" if block.inputs else "define step(self)")
+                self.report(
+                    "TW015",
+                    f"{type(block).__name__} has neither a step nor a kernel",
+                    block,
+                    hint=f"define step(self, {', '.join(block.inputs)})" if block.inputs else "define step(self)",
+                )
 
     # Types, shapes and units: the same at both ends of a wire
 
     def check_dtypes(self):
-        """A truth is a whole number and a whole number is a number, not the other way round. "any" ports pass what they are given."""
+        """A truth is a whole number and a whole number is a number, not the other way round. "any" ports pass what they
+        are given.
+        """
         for (block, name), source in self.wired_inputs():
             wanted = block.inputs[name].dtype
             if isinstance(source, Signal):
                 declared = source.declaration
-                fits = NARROW_TO_WIDE.index(declared.dtype) <= NARROW_TO_WIDE.index(wanted) or declared.unit == units.ANY
+                fits = (
+                    NARROW_TO_WIDE.index(declared.dtype) <= NARROW_TO_WIDE.index(wanted) or declared.unit == units.ANY
+                )
                 got = f"{declared.dtype}{self.origin(source)}"
             else:
-                fits = wanted == "float" or np.all(np.isin(source, (0, 1)) if wanted == "bool" else np.isfinite(source) & (source == np.rint(source)))
+                fits = wanted == "float" or np.all(
+                    np.isin(source, (0, 1)) if wanted == "bool" else np.isfinite(source) & (source == np.rint(source))
+                )
                 got = f"{source}"
             if not fits:
-                self.report("TW008", f"expected {wanted}, got {got}", block, name, self.where(block, name),
-                            "compare it with a threshold, as in Compare(\">\")(signal, 0.5)" if wanted == "bool" else "put a Round between")
+                self.report(
+                    "TW008",
+                    f"expected {wanted}, got {got}",
+                    block,
+                    name,
+                    self.where(block, name),
+                    'compare it with a threshold, as in Compare(">")(signal, 0.5)'
+                    if wanted == "bool"
+                    else "put a Round between",
+                )
 
     def check_shapes(self):
         self.shapes = infer_shapes(self.blocks, self.sources)
@@ -198,7 +245,13 @@ class Compilation:
             got = self.shapes[source.block, source.port] if isinstance(source, Signal) else source.shape
             scalar_constant = not isinstance(source, Signal) and got == ()
             if wanted != got and not scalar_constant:
-                self.report("TW003", f"expected shape {wanted}, got {got}{self.origin(source)}", block, name, self.where(block, name))
+                self.report(
+                    "TW003",
+                    f"expected shape {wanted}, got {got}{self.origin(source)}",
+                    block,
+                    name,
+                    self.where(block, name),
+                )
 
     def check_units(self):
         self.units, shared = self.units, self.shared_units = infer_units(self.blocks, self.sources, self.attempt)
@@ -208,8 +261,14 @@ class Compilation:
                 unit = units.ANY if name in block.free_units else shared.get(block, units.ANY)
             got = self.units[source.block, source.port] if isinstance(source, Signal) else units.ANY
             if units.ANY not in (unit, got) and unit != got:
-                self.report("TW002", f"expected {unit}, got {got}{self.origin(source)}", block, name, self.where(block, name),
-                            self.unit_hint(got, unit))
+                self.report(
+                    "TW002",
+                    f"expected {unit}, got {got}{self.origin(source)}",
+                    block,
+                    name,
+                    self.where(block, name),
+                    self.unit_hint(got, unit),
+                )
 
     def wired_inputs(self):
         """((block, input name), source) of every input, block by block, in the order of declaration."""
@@ -234,18 +293,32 @@ class Compilation:
     def check_actuators(self):
         for block in self.blocks:
             if isinstance(block, Actuator) and block.inputs and not any((block, n) in self.wires for n in block.inputs):
-                self.report("TW005", f"none of its commands is wired ({', '.join(block.inputs)})", block,
-                            hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or take the actuator out")
+                self.report(
+                    "TW005",
+                    f"none of its commands is wired ({', '.join(block.inputs)})",
+                    block,
+                    hint=f"wire one, as in {block.path.split('/')[-1]}({next(iter(block.inputs))}=...), or "
+                    "take the actuator out",
+                )
 
     def check_heat(self):
         """An actuator that reports no temperature needs a model of it."""
         modelled = {
-            source.block for block in self.blocks if block.models_heat for name in block.inputs
-            if isinstance(source := self.sources.get((block, name)), Signal)}
+            source.block
+            for block in self.blocks
+            if block.models_heat
+            for name in block.inputs
+            if isinstance(source := self.sources.get((block, name)), Signal)
+        }
         for block in self.blocks:
             if isinstance(block, Actuator) and "temperature" not in block.outputs and block not in modelled:
-                self.report("TW024", "it reports no temperature, and no model of its heat is wired to it", block,
-                            hint="wire a ThermalModel to its torque, and a TemperatureDerating behind that", severity="warning")
+                self.report(
+                    "TW024",
+                    "it reports no temperature, and no model of its heat is wired to it",
+                    block,
+                    hint="wire a ThermalModel to its torque, and a TemperatureDerating behind that",
+                    severity="warning",
+                )
 
     def check_relays(self):
         """A device that holds a relay names actuators, or buses of actuators, that the diagram has."""
@@ -253,14 +326,26 @@ class Compilation:
         known = {name for block in actuators for name in (block.path, block.bus)}
         for block in self.blocks:
             for name in sorted(set(block.protects) - known) if isinstance(block, Device) else ():
-                self.report("TW010", f"protects: there is no actuator and no bus of actuators named {name!r}", block,
-                            hint=suggestion(name, known) or f"name one of {', '.join(sorted(known))}" if known else "add an actuator, or leave the block out")
+                self.report(
+                    "TW010",
+                    f"protects: there is no actuator and no bus of actuators named {name!r}",
+                    block,
+                    hint=suggestion(name, known) or f"name one of {', '.join(sorted(known))}"
+                    if known
+                    else "add an actuator, or leave the block out",
+                )
 
     def check_timeouts(self):
         for block in self.blocks:
             if isinstance(block, Device) and 0.0 < block.timeout < 2.0 / self.diagram.rate:
-                self.report("TW010", f"timeout: {block.timeout:g} s is shorter than two ticks at {self.diagram.rate:g} Hz, so that every run "
-                            "would end as silent", block, hint=f"timeout={2.0 / self.diagram.rate:.3g} or more, or 0 for never")
+                self.report(
+                    "TW010",
+                    f"timeout: {block.timeout:g} s is shorter than two ticks at "
+                    f"{self.diagram.rate:g} Hz, so that every run "
+                    "would end as silent",
+                    block,
+                    hint=f"timeout={2.0 / self.diagram.rate:.3g} or more, or 0 for never",
+                )
 
     def check_addresses(self):
         taken = {}
@@ -269,8 +354,12 @@ class Compilation:
                 other = taken.setdefault((block.bus, address), block)
                 if other is not block:
                     what = block.address_in_words(address)
-                    self.report("TW013", f"shares {what} on bus {block.bus!r} with {other.path}, made at {other.location}", block,
-                                hint=block.address_hint)
+                    self.report(
+                        "TW013",
+                        f"shares {what} on bus {block.bus!r} with {other.path}, made at {other.location}",
+                        block,
+                        hint=block.address_hint,
+                    )
                     break
 
     def check_bitrates(self):
@@ -279,9 +368,15 @@ class Compilation:
         for block in devices:
             other = next((other for other in devices if other.bus == block.bus and other.bitrate > block.bitrate), None)
             if other is not None:
-                self.report("TW025", f"is set to {block.bitrate / 1e3:g} kbit/s, and {other.path}, on the same bus {block.bus!r}, to "
-                            f"{other.bitrate / 1e3:g} kbit/s", block,
-                            hint=f"give it a bus of its own, or set the device to {other.bitrate / 1e3:g} kbit/s and say bitrate={other.bitrate:.0f}")
+                self.report(
+                    "TW025",
+                    f"is set to {block.bitrate / 1e3:g} kbit/s, and {other.path}, on the same bus "
+                    f"{block.bus!r}, to "
+                    f"{other.bitrate / 1e3:g} kbit/s",
+                    block,
+                    hint=f"give it a bus of its own, or set the device to {other.bitrate / 1e3:g} kbit/s and "
+                    f"say bitrate={other.bitrate:.0f}",
+                )
 
     def check_lines(self):
         """A bus is of one kind, and a line that streams has one device."""
@@ -290,16 +385,31 @@ class Compilation:
             if not isinstance(block, Device):
                 continue
             other = first.setdefault(block.bus, block)
-            if other is not block and (block.medium, other.medium) != ("can", "can") and not block.medium == other.medium == "i2c":
-                what = "a line of its own" if block.medium == other.medium else f"{block.medium}, and what is there is {other.medium}"
-                self.report("TW013", f"is on bus {block.bus!r} with {other.path}, made at {other.location}, and needs {what}", block,
-                            hint="give it another `bus`, or leave that out: its path is then the name of its line")
+            if (
+                other is not block
+                and (block.medium, other.medium) != ("can", "can")
+                and not block.medium == other.medium == "i2c"
+            ):
+                what = (
+                    "a line of its own"
+                    if block.medium == other.medium
+                    else (f"{block.medium}, and what is there is {other.medium}")
+                )
+                self.report(
+                    "TW013",
+                    f"is on bus {block.bus!r} with {other.path}, made at {other.location}, and needs {what}",
+                    block,
+                    hint="give it another `bus`, or leave that out: its path is then the name of its line",
+                )
 
     def check_buses(self):
         self.loads = bus_loads([block for block in self.blocks if isinstance(block, Device)], self.diagram.rate)
         for load in self.loads:
             there = [block for block in self.blocks if isinstance(block, Device) and block.bus == load.bus]
-            what = f"{load.frames:g} frames a second take {load.typical:.0%} of bus {load.bus!r} at {load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} at worst"
+            what = (
+                f"{load.frames:g} frames a second take {load.typical:.0%} of bus {load.bus!r} at "
+                f"{load.bitrate / 1e6:g} Mbit/s, {load.worst:.0%} at worst"
+            )
             hint = f"lower the rate, or put some of its {len(there)} devices on another bus"
             if load.typical > 1.0:
                 self.report("TW016", what, there[0], hint=hint)
@@ -309,7 +419,10 @@ class Compilation:
 
     def check_line_speeds(self):
         for load in line_loads([block for block in self.blocks if isinstance(block, Device)]):
-            what = (f"{load.messages:g} messages a second, {load.bytes:g} bytes at least, take {load.share:.0%} of its line at {load.speed:g} bit/s")
+            what = (
+                f"{load.messages:g} messages a second, {load.bytes:g} bytes at least, take {load.share:.0%} of "
+                f"its line at {load.speed:g} bit/s"
+            )
             hint = "lower its rate, ask for fewer channels, or set the device, and `baudrate`, to more"
             if load.share > 1.0:
                 self.report("TW016", what, load.device, hint=hint)
@@ -323,29 +436,56 @@ class Compilation:
         if block.every != 1:
             self.report("TW018", f"runs at every {block.every} ticks", block, hint="take it out of the slow subsystem")
         if block.conditions:
-            self.report("TW018", f"rests while {names_of(block.conditions)} is false", block, hint="take it out of the subsystem")
+            self.report(
+                "TW018",
+                f"rests while {names_of(block.conditions)} is false",
+                block,
+                hint="take it out of the subsystem",
+            )
         for name in block.inputs:
             source = self.sources[block, name]
             if isinstance(source, Signal) and source.block.conditions:
-                self.report("TW018", f"{source.path} keeps its last value while {names_of(source.block.conditions)} is false", block, name,
-                            self.where(block, name), f"take {source.block.path} out of the subsystem")
+                self.report(
+                    "TW018",
+                    f"{source.path} keeps its last value while {names_of(source.block.conditions)} is false",
+                    block,
+                    name,
+                    self.where(block, name),
+                    f"take {source.block.path} out of the subsystem",
+                )
 
     def check_rates(self):
         self.holds = []
         for block in self.blocks:
             if isinstance(block, (Device, Sink)) and block.every != 1:
-                self.report("TW014", f"runs at every {block.every} ticks, and a {'device' if isinstance(block, Device) else 'recorder'} runs at every tick",
-                            block, hint="take it out of the slow subsystem, and leave the blocks behind it there")
+                self.report(
+                    "TW014",
+                    f"runs at every {block.every} ticks, and a "
+                    f"{'device' if isinstance(block, Device) else 'recorder'} runs at every tick",
+                    block,
+                    hint="take it out of the slow subsystem, and leave the blocks behind it there",
+                )
             if block.always:
                 self.check_always(block)
             for name in block.inputs:
                 source = self.sources[block, name]
-                if not isinstance(source, Signal) or isinstance(block, (Device, Sink)) or source.block.every == block.every:
+                if (
+                    not isinstance(source, Signal)
+                    or isinstance(block, (Device, Sink))
+                    or source.block.every == block.every
+                ):
                     continue
                 slow, fast = max(source.block.every, block.every), min(source.block.every, block.every)
                 if slow % fast and not (block.resamples or source.block.resamples):
-                    self.report("TW014", f"runs at every {block.every} ticks, and {source.path} at every {source.block.every}: neither divides the other",
-                                block, name, self.where(block, name), f"put a Hold(every={block.every}) between them, which samples what is there")
+                    self.report(
+                        "TW014",
+                        f"runs at every {block.every} ticks, and {source.path} at every "
+                        f"{source.block.every}: neither divides the other",
+                        block,
+                        name,
+                        self.where(block, name),
+                        f"put a Hold(every={block.every}) between them, which samples what is there",
+                    )
                 else:
                     self.holds.append((source.path, source.block.every, f"{block.path}.{name}", block.every))
         for block in self.blocks:
@@ -354,18 +494,32 @@ class Compilation:
                     source = self.sources[block, name]
                     if isinstance(source, Signal) and source.block.conditions and not block.conditions:
                         conditions = names_of(source.block.conditions)
-                        self.report("TW021", f"{source.path} keeps its last value while {conditions} is false", block, name,
-                                    self.where(block, name), "put a Switch behind the subsystem that chooses 0 while it is disabled", "warning")
+                        self.report(
+                            "TW021",
+                            f"{source.path} keeps its last value while {conditions} is false",
+                            block,
+                            name,
+                            self.where(block, name),
+                            "put a Switch behind the subsystem that chooses 0 while it is disabled",
+                            "warning",
+                        )
 
     # Order
 
     def sort(self):
         graph = dependencies(self.blocks, self.sources)
         for cycle in take_out_loops(graph):
-            spelled = ", ".join(f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle)
+            spelled = ", ".join(
+                f"{source.path}.{output} -> {block.path}.{port}" for source, output, block, port in cycle
+            )
             *_, (_, _, first, port) = cycle
-            self.report("TW006", f"each of these needs the other in the same tick: {spelled}", first, where=self.where(first, port),
-                        hint="break the loop with a block that has no direct feedthrough, such as UnitDelay")
+            self.report(
+                "TW006",
+                f"each of these needs the other in the same tick: {spelled}",
+                first,
+                where=self.where(first, port),
+                hint="break the loop with a block that has no direct feedthrough, such as UnitDelay",
+            )
         self.order = cluster(graph)
 
     # Range proof
@@ -378,7 +532,9 @@ class Compilation:
                 for name, limit in (self.attempt(block, block.command_limits) or {}).items():
                     self.prove_command(block, name, limit)
                 commands = {name: interval_of(self.sources[block, name], self.ranges) for name in block.inputs}
-                self.torque_bounds[block.path] = self.attempt(block, block.torque_bound, commands, 1.0 / self.diagram.rate)
+                self.torque_bounds[block.path] = self.attempt(
+                    block, block.torque_bound, commands, 1.0 / self.diagram.rate
+                )
 
     def prove_command(self, block, name, limit):
         source = self.sources[block, name]
@@ -390,13 +546,26 @@ class Compilation:
         if not proof.holds:
             what = source.path if isinstance(source, Signal) else f"{float(source):g} {unit}"
             what += f" can reach {interval} {unit}" if interval.bounded else " is not bounded by anything"
-            self.report("TW007", f"{what}, and the limit is {limit} {unit} ({block.rating()})", block, name,
-                        self.where(block, name), f"put a limiter last, as in {block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
-                        if unit == "N·m" else "put a Saturation last, in front of the actuator")
+            self.report(
+                "TW007",
+                f"{what}, and the limit is {limit} {unit} ({block.rating()})",
+                block,
+                name,
+                self.where(block, name),
+                "put a limiter last, as in "
+                f"{block.path.split('/')[-1]}({name}=TorqueLimiter(limit={limit.high:g})(...))"
+                if unit == "N·m"
+                else "put a Saturation last, in front of the actuator",
+            )
 
     def check_reach(self):
         """Constants, parameters and courses that lie outside what the joint, its range or the drive can reach."""
-        ReachCheck(self, lambda message, block, port, where, hint, severity: self.report("TW026", message, block, port, where, hint, severity))
+        ReachCheck(
+            self,
+            lambda message, block, port, where, hint, severity: self.report(
+                "TW026", message, block, port, where, hint, severity
+            ),
+        )
 
     def check_use(self):
         used = {wire.source.block for wire in self.diagram.wires if isinstance(wire.source, Signal)}
@@ -412,7 +581,9 @@ class Compilation:
     def prepare(self):
         """Tell each block how wide it is and how often it runs."""
         for block in self.blocks:
-            free = (self.shapes[block, name] for name, port in (block.inputs | block.outputs).items() if port.shape is ...)
+            free = (
+                self.shapes[block, name] for name, port in (block.inputs | block.outputs).items() if port.shape is ...
+            )
             block.width = size_of(next(filter(None, free), ()))
             block.dt = block.every / self.diagram.rate
             self.attempt(block, block.prepare, block.dt)

@@ -1,6 +1,7 @@
 """`check_block(MyBlock)`: what every block must keep, for the authors of libraries to run in their tests.
 
-In the spirit of scikit-learn's check_estimator. A block whose parameters have no usable defaults names some: `examples = ({"limit": 12.0},)`.
+In the spirit of scikit-learn's check_estimator. A block whose parameters have no usable defaults names some: `examples
+= ({"limit": 12.0},)`.
 """
 
 import math
@@ -36,7 +37,17 @@ def check_block(kind, examples=None):
     """
     made = 0
     for parameters in examples or getattr(kind, "examples", ({},)):
-        for check in (check_declarations, check_kernels, check_bounds, check_outputs, check_reset, check_nan, check_range, check_json, check_live):
+        for check in (
+            check_declarations,
+            check_kernels,
+            check_bounds,
+            check_outputs,
+            check_reset,
+            check_nan,
+            check_range,
+            check_json,
+            check_live,
+        ):
             check(kind, dict(parameters))
             made += 1
     return made
@@ -57,8 +68,9 @@ def check_declarations(kind, parameters):
     for name, declaration in (block.inputs | block.outputs | block.parameters).items():
         assert declaration.description, f"{kind.__name__}.{name} has no description"
         units.canonical(declaration.unit)
-    assert not (set(block.inputs) & set(block.outputs) or (set(block.inputs) | set(block.outputs)) & set(block.parameters)), (
-        f"{kind.__name__} uses one name for two things")
+    assert not (
+        set(block.inputs) & set(block.outputs) or (set(block.inputs) | set(block.outputs)) & set(block.parameters)
+    ), f"{kind.__name__} uses one name for two things"
 
 
 def check_kernels(kind, parameters):
@@ -73,7 +85,11 @@ def check_bounds(kind, parameters):
         if not param.numeric or param.dtype is bool:
             continue
         for value in (
-            None if param.min is None else param.min - 1, None if param.max is None else param.max + 1, param.above, param.below, math.nan,
+            None if param.min is None else param.min - 1,
+            None if param.max is None else param.max + 1,
+            param.above,
+            param.below,
+            math.nan,
         ):
             if value is None:
                 continue
@@ -98,12 +114,17 @@ class Drive:
         return self.shape if port.shape is ... else port.shape
 
     def draw(self, intervals=None):
-        return {name: self.value(port, (intervals or {}).get(name, Interval(-3.0, 3.0))) for name, port in self.block.inputs.items()}
+        return {
+            name: self.value(port, (intervals or {}).get(name, Interval(-3.0, 3.0)))
+            for name, port in self.block.inputs.items()
+        }
 
     def draw_around(self, bound, defaults):
         """Inputs from -bound to bound, and where `defaults`, what an unwired one is."""
         drawn = self.draw({name: Interval(-bound, bound) for name in self.block.inputs})
-        return drawn | {name: port.default for name, port in self.block.inputs.items() if defaults and port.default is not None}
+        return drawn | {
+            name: port.default for name, port in self.block.inputs.items() if defaults and port.default is not None
+        }
 
     def value(self, port, interval):
         def one():
@@ -116,7 +137,10 @@ class Drive:
         return np.array([one() for _ in range(int(np.prod(shape)))], dtype=float).reshape(shape) if shape else one()
 
     def constant(self, value):
-        return {name: np.full(self.shape_of(port), value) if self.shape_of(port) else value for name, port in self.block.inputs.items()}
+        return {
+            name: np.full(self.shape_of(port), value) if self.shape_of(port) else value
+            for name, port in self.block.inputs.items()
+        }
 
     def restart(self):
         """Back to the start of a run, as a run does it: a native block is not prepared again."""
@@ -150,10 +174,13 @@ def check_outputs(kind, parameters):
     for seed in (0, 1):
         drive = Drive(kind, parameters, seed)
         outputs = drive.step(drive.draw())
-        assert set(outputs) == set(drive.block.outputs), f"{kind.__name__} returned {len(outputs)} outputs, and declares {len(drive.block.outputs)}"
+        assert set(outputs) == set(drive.block.outputs), (
+            f"{kind.__name__} returned {len(outputs)} outputs, and declares {len(drive.block.outputs)}"
+        )
         for name, port in drive.block.outputs.items():
             assert np.shape(outputs[name]) == drive.shape_of(port), (
-                f"{kind.__name__}.{name} has shape {np.shape(outputs[name])}, and {drive.shape_of(port)} is declared")
+                f"{kind.__name__}.{name} has shape {np.shape(outputs[name])}, and {drive.shape_of(port)} is declared"
+            )
             if port.dtype == "int" and np.all(np.isfinite(outputs[name])):
                 assert np.all(np.equal(np.mod(outputs[name], 1), 0)), f"{kind.__name__}.{name} is not a whole number"
 
@@ -171,7 +198,8 @@ def check_reset(kind, parameters):
         for before, after in zip(first, again):
             for name in before:
                 assert np.array_equal(before[name], after[name], equal_nan=True), (
-                    f"{kind.__name__}.{name} is not the same after reset(): {before[name]} then, {after[name]} now")
+                    f"{kind.__name__}.{name} is not the same after reset(): {before[name]} then, {after[name]} now"
+                )
 
 
 def check_nan(kind, parameters):
@@ -181,10 +209,15 @@ def check_nan(kind, parameters):
     floats = [name for name, port in drive.block.outputs.items() if port.dtype == "float"]
     for value, what in ((math.nan, "a NaN"), (math.inf, "an infinity"), (-math.inf, "an infinity")):
         drive = Drive(kind, parameters, 4)
-        inputs = {name: given for name, given in drive.constant(value).items() if value != value or drive.block.inputs[name].dtype != "bool"}
+        inputs = {
+            name: given
+            for name, given in drive.constant(value).items()
+            if value != value or drive.block.inputs[name].dtype != "bool"
+        }
         seen = [drive.step(drive.draw() | inputs) for _ in range(3)]
         assert not floats or any(not np.all(np.isfinite(outputs[name])) for outputs in seen for name in floats), (
-            f"{kind.__name__} hides {what}: its outputs are {seen[-1]}")
+            f"{kind.__name__} hides {what}: its outputs are {seen[-1]}"
+        )
 
 
 def check_range(kind, parameters):
@@ -193,13 +226,18 @@ def check_range(kind, parameters):
     for seed, bound in ((5, 1.0), (6, 1e6), (7, 10.0)):
         drive = Drive(kind, parameters, seed)
         block = drive.block
-        intervals = {name: Interval(0.0, 1.0) if port.dtype == "bool" else Interval(-bound, bound) for name, port in block.inputs.items()}
+        intervals = {
+            name: Interval(0.0, 1.0) if port.dtype == "bool" else Interval(-bound, bound)
+            for name, port in block.inputs.items()
+        }
         found = block.output_range(**intervals)
         stated = {name: range_of(block, name, found) for name in block.outputs}
         for _ in range(STEPS):
             for name, value in drive.step(drive.draw(intervals)).items():
                 finite = np.ravel(value)[~np.isnan(np.ravel(np.asarray(value, dtype=float)))]
-                assert all(float(x) in stated[name] for x in finite), f"{kind.__name__}.{name} is {value}, outside its stated range {stated[name]}"
+                assert all(float(x) in stated[name] for x in finite), (
+                    f"{kind.__name__}.{name} is {value}, outside its stated range {stated[name]}"
+                )
 
 
 def check_json(kind, parameters):
@@ -215,13 +253,22 @@ def check_live(kind, parameters):
     for name, param in kind.parameters.items():
         if param.fixed or param.live and not computes(kind):
             continue
-        assert computes(kind), f"{kind.__name__}.{name} is read before the run, as are those of all devices and sinks: declare it fixed=True"
-        values = [value for value in tried(param, getattr(make(kind, parameters), name)) if takes(kind, parameters, name, value)]
+        assert computes(kind), (
+            f"{kind.__name__}.{name} is read before the run, as are those of all devices and "
+            "sinks: declare it fixed=True"
+        )
+        values = [
+            value
+            for value in tried(param, getattr(make(kind, parameters), name))
+            if takes(kind, parameters, name, value)
+        ]
         for before, after in zip(values, values[1:] + values[:1]):
             if not has_effect(kind, parameters, name, before, after):
                 raise AssertionError(
-                    f"{kind.__name__}.{name} has no effect while running: changed from {before} to {after}, the block does not compute what "
-                    "one made with that value does; declare it fixed=True, or let the step read it")
+                    f"{kind.__name__}.{name} has no effect while running: changed from {before} to {after}, the "
+                    "block does not compute what "
+                    "one made with that value does; declare it fixed=True, or let the step read it"
+                )
 
 
 def tried(param, value):
@@ -250,7 +297,9 @@ def has_effect(kind, parameters, name, before, after):
     """Whether a parameter that changes while running, from one value to another, does what it does from the start."""
     for seed, bound, defaults in ((8, 3.0, False), (9, 100.0, True), (10, 3.0, True)):
         changed, made = Drive(kind, parameters | {name: before}, seed), Drive(kind, parameters | {name: after}, seed)
-        if list(changed.block.inputs) != list(made.block.inputs) or list(changed.block.outputs) != list(made.block.outputs):
+        if list(changed.block.inputs) != list(made.block.inputs) or list(changed.block.outputs) != list(
+            made.block.outputs
+        ):
             return False
         inputs = [made.draw_around(bound, defaults) for _ in range(STEPS)]
         changed.step(inputs[0])

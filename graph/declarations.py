@@ -14,7 +14,7 @@ from graph import units
 from graph.diagram import Signal
 from graph.interval import Interval
 
-RAMP_TIME = 1.0                 # s in which a live parameter crosses its whole range, where no slew is given
+RAMP_TIME = 1.0  # s in which a live parameter crosses its whole range, where no slew is given
 
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 
@@ -33,7 +33,9 @@ class Declaration:
 
 class Port(Declaration):
     def __init__(self, unit, description="", *, shape=(), dtype=float):
-        if shape is not ... and not (isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)):
+        if shape is not ... and not (
+            isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)
+        ):
             raise TypeError(f"a shape is a tuple of lengths, as in (3,), or ..., not {shape!r}")
         if dtype not in DTYPES:
             raise TypeError(f"a dtype is float, int or bool, not {dtype!r}")
@@ -49,11 +51,10 @@ class Port(Declaration):
 class Input(Port):
     """An input port.
 
-    unit : canonical SI string, or "any": all "any" ports of a block share one unit
-    shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
-    dtype : float, int or bool
-    default : value of an unwired input; without one, leaving it unwired is an error
-    broadcast : of shape ..., a scalar signal may be wired too and goes with every element; a kernel finds size 1, a step a float
+    unit : canonical SI string, or "any": all "any" ports of a block share one unit shape : (), (3,), ...; `...` for any
+    shape, the same for all such ports of a block dtype : float, int or bool default : value of an unwired input;
+    without one, leaving it unwired is an error broadcast : of shape ..., a scalar signal may be wired too and goes with
+    every element; a kernel finds size 1, a step a float
     """
 
     def __init__(self, unit, description="", *, shape=(), dtype=float, default=None, broadcast=False):
@@ -86,21 +87,36 @@ class Output(Port):
 class Param(Declaration):
     """A parameter, a plain attribute of the block once it is built.
 
-    default : its value when none is given; its type is the parameter's
-    unit : of the value
-    min, max : inclusive bounds; above, below : exclusive ones
-    choices : the values allowed
-    live : may change while running; needs min and max, both finite
-    fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
-    slew : how fast it may change while running, in its unit per second; its whole live range in a second if left out, a step if infinite.
+    default : its value when none is given; its type is the parameter's unit : of the value min, max : inclusive bounds;
+    above, below : exclusive ones choices : the values allowed live : may change while running; needs min and max, both
+    finite fixed : is read before the run alone, so that a change while running would do nothing; text and tables are,
+    always slew : how fast it may change while running, in its unit per second; its whole live range in a second if left
+    out, a step if infinite.
         Whole numbers and truths step
     required : there is no default
     file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
     kernel : it is among the items of a native block's kernel, if it is a number
     """
 
-    def __init__(self, default=None, unit="1", description="", *, min=None, max=None, above=None, below=None, choices=None,
-                 live=False, fixed=False, slew=None, required=False, dtype=None, file=False, kernel=True):
+    def __init__(
+        self,
+        default=None,
+        unit="1",
+        description="",
+        *,
+        min=None,
+        max=None,
+        above=None,
+        below=None,
+        choices=None,
+        live=False,
+        fixed=False,
+        slew=None,
+        required=False,
+        dtype=None,
+        file=False,
+        kernel=True,
+    ):
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.live, self.slew, self.required = live, slew, required
@@ -122,7 +138,9 @@ class Param(Declaration):
         return LiveBounds(self.min, self.max, self.live_slew(self.min, self.max)) if self.live else None
 
     def live_slew(self, low, high):
-        """The fastest change while running between two bounds, in the parameter's unit per second; infinite for what steps."""
+        """The fastest change while running between two bounds, in the parameter's unit per second; infinite for what
+        steps.
+        """
         if self.dtype is not float or low == high:
             return math.inf
         return min(high - low, sys.float_info.max) / RAMP_TIME if self.slew is None else float(self.slew)
@@ -137,7 +155,9 @@ class Param(Declaration):
         return self.numeric and self.kernel
 
     def check(self, value):
-        """The value in the parameter's type; None where that is the default. ValueError saying which bound it breaks."""
+        """The value in the parameter's type; None where that is the default. ValueError saying which bound it
+        breaks.
+        """
         if value is None and (self.default is None and not self.required or self.dtype is object):
             return None
         if value is None:
@@ -190,7 +210,9 @@ class Param(Declaration):
 
 
 class LiveBounds(NamedTuple):
-    """What a parameter may do while running: stay between min and max, and change no faster than slew, in its unit per second."""
+    """What a parameter may do while running: stay between min and max, and change no faster than slew, in its unit per
+    second.
+    """
 
     min: float
     max: float
@@ -200,8 +222,9 @@ class LiveBounds(NamedTuple):
 class Live:
     """A parameter's value that may change while running, within bounds: `limit=Live(12.0, max=15.0, slew=2.0)`.
 
-    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over all of them. Where
-    neither has a slew, the value crosses the whole range in a second; `slew=math.inf` asks for a step. Whole numbers and truths step.
+    Bounds and slew left out are the parameter's own; a live parameter needs both bounds, and the proof takes it over
+    all of them. Where neither has a slew, the value crosses the whole range in a second; `slew=math.inf` asks for a
+    step. Whole numbers and truths step.
     """
 
     def __init__(self, value, *, min=None, max=None, slew=None):
@@ -210,8 +233,11 @@ class Live:
     def bounds(self, param):
         """The LiveBounds for a Param. ValueError where they are none."""
         if param.fixed:
-            raise ValueError("cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
-                             "--set chooses another for the next run")
+            raise ValueError(
+                "cannot be Live: it is read before the run alone, and a change would do nothing. Give "
+                "its value as it is; "
+                "--set chooses another for the next run"
+            )
         low = param.min if self.min is None else param.check(self.min)
         high = param.max if self.max is None else param.check(self.max)
         if low is None or high is None:
@@ -226,7 +252,9 @@ class Live:
 
 
 class Memory(Declaration):
-    """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another of any length."""
+    """State or coefficients of a native block, in the arena. `initial` is its value at reset; `prepare` may set another
+    of any length.
+    """
 
     def __init__(self, initial=0.0, description=""):
         self.initial, self.description = initial, description

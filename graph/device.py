@@ -11,14 +11,14 @@ from graph.interval import Interval
 class Motion:
     """What the run watches of an actuator's motion and torque, at the joint: cext/motion_watch.pxd has the rules.
 
-    acceleration : rad/s² on which the limit rests where stiffness or damping is commanded; velocity_code : rad/s of a code of the velocity
-    gains : (name of a memory, index) where its kernel finds the share of stiffness and damping that is allowed, or None
-    range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s
-    limit, accuracy : N·m, of what may be measured: the first goes down with `felt`
-    offset, position_end, velocity_end : rad, rad, rad/s: half ranges of what is reported, as the drive has it
-    law : name of the memory of position, velocity, stiffness, damping, torque that were sent, or None
-    current, current_scale : name of the output of a current that was sent, or None, and N·m of an A
-    velocity_tolerance, torque_tolerance : by how much of the other two measurements of one thing may differ
+    acceleration : rad/s² on which the limit rests where stiffness or damping is commanded; velocity_code : rad/s of a
+    code of the velocity gains : (name of a memory, index) where its kernel finds the share of stiffness and damping
+    that is allowed, or None range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s limit,
+    accuracy : N·m, of what may be measured: the first goes down with `felt` offset, position_end, velocity_end : rad,
+    rad, rad/s: half ranges of what is reported, as the drive has it law : name of the memory of position, velocity,
+    stiffness, damping, torque that were sent, or None current, current_scale : name of the output of a current that was
+    sent, or None, and N·m of an A velocity_tolerance, torque_tolerance : by how much of the other two measurements of
+    one thing may differ
     """
 
     acceleration: float = math.inf
@@ -64,21 +64,30 @@ class Watch:
         """What is told, in the order of cext/drive_watch.pxd."""
         rms = f"RMS torque over {self.window:g} s"
         return (
-            {"saturate": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down to that",
-             "throttle": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down, to nothing at 110 %",
-             }.get(self.mode, f"{rms} is above the rated {self.rated:.3g} N·m"),
+            {
+                "saturate": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down to that",
+                "throttle": f"{rms} is above 90 % of the rated {self.rated:.3g} N·m: its limit goes down, to nothing "
+                "at "
+                "110 %",
+            }.get(self.mode, f"{rms} is above the rated {self.rated:.3g} N·m"),
             f"warmer than {self.warm:g} °C",
             f"hotter than {self.derate:g} °C: its limit goes down, and at {self.hot:g} °C the run ends",
-            "" if self.motion is None else (
-                f"accelerates beyond its max_acceleration of {self.motion.acceleration:g} rad/s²: stiffness and damping are zero until it is calm"),
+            ""
+            if self.motion is None
+            else (
+                f"accelerates beyond its max_acceleration of {self.motion.acceleration:g} rad/s²: stiffness and "
+                "damping are zero until it is calm"
+            ),
         )
 
 
 @dataclass(frozen=True)
 class ReplyField:
-    """A number in a reply, described for a reader that has no decoder of the device: an integer, most significant bit first.
+    """A number in a reply, described for a reader that has no decoder of the device: an integer, most significant bit
+    first.
 
-    The value is low + code (high - low) / (2^bits - 1). In a signed field (two's complement) the first bit is inverted before that.
+    The value is low + code (high - low) / (2^bits - 1). In a signed field (two's complement) the first bit is inverted
+    before that.
 
     frames : frames that carry it, as (arbitration id, mask, is extended, first bytes), like `Device.replies`
     first : the bit of the data at which it begins
@@ -94,14 +103,13 @@ class ReplyField:
 
 @dataclass(frozen=True)
 class DampedStop:
-    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/speed_bands.pyx chooses among them.
+    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/speed_bands.pyx chooses among
+    them.
 
-    duration : s; after it the device is disabled
-    bands : (highest speed in rad/s, frames) in ascending order; the last speed is infinite. Frames are as in `Device.zero_frames`
-    velocity : ReplyField of the joint's velocity; with None the last band is used
-    acceleration : rad/s², highest of the joint: by it the speed can have grown until the next frame arrives
-    round : s between frames
-    limit : N·m inside which the torque stays
+    duration : s; after it the device is disabled bands : (highest speed in rad/s, frames) in ascending order; the last
+    speed is infinite. Frames are as in `Device.zero_frames` velocity : ReplyField of the joint's velocity; with None
+    the last band is used acceleration : rad/s², highest of the joint: by it the speed can have grown until the next
+    frame arrives round : s between frames limit : N·m inside which the torque stays
     """
 
     duration: float
@@ -116,7 +124,8 @@ class DampedStop:
 class TorqueBound:
     """What bounds the torque of an actuator.
 
-    kind : "proved", by the bounds of its commands alone; "assumed", while an assumption holds; "drive", by a limit inside the drive that nothing
+    kind : "proved", by the bounds of its commands alone; "assumed", while an assumption holds; "drive", by a limit
+    inside the drive that nothing
         here verifies; "none", by nothing that is sent
     limit : N·m, or None
     holds : where the kind is not "proved": in words, on what it rests
@@ -132,34 +141,36 @@ class TorqueBound:
 
 
 class Device(Block):
-    """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at the end.
+    """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at
+    the end.
 
-    decode, encode : native, cext.abi's decode_t and encode_t
-    medium : what its bus is: "can"; "stream", bytes as they come off a line, a socket or an input of the computer, in chunks of up to 64 a frame;
+    decode, encode : native, cext.abi's decode_t and encode_t medium : what its bus is: "can"; "stream", bytes as they
+    come off a line, a socket or an input of the computer, in chunks of up to 64 a frame;
         or "i2c", a frame for each answer to a transfer of registers
-    bus : logical name; a rig says which interface stands behind it
-    timeout : s of silence after which the run ends in the safe stop; 0 for never
-    relay_time : s without a frame of its own after which the relay that this device holds drops; 0 for a device without a relay. Above 0 `encode` is also
+    bus : logical name; a rig says which interface stands behind it timeout : s of silence after which the run ends in
+    the safe stop; 0 for never relay_time : s without a frame of its own after which the relay that this device holds
+    drops; 0 for a device without a relay. Above 0 `encode` is also
         called in every round of arming, and in the damped part of a safe stop as long as the relay cannot have dropped
-    start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start meanwhile
-    hot : °C from which on a person should look at it before it is armed; None for never
-    hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
+    start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start
+    meanwhile hot : °C from which on a person should look at it before it is armed; None for never hardware : names of
+    the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
     decode = encode = None
     medium = "can"
     bus = ""
-    bitrate = 1e6               # bit/s of its bus
+    bitrate = 1e6  # bit/s of its bus
     timeout = 0.0
     relay_time = start_time = 0.0
-    protects = ()               # paths or buses of the devices whose power its relay switches
-    own_timeout = None          # s without a command after which the device stops by itself; None where no such time is known
-    ready = None                # name of a memory whose first number its kernel sets once it has read back what arming wrote; it outlives the start
-    unanswered_frames = 0       # how many of its disable_frames have no answer
+    protects = ()  # paths or buses of the devices whose power its relay switches
+    own_timeout = None  # s without a command after which the device stops by itself; None where no such time is known
+    # name of a memory whose first number its kernel sets once it has read back what arming wrote; it outlives the start
+    ready = None
+    unanswered_frames = 0  # how many of its disable_frames have no answer
     hot = None
     hardware = ()
     address_hint = "give each device on a bus its own `can_id`"
-    sent_outputs = ()           # outputs that `encode` writes: known at the end of the tick
+    sent_outputs = ()  # outputs that `encode` writes: known at the end of the tick
     feedthrough = ()
 
     def __init_subclass__(cls, **options):
@@ -169,7 +180,9 @@ class Device(Block):
             raise TypeError(f"{cls.__name__}.hardware names {stranger!r}, which is no parameter of it")
 
     def addresses(self):
-        """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share one."""
+        """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share
+        one.
+        """
         return []
 
     def told_addresses(self):
@@ -181,25 +194,32 @@ class Device(Block):
         return f"CAN id {address[0]}"
 
     def hears(self):
-        """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id where the mask is 1.
+        """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id
+        where the mask is 1.
 
         None: any frame. Others need not reach it.
         """
         return None
 
     def malformed_in_words(self, lengths, first_byte):
-        """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the newest"""
-        return "; ".join(f"{frames} frame{'s' * (frames != 1)} of {length} bytes that it rejects" for length, frames in lengths.items())
+        """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the
+        newest
+        """
+        return "; ".join(
+            f"{frames} frame{'s' * (frames != 1)} of {length} bytes that it rejects"
+            for length, frames in lengths.items()
+        )
 
     def unready_in_words(self):
         """Why a device that answers is not `ready`, and the remedy."""
         return "it answers, but does not return what arming wrote"
 
     def replies(self):
-        """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended, first bytes).
+        """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended,
+        first bytes).
 
-        Where replies and commands share an id, the first bytes tell them apart. Where more than that tells a stop, they are a
-        regular expression, which the hex digits of the data begin with.
+        Where replies and commands share an id, the first bytes tell them apart. Where more than that tells a stop, they
+        are a regular expression, which the hex digits of the data begin with.
         """
         heard = self.hears()
         return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if heard is None else heard)]
@@ -253,7 +273,9 @@ class Actuator(Device):
         return {}
 
     def reach(self):
-        """What its joint can do, as graph.reach.Reach by name of output: what is set outside that cannot be meant. {} where it is not known."""
+        """What its joint can do, as graph.reach.Reach by name of output: what is set outside that cannot be meant. {}
+        where it is not known.
+        """
         return {}
 
     def rating(self):

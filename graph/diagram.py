@@ -1,4 +1,6 @@
-"""Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the compiler's to say."""
+"""Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the
+compiler's to say.
+"""
 
 import numbers
 from collections import namedtuple
@@ -10,8 +12,8 @@ import numpy as np
 
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
 
-NAME_LENGTH = 100               # characters
-MAXIMUM_RATE = 1e9              # Hz; deadlines are whole ns
+NAME_LENGTH = 100  # characters
+MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
 _scope = ContextVar("tickwork_scope", default=None)
 
@@ -72,17 +74,22 @@ class Signal:
         if shape is not ...:
             return arithmetic.Select(arithmetic.encoded(index), shape)(self)
         if isinstance(index, (slice, tuple)) or index is ...:
-            raise TypeError(f"{self.path} takes slices and several axes only where its shape is declared: name the elements, as in [[0, 1]]")
+            raise TypeError(
+                f"{self.path} takes slices and several axes only where its shape is declared: name the "
+                "elements, as in [[0, 1]]"
+            )
         return arithmetic.Select(tuple(index) if isinstance(index, list) else index)(self)
 
-    __iter__ = None             # its length is not known until the compile
+    __iter__ = None  # its length is not known until the compile
 
     def to(self, unit):
         """The signal in another unit of its dimension: `angle.to("deg")`."""
         return _arithmetic().Convert(unit)(self)
 
     def __bool__(self):
-        raise TypeError(f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead")
+        raise TypeError(
+            f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead"
+        )
 
 
 def _arithmetic():
@@ -93,9 +100,9 @@ def _arithmetic():
 
 @dataclass(frozen=True)
 class Wire:
-    source: object              # a Signal, or a number or array
+    source: object  # a Signal, or a number or array
     block: object
-    port: str | None            # None: a place of its own in a variadic block
+    port: str | None  # None: a place of its own in a variadic block
     where: Location
 
 
@@ -141,13 +148,19 @@ class Diagram:
         check_name(name, caller())
         if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
             digits = repr(rate) if len(repr(rate)) <= 40 else f"{repr(rate)[:20]}..."
-            raise DiagramError(Diagnostic(
-                "TW010", f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {digits}", path=name, where=caller()))
+            raise DiagramError(
+                Diagnostic(
+                    "TW010",
+                    f"the rate must be a number above 0 Hz and at most {MAXIMUM_RATE:g} Hz, got {digits}",
+                    path=name,
+                    where=caller(),
+                )
+            )
         self.name, self.rate = name, rate
         self.blocks = {}
         self.wires = []
-        self.duplicates = []            # blocks whose name was taken, for the compiler to report
-        self._numbers = {}              # path: the last number that was added to it, to tell blocks of one kind apart
+        self.duplicates = []  # blocks whose name was taken, for the compiler to report
+        self._numbers = {}  # path: the last number that was added to it, to tell blocks of one kind apart
         self._tokens = []
 
     def __enter__(self):
@@ -192,18 +205,39 @@ class Diagram:
     def wire(self, source, block, port, where):
         if isinstance(source, Signal):
             if source.block.diagram is not self:
-                raise DiagramError(Diagnostic(
-                    "TW011", f"the signal {source.path} comes from a block that is not in this diagram", path=block.path,
-                    port=port or "", where=where, hint="make both blocks inside the same `with Diagram(...)`"))
+                raise DiagramError(
+                    Diagnostic(
+                        "TW011",
+                        f"the signal {source.path} comes from a block that is not in this diagram",
+                        path=block.path,
+                        port=port or "",
+                        where=where,
+                        hint="make both blocks inside the same `with Diagram(...)`",
+                    )
+                )
         elif isinstance(source, tuple) and source and all(isinstance(item, Signal) for item in source):
-            raise DiagramError(Diagnostic(
-                "TW012", f"got {len(source)} signals ({', '.join(item.port for item in source)}) where one is wanted", path=block.path,
-                port=port or "", where=where, hint="choose one by name, as in block(...).position"))
+            raise DiagramError(
+                Diagnostic(
+                    "TW012",
+                    f"got {len(source)} signals ({', '.join(item.port for item in source)}) where one is wanted",
+                    path=block.path,
+                    port=port or "",
+                    where=where,
+                    hint="choose one by name, as in block(...).position",
+                )
+            )
         else:
             if not is_number(source) or block.variadic:
-                raise DiagramError(Diagnostic(
-                    "TW012", f"{source!r} is neither a signal nor a number", path=block.path, port=port or "", where=where,
-                    hint="wire a block's output, as in knee.position, or what a call returned"))
+                raise DiagramError(
+                    Diagnostic(
+                        "TW012",
+                        f"{source!r} is neither a signal nor a number",
+                        path=block.path,
+                        port=port or "",
+                        where=where,
+                        hint="wire a block's output, as in knee.position, or what a call returned",
+                    )
+                )
         self.wires.append(Wire(source, block, port, where))
 
     def __repr__(self):
@@ -222,12 +256,27 @@ class subsystem:
         where = caller()
         check_name(name, where)
         if scope is None:
-            raise DiagramError(Diagnostic(
-                "TW011", f"subsystem({name!r}) stands outside a diagram", where=where, hint="open it inside `with Diagram(...)`"))
+            raise DiagramError(
+                Diagnostic(
+                    "TW011",
+                    f"subsystem({name!r}) stands outside a diagram",
+                    where=where,
+                    hint="open it inside `with Diagram(...)`",
+                )
+            )
         if not is_count(every):
-            raise DiagramError(Diagnostic("TW014", f"every must be a whole number of ticks, 1 or more, got {every!r}", path=str(name), where=where))
+            raise DiagramError(
+                Diagnostic(
+                    "TW014",
+                    f"every must be a whole number of ticks, 1 or more, got {every!r}",
+                    path=str(name),
+                    where=where,
+                )
+            )
         if enabled is not None and (not isinstance(enabled, Signal) or enabled.declaration.shape not in ((), ...)):
-            raise DiagramError(Diagnostic("TW012", f"enabled must be a scalar signal, got {enabled!r}", path=str(name), where=where))
+            raise DiagramError(
+                Diagnostic("TW012", f"enabled must be a scalar signal, got {enabled!r}", path=str(name), where=where)
+            )
         conditions = scope.conditions + ((enabled,) if enabled is not None else ())
         self.scope = Scope(scope.diagram, f"{scope.prefix}{name}/", scope.every * every, conditions)
 
@@ -244,12 +293,29 @@ def check_name(name, where):
 
     `/` separates subsystems and `.` ports.
     """
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or set(name) & set("/.=") or len(name) > NAME_LENGTH:
-        shown = repr(name) if len(repr(name)) <= NAME_LENGTH + 2 else f"{repr(name)[:NAME_LENGTH]}... ({len(repr(name))} characters)"
-        raise DiagramError(Diagnostic(
-            "TW010", f"{shown} cannot be a name", where=where,
-            hint=f"a name is printable text of at most {NAME_LENGTH} characters without '/', '.' and '='; subsystems make paths, as in "
-                 "`with subsystem(\"left\")`"))
+    if (
+        not isinstance(name, str)
+        or not name.strip()
+        or not name.isprintable()
+        or set(name) & set("/.=")
+        or len(name) > NAME_LENGTH
+    ):
+        shown = (
+            repr(name)
+            if len(repr(name)) <= NAME_LENGTH + 2
+            else (f"{repr(name)[:NAME_LENGTH]}... ({len(repr(name))} characters)")
+        )
+        raise DiagramError(
+            Diagnostic(
+                "TW010",
+                f"{shown} cannot be a name",
+                where=where,
+                hint=f"a name is printable text of at most {NAME_LENGTH} characters without '/', '.' and '='; "
+                "subsystems "
+                "make paths, as in "
+                '`with subsystem("left")`',
+            )
+        )
 
 
 def is_count(every):
@@ -262,5 +328,5 @@ def is_number(value):
     try:
         array = np.asarray(value)
         return array.dtype.kind in "fiub" and array.size > 0
-    except ValueError:                                      # rows of unequal length
+    except ValueError:  # rows of unequal length
         return False

@@ -4,12 +4,13 @@ import os
 import sys
 from importlib import import_module
 
-COMMAND_LINE = "runtime.__main__"       # by name: the language itself needs no runtime
+COMMAND_LINE = "runtime.__main__"  # by name: the language itself needs no runtime
 HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
 def main(diagram=None):
-    """Run the command line for the file that calls this, with the options of `python -m runtime FILE`, and exit with its code.
+    """Run the command line for the file that calls this, with the options of `python -m runtime FILE`, and exit with
+    its code.
 
     It does nothing where the file is imported, or loaded by the command line.
 
@@ -21,12 +22,15 @@ def main(diagram=None):
     if caller.get("__name__") != "__main__":
         return
     if diagram is not None and diagram is not caller.get("diagram"):
-        raise ValueError("main() runs what the file calls `diagram`: assign the diagram to that name, or define build() and call main() without it")
+        raise ValueError(
+            "main() runs what the file calls `diagram`: assign the diagram to that name, or define "
+            "build() and call main() without it"
+        )
     if "__file__" not in caller:
         raise ValueError("main() runs a file, and this is none: save it, and run it with `python FILE`")
     folder = os.path.dirname(os.path.realpath(caller["__file__"]))
     first = sys.path[0] == folder != HOME
-    if first:                           # nothing in it takes the place of a library
+    if first:  # nothing in it takes the place of a library
         sys.path.append(sys.path.pop(0))
     sys.argv[1:1] = ["run", os.path.relpath(caller["__file__"])]
     raise SystemExit(import_module(COMMAND_LINE).main(folder if first else None))

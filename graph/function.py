@@ -1,11 +1,11 @@
 """Blocks from functions: the signature is the declaration.
 
-    @block
-    def spring(angle: Input("rad"), stiffness: Param(30.0, "N·m/rad")) -> Output("N·m"):
-        \"\"\"Virtual spring: τ = -K θ.\"\"\"
-        return -stiffness * angle
+@block
+def spring(angle: Input("rad"), stiffness: Param(30.0, "N·m/rad")) -> Output("N·m"):
+    \"\"\"Virtual spring: τ = -K θ.\"\"\"
+    return -stiffness * angle
 
-    torque = spring(stiffness=40.0)(knee.position)
+torque = spring(stiffness=40.0)(knee.position)
 """
 
 import inspect
@@ -17,16 +17,24 @@ from graph.declarations import Input, Output, Param
 def block(function):
     """A Block class from an annotated function without state.
 
-    Arguments annotated with Input become inputs, those with Param parameters; `t`, `tick` and `dt` need no annotation. The return
-    annotation is one Output, whose port is called `y`, or a dict of them by name. TypeError, when decorating, if the signature says less.
+    Arguments annotated with Input become inputs, those with Param parameters; `t`, `tick` and `dt` need no annotation.
+    The return annotation is one Output, whose port is called `y`, or a dict of them by name. TypeError, when
+    decorating, if the signature says less.
     """
     annotations = inspect.get_annotations(function, eval_str=True)
     outputs = annotations.pop("return", None)
     if isinstance(outputs, Output):
         outputs = {"y": outputs}
     if not isinstance(outputs, dict) or not all(isinstance(port, Output) for port in outputs.values()):
-        raise TypeError(f"{function.__name__} must say what it returns: -> Output(unit), or -> {{name: Output(unit), ...}}")
-    body = {"__doc__": function.__doc__, "__module__": function.__module__, "__qualname__": function.__qualname__, "function": staticmethod(function)}
+        raise TypeError(
+            f"{function.__name__} must say what it returns: -> Output(unit), or -> {{name: Output(unit), ...}}"
+        )
+    body = {
+        "__doc__": function.__doc__,
+        "__module__": function.__module__,
+        "__qualname__": function.__qualname__,
+        "function": staticmethod(function),
+    }
     arguments, parameters = [], []
     for name in inspect.signature(function).parameters:
         declaration = annotations.get(name)

@@ -11,7 +11,9 @@ from graph.diagram import Signal
 
 
 def spread(blocks, sources, visit):
-    """Visit every block, and again what follows one that has become known. visit(block) says whether its outputs have."""
+    """Visit every block, and again what follows one that has become known. visit(block) says whether its outputs
+    have.
+    """
     followers = {}
     for (block, _), source in sources.items():
         if isinstance(source, Signal):
@@ -28,7 +30,8 @@ def spread(blocks, sources, visit):
 
 
 def infer_shapes(blocks, sources):
-    """Shape by (block, port name). The shape of a block's `...` ports is that of the first such input that is no scalar, () if all are.
+    """Shape by (block, port name). The shape of a block's `...` ports is that of the first such input that is no
+    scalar, () if all are.
 
     A scalar into an input that declares `broadcast` stays one.
     """
@@ -36,7 +39,7 @@ def infer_shapes(blocks, sources):
 
     def shape_of(source):
         if not isinstance(source, Signal):
-            return source.shape                             # a number fits any shape
+            return source.shape  # a number fits any shape
         shape = source.declaration.shape
         return free.get(source.block) if shape is ... else shape
 
@@ -50,7 +53,7 @@ def infer_shapes(blocks, sources):
         free[block] = shape
         return True
 
-    for patient in (True, False):                           # first where a vector decides; then scalars, which any vector overrules
+    for patient in (True, False):  # first where a vector decides; then scalars, which any vector overrules
         spread(blocks, sources, visit)
 
     def shape_at(block, name, port):
@@ -59,7 +62,11 @@ def infer_shapes(blocks, sources):
         shape = free.get(block, ())
         return () if shape and getattr(port, "broadcast", False) and shape_of(sources[block, name]) == () else shape
 
-    return {(block, name): shape_at(block, name, port) for block in blocks for name, port in (block.inputs | block.outputs).items()}
+    return {
+        (block, name): shape_at(block, name, port)
+        for block in blocks
+        for name, port in (block.inputs | block.outputs).items()
+    }
 
 
 def infer_units(blocks, sources, attempt):
@@ -79,11 +86,19 @@ def infer_units(blocks, sources, attempt):
     def visit(block):
         of_inputs = {name: unit_of(block, name) for name in block.inputs}
         if block not in shared:
-            found = (of_inputs[name] for name, port in block.inputs.items() if port.unit == units.ANY and name not in block.free_units)
+            found = (
+                of_inputs[name]
+                for name, port in block.inputs.items()
+                if port.unit == units.ANY and name not in block.free_units
+            )
             unit = next((unit for unit in found if unit != units.ANY), None)
             if unit is not None:
                 shared[block] = unit
-        own = attempt(block, lambda: stated_units(block, of_inputs)) or {} if type(block).output_units is not Block.output_units else {}
+        own = (
+            attempt(block, lambda: stated_units(block, of_inputs)) or {}
+            if type(block).output_units is not Block.output_units
+            else {}
+        )
         changed = False
         for name, port in block.outputs.items():
             if known[block, name] == units.ANY:

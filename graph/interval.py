@@ -1,4 +1,6 @@
-"""Closed intervals of real numbers: what the compiler knows of a wire. Ends are rounded outward, so that what is proved holds in floating point."""
+"""Closed intervals of real numbers: what the compiler knows of a wire. Ends are rounded outward, so that what is proved
+holds in floating point.
+"""
 
 import math
 from dataclasses import dataclass
@@ -44,9 +46,11 @@ class Interval:
     def __add__(self, other):
         low, high = self.low + other.low, self.high + other.high
         if math.isnan(low) or math.isnan(high):
-            return EVERYTHING                               # an infinity less itself: NaN, or whatever else the ends hold
-        return Interval(                                    # a sum with 0 is exact
-            low if self.low == 0.0 or other.low == 0.0 else _down(low), high if self.high == 0.0 or other.high == 0.0 else _up(high))
+            return EVERYTHING  # an infinity less itself: NaN, or whatever else the ends hold
+        return Interval(  # a sum with 0 is exact
+            low if self.low == 0.0 or other.low == 0.0 else _down(low),
+            high if self.high == 0.0 or other.high == 0.0 else _up(high),
+        )
 
     def __sub__(self, other):
         return self + -other
@@ -58,10 +62,17 @@ class Interval:
         return Interval(low, high) if exact else Interval(_down(low) if low else 0.0, _up(high) if high else 0.0)
 
     def __truediv__(self, other):
-        """Everything where the divisor may be zero: 1 / 0 and 1 / -0 are both ends of the line. Division never falls between its ends."""
+        """Everything where the divisor may be zero: 1 / 0 and 1 / -0 are both ends of the line. Division never falls
+        between its ends.
+        """
         if 0.0 in other:
             return Interval()
-        corners = [a / b for a in (self.low, self.high) for b in (other.low, other.high) if not (math.isinf(a) and math.isinf(b))]
+        corners = [
+            a / b
+            for a in (self.low, self.high)
+            for b in (other.low, other.high)
+            if not (math.isinf(a) and math.isinf(b))
+        ]
         return Interval(min(corners), max(corners)) if corners else Interval()
 
     def __or__(self, other):
@@ -75,7 +86,9 @@ class Interval:
 
     def widened(self, before):
         """This interval, with every end that lies outside an earlier one at infinity."""
-        return Interval(self.low if self.low >= before.low else -math.inf, self.high if self.high <= before.high else math.inf)
+        return Interval(
+            self.low if self.low >= before.low else -math.inf, self.high if self.high <= before.high else math.inf
+        )
 
     def __abs__(self):
         low = 0.0 if 0.0 in self else min(abs(self.low), abs(self.high))
@@ -86,7 +99,7 @@ class Interval:
 
 
 def _times(a, b):
-    return 0.0 if a == 0.0 or b == 0.0 else a * b        # a bound of 0 times an infinite one is 0
+    return 0.0 if a == 0.0 or b == 0.0 else a * b  # a bound of 0 times an infinite one is 0
 
 
 EVERYTHING = Interval()

@@ -4,10 +4,11 @@
         jit = True
         ...
 
-The block's `step` (and `update`) is rewritten, as source, to the kernel ABI: inputs, outputs, parameters and the numbers that `reset` sets become slots of the
-arena. So it runs without the GIL, among the native blocks. What can be rewritten is scalar arithmetic, comparisons, `if`, loops, and functions of
-`math`. Results are those of Python for + - * / and sqrt, and comparisons; within 2 ulp for elementary functions. A division by zero gives an infinity
-or NaN instead of an exception. Without Numba the block runs in Python, as it would without the mark.
+The block's `step` (and `update`) is rewritten, as source, to the kernel ABI: inputs, outputs, parameters and the
+numbers that `reset` sets become slots of the arena. So it runs without the GIL, among the native blocks. What can be
+rewritten is scalar arithmetic, comparisons, `if`, loops, and functions of `math`. Results are those of Python for + - *
+/ and sqrt, and comparisons; within 2 ulp for elementary functions. A division by zero gives an infinity or NaN instead
+of an exception. Without Numba the block runs in Python, as it would without the mark.
 """
 
 import ast
@@ -33,7 +34,11 @@ def available():
 def compile_block(block):
     """Give a Python block native kernels for its step and update. CannotCompile if its source does not allow it."""
     block.reset()
-    state = {name: value for name, value in vars(block).items() if type(value) in (float, int, bool) and is_state(block, name)}
+    state = {
+        name: value
+        for name, value in vars(block).items()
+        if type(value) in (float, int, bool) and is_state(block, name)
+    }
     ports = [*block.inputs.items(), *block.outputs.items()]
     for name, port in ports:
         if port.shape != ():
@@ -60,7 +65,9 @@ def kernel_of(block, method, slots, outputs):
     try:
         source = textwrap.dedent(inspect.getsource(method))
     except OSError:
-        raise CannotCompile(f"the source of {method.__qualname__} is nowhere to be read: define the class in a file") from None
+        raise CannotCompile(
+            f"the source of {method.__qualname__} is nowhere to be read: define the class in a file"
+        ) from None
     function = ast.parse(source).body[0]
     if not isinstance(function, ast.FunctionDef):
         raise CannotCompile(f"{method.__qualname__} is not a plain method")
@@ -72,11 +79,15 @@ def kernel_of(block, method, slots, outputs):
     try:
         return numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
     except numba.core.errors.NumbaError as error:
-        raise CannotCompile(f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}") from None
+        raise CannotCompile(
+            f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}"
+        ) from None
 
 
 class Rewriter(ast.NodeTransformer):
-    """`self.gain` becomes arena[slots[i]], an argument a local read from the arena, `return` the stores of the outputs."""
+    """`self.gain` becomes arena[slots[i]], an argument a local read from the arena, `return` the stores of the
+    outputs.
+    """
 
     def __init__(self, block, slots, outputs, arguments):
         self.block, self.slots, self.outputs, self.arguments = block, slots, outputs, arguments
@@ -101,7 +112,10 @@ class Rewriter(ast.NodeTransformer):
         if not (isinstance(node.value, ast.Name) and node.value.id == "self"):
             return self.generic_visit(node)
         if node.attr not in self.slots:
-            raise CannotCompile(f"self.{node.attr} in line {node.lineno} of the method is neither a parameter nor a number that reset() sets")
+            raise CannotCompile(
+                f"self.{node.attr} in line {node.lineno} of the method is neither a parameter nor a "
+                "number that reset() sets"
+            )
         place = ast.parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
         place.ctx = node.ctx
         return ast.copy_location(place, node)
@@ -111,7 +125,9 @@ class Rewriter(ast.NodeTransformer):
         stores = []
         values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
         if self.outputs and (node.value is None or len(values) != len(self.outputs)):
-            raise CannotCompile(f"return in line {node.lineno} of the method gives {len(values)} values for {', '.join(self.outputs)}")
+            raise CannotCompile(
+                f"return in line {node.lineno} of the method gives {len(values)} values for {', '.join(self.outputs)}"
+            )
         for index, value in enumerate(values if self.outputs else []):
             stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], value))
         for index, name in enumerate(self.outputs):

@@ -5,7 +5,8 @@ KERNELS = (*STEPS, "decode", "encode")
 CURES = {
     "parameter": "declare it with kernel=False and fixed=True, ",
     "output": "declare it with kernel=False, ",
-    "input": "", "memory": "",
+    "input": "",
+    "memory": "",
 }
 
 
@@ -22,7 +23,8 @@ def items_of(kind):
 def check_inherited_kernels(kind):
     """Raise TypeError if a block class inherits a kernel and changes the items that the kernel counts.
 
-    A class that is marked `abstract` is made to be extended: its kernels find their items by the counts in front of the slots.
+    A class that is marked `abstract` is made to be extended: its kernels find their items by the counts in front of the
+    slots.
     """
     for name in KERNELS:
         kernel = getattr(kind, name, None)
@@ -53,8 +55,11 @@ def difference(kind, base, kernel):
         moved = [item[:2] for item in after] != [item[:2] for item in before]
         change = f"changes the {'place' if moved else 'shape'} of the {what} {name!r} of {base.__name__}"
         cure = f"keep the {'order' if moved else 'shape'}, "
-    return (f"{kind.__name__} {change}, whose {kernel} finds its items by position: {cure}give the class a {kernel} of its own, "
-            "or wrap the block in a subsystem")
+    return (
+        f"{kind.__name__} {change}, whose {kernel} finds its items by position: {cure}give the class a {kernel} "
+        "of its own, "
+        "or wrap the block in a subsystem"
+    )
 
 
 def replace_kernels(kind):

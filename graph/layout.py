@@ -8,7 +8,9 @@ CLOCK_SLOTS = 8
 
 
 class KernelTable(NamedTuple):
-    """What a kernel is told of its block: how many inputs, outputs, parameters and memories, where each begins, how long it is."""
+    """What a kernel is told of its block: how many inputs, outputs, parameters and memories, where each begins, how
+    long it is.
+    """
 
     counts: tuple = (0, 0, 0, 0)
     slots: tuple = ()

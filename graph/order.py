@@ -13,13 +13,19 @@ def computes(block):
 
 
 def dependencies(blocks, sources):
-    """A networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition; data: `source` and `port`, their names."""
+    """A networkx.DiGraph of blocks with an edge for each direct feedthrough and each condition; data: `source` and
+    `port`, their names.
+    """
     graph = nx.DiGraph()
     graph.add_nodes_from(block for block in blocks if computes(block))
     for block in graph.nodes:
         for name in block.step_inputs():
             source = sources.get((block, name))
-            if isinstance(source, Signal) and source.block in graph and source.port not in getattr(source.block, "sent_outputs", ()):
+            if (
+                isinstance(source, Signal)
+                and source.block in graph
+                and source.port not in getattr(source.block, "sent_outputs", ())
+            ):
                 graph.add_edge(source.block, block, port=name, source=source.port)
         for condition in block.conditions:
             if condition.block in graph:
@@ -40,7 +46,9 @@ def upstream(blocks, sources):
 
 
 def take_out_loops(graph):
-    """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output, block, input)."""
+    """Remove the edges of algebraic loops from the graph, and return one cycle of each as a list of (block, output,
+    block, input).
+    """
     cycles = []
     for component in list(nx.strongly_connected_components(graph)):
         if len(component) == 1 and not graph.has_edge(*component, *component):
@@ -48,7 +56,9 @@ def take_out_loops(graph):
         inside = graph.subgraph(component)
         first = min(component, key=lambda block: block.path)
         first = next((block for block in [first, *inside] if inside.has_edge(block, block)), first)
-        cycles.append([(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)])
+        cycles.append(
+            [(a, inside.edges[a, b]["source"], b, inside.edges[a, b]["port"]) for a, b in shortest_cycle(inside, first)]
+        )
         graph.remove_edges_from(list(inside.edges))
     return cycles
 
@@ -64,18 +74,22 @@ def shortest_cycle(graph, first):
 
 
 def cluster(graph):
-    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it can.
+    """A topological order that keeps steps of one kind and rate together, so that the GIL changes hands as seldom as it
+    can.
 
-    Among these it goes level by level from the sources, and blocks of one class come in a row: the processor then guesses right which
-    kernel is next, and need not wait for a result that the step before has only just begun to compute.
+    Among these it goes level by level from the sources, and blocks of one class come in a row: the processor then
+    guesses right which kernel is next, and need not wait for a result that the step before has only just begun to
+    compute.
     """
     waiting = dict(graph.in_degree())
-    depth = dict.fromkeys(graph, 0)             # steps between a block and the sources, by the longest way
-    ready = {}                                  # kind: heap of (depth, class, path, block)
+    depth = dict.fromkeys(graph, 0)  # steps between a block and the sources, by the longest way
+    ready = {}  # kind: heap of (depth, class, path, block)
 
     def release(block):
         own = type(block)
-        heapq.heappush(ready.setdefault(kind(block), []), (depth[block], own.__module__, own.__qualname__, block.path, block))
+        heapq.heappush(
+            ready.setdefault(kind(block), []), (depth[block], own.__module__, own.__qualname__, block.path, block)
+        )
 
     for block, count in waiting.items():
         if count == 0:

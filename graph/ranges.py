@@ -1,9 +1,10 @@
 """Range analysis: an interval for every signal, from what blocks say of their outputs.
 
-Blocks outside loops are asked once, in the order of the wires. A loop is asked upward first, from where its blocks without direct
-feedthrough start; an end that keeps growing there becomes infinite. What has come to rest so is true at every tick, by induction: each
-interval holds what its block makes of the others, and each loop holds a block that shows only what came in before. Then downward:
-whatever follows from what is true is true, in any order, so that a limit inside a loop reaches all of it.
+Blocks outside loops are asked once, in the order of the wires. A loop is asked upward first, from where its blocks
+without direct feedthrough start; an end that keeps growing there becomes infinite. What has come to rest so is true at
+every tick, by induction: each interval holds what its block makes of the others, and each loop holds a block that shows
+only what came in before. Then downward: whatever follows from what is true is true, in any order, so that a limit
+inside a loop reaches all of it.
 
 Every block is asked a bounded number of times, so the work grows with the size of the diagram.
 """
@@ -15,9 +16,9 @@ from graph.diagram import Signal
 from graph.interval import EVERYTHING, Interval
 from graph.order import computes
 
-GROWTHS = 3                 # after so many an end of a block without direct feedthrough is infinite
-ASKED = 16                  # after so many questions on the way up nothing is said of a block
-NARROWED = 8                # and after so many on the way down it stays as it is
+GROWTHS = 3  # after so many an end of a block without direct feedthrough is infinite
+ASKED = 16  # after so many questions on the way up nothing is said of a block
+NARROWED = 8  # and after so many on the way down it stays as it is
 ZERO = Interval.point(0.0)
 
 
@@ -38,16 +39,20 @@ def interval_of(source, ranges):
 
 
 def interval_of_numbers(source):
-    return Interval.point(float(source)) if source.ndim == 0 else Interval.point(float(source.min())) | Interval.point(float(source.max()))
+    return (
+        Interval.point(float(source))
+        if source.ndim == 0
+        else Interval.point(float(source.min())) | Interval.point(float(source.max()))
+    )
 
 
 class _Analysis:
     def __init__(self, blocks, order, sources, attempt):
         self.sources, self.attempt = sources, attempt
-        self.found = {}                                         # block: {output: Interval}
+        self.found = {}  # block: {output: Interval}
         self.rank = {block: place for place, block in enumerate(order)}
         for block in blocks:
-            if not computes(block) and block.outputs:           # a device measures the world: what it says follows from no wire
+            if not computes(block) and block.outputs:  # a device measures the world: what it says follows from no wire
                 self.found[block] = self.ask(block, EVERYTHING)
         self.before = {block: self.blocks_before(block) for block in order}
         self.followers = {block: [] for block in order}
@@ -63,10 +68,14 @@ class _Analysis:
     def blocks_before(self, block):
         """The blocks whose intervals those of a block follow from, with or without direct feedthrough."""
         found = (self.sources[block, name] for name in block.inputs)
-        return list(dict.fromkeys(source.block for source in found if isinstance(source, Signal) and source.block in self.rank))
+        return list(
+            dict.fromkeys(source.block for source in found if isinstance(source, Signal) and source.block in self.rank)
+        )
 
     def components(self, order):
-        """Lists of blocks, each loop one and every other block alone, each behind those that it follows from. (Tarjan 1972)"""
+        """Lists of blocks, each loop one and every other block alone, each behind those that it follows from. (Tarjan
+        1972)
+        """
         number, lowest, stack, standing = {}, {}, [], set()
         for root in order:
             path = [] if root in number else [(root, iter(self.before[root]))]
@@ -116,7 +125,9 @@ class _Analysis:
     # Loops
 
     def upward(self, loop):
-        """From what the blocks start with to what holds all that follows; returns the blocks from where it may be narrowed."""
+        """From what the blocks start with to what holds all that follows; returns the blocks from where it may be
+        narrowed.
+        """
         inside, guessed = set(loop), []
         for block in loop:
             if any(other not in self.found for other in self.before[block]):
@@ -156,7 +167,9 @@ class _Analysis:
         self.spread(first, narrow, inside)
 
     def spread(self, first, visit, inside):
-        """Visit blocks round by round, in each the way signals go, and again what follows one whose visit says that it has changed."""
+        """Visit blocks round by round, in each the way signals go, and again what follows one whose visit says that it
+        has changed.
+        """
         waiting, queued = [(0, self.rank[block], block) for block in first], set(first)
         heapq.heapify(waiting)
         while waiting:

@@ -1,11 +1,13 @@
-"""Setpoints that cannot be meant: constants, parameters and courses in rad, rad/s or N·m outside what the joint or its drive can reach.
+"""Setpoints that cannot be meant: constants, parameters and courses in rad, rad/s or N·m outside what the joint or its
+drive can reach.
 
-Two ways lead from such a value to a joint. It stands beside what the joint measures, as the equilibrium of an impedance stands beside the
-position; or it goes on as it is, along wires of one unit, to a command. Values are compared where they end: at that input, at the command, or at
-a limiter in front of it. A factor on the way scales them.
+Two ways lead from such a value to a joint. It stands beside what the joint measures, as the equilibrium of an impedance
+stands beside the position; or it goes on as it is, along wires of one unit, to a command. Values are compared where
+they end: at that input, at the command, or at a limiter in front of it. A factor on the way scales them.
 
-What is compared with the joint's own `range` has a unit of its own in its declaration, or is turned into a torque: a threshold, an offset or
-a sum in any unit may lie outside the range for a reason, and is compared with what the drive can reach.
+What is compared with the joint's own `range` has a unit of its own in its declaration, or is turned into a torque: a
+threshold, an offset or a sum in any unit may lie outside the range for a reason, and is compared with what the drive
+can reach.
 """
 
 import copy
@@ -22,13 +24,15 @@ from graph.ranges import find_ranges, interval_of, interval_of_numbers
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi
-HALF_TURN = math.pi             # rad from which on an angle may be meant in degrees
-SLACK = 1e-6                    # share of a reach by which a value may leave it: intervals are rounded outward
+HALF_TURN = math.pi  # rad from which on an angle may be meant in degrees
+SLACK = 1e-6  # share of a reach by which a value may leave it: intervals are rounded outward
 ZERO = Interval.point(0.0)
 
 
 class Reach(NamedTuple):
-    """What one measurement of an actuator can be: of the drive, in words, and of the joint, None where its range is not known."""
+    """What one measurement of an actuator can be: of the drive, in words, and of the joint, None where its range is not
+    known.
+    """
 
     drive: Interval
     words: str
@@ -53,7 +57,11 @@ class ReachCheck:
         self.attempt = compilation.attempt
         self.unproved = {(proof.path, proof.port) for proof in compilation.proofs if not proof.holds}
         self.report = report
-        self.reaches = {block: reach for block in self.blocks if isinstance(block, Actuator) and (reach := self.attempt(block, block.reach))}
+        self.reaches = {
+            block: reach
+            for block in self.blocks
+            if isinstance(block, Actuator) and (reach := self.attempt(block, block.reach))
+        }
         if not self.reaches:
             return
         self.followers = {}
@@ -74,9 +82,18 @@ class ReachCheck:
     def while_measuring(self, order, limits):
         """Intervals of all signals while each position and velocity stays inside limits(Reach)."""
         narrow = {
-            block: {name: limits(found) for name, found in reach.items() if self.units.get((block, name)) in (POSITION, VELOCITY)}
-            for block, reach in self.reaches.items()}
-        if all(self.ranges[Signal(block, name)] in limits for block, limited in narrow.items() for name, limits in limited.items()):
+            block: {
+                name: limits(found)
+                for name, found in reach.items()
+                if self.units.get((block, name)) in (POSITION, VELOCITY)
+            }
+            for block, reach in self.reaches.items()
+        }
+        if all(
+            self.ranges[Signal(block, name)] in limits
+            for block, limited in narrow.items()
+            for name, limits in limited.items()
+        ):
             return self.ranges
 
         def attempt(block, hook, **intervals):
@@ -123,21 +140,31 @@ class ReachCheck:
                         continue
                     seen.add(source)
                     leads.setdefault(source, {})[actuator, name] = None
-                    waiting.extend((source.block, before) for before in source.block.inputs if self.unit_of(source.block, before) == unit)
+                    waiting.extend(
+                        (source.block, before)
+                        for before in source.block.inputs
+                        if self.unit_of(source.block, before) == unit
+                    )
         return leads
 
     def outputs_in(self, block, unit):
         return [Signal(block, name) for name in block.outputs if self.units[block, name] == unit]
 
     def reach_of(self, actuator, unit):
-        return next((found for name, found in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None)
+        return next(
+            (found for name, found in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None
+        )
 
     # Beside a measurement
 
     def look_beside_measurements(self, block):
         for unit in (POSITION, VELOCITY):
             measured = {
-                (actuator, name): None for name in block.inputs if self.unit_of(block, name) == unit for actuator, _ in self.fed.get((block, name), ())}
+                (actuator, name): None
+                for name in block.inputs
+                if self.unit_of(block, name) == unit
+                for actuator, _ in self.fed.get((block, name), ())
+            }
             if not measured:
                 continue
             to_torque = any(self.units[block, name] == TORQUE for name in block.outputs)
@@ -150,7 +177,9 @@ class ReachCheck:
             for name, param in block.parameters.items():
                 if param.unit == unit and param.numeric and math.isfinite(getattr(block, name)):
                     for actuator, other in measured:
-                        self.judge(actuator, unit, self.values_of(block, name), block, name, self.sources[block, other], True)
+                        self.judge(
+                            actuator, unit, self.values_of(block, name), block, name, self.sources[block, other], True
+                        )
 
     def values(self, source):
         """The Values of what is wired to an input."""
@@ -161,7 +190,11 @@ class ReachCheck:
             return [Value(f"{source.path} can reach ", interval, certain=False)]
         built = self.as_built(source)
         found = [Value("" if is_point(built) else f"{source.path} goes through ", built)]
-        return found if interval == built else [*found, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
+        return (
+            found
+            if interval == built
+            else [*found, Value(f"the live bounds of {source.block.path} allow ", interval, chosen=True)]
+        )
 
     def as_built(self, source):
         """The interval of a block without inputs, with the values that its live parameters start with."""
@@ -175,7 +208,9 @@ class ReachCheck:
         return found if span == built else [*found, Value(f"the live bounds of {name} allow ", span, chosen=True)]
 
     def judge(self, actuator, unit, values, block, name, measured, strict):
-        """Compare Values with what a measurement at another input of the same block can be. strict : with the joint's range, too"""
+        """Compare Values with what a measurement at another input of the same block can be. strict : with the joint's
+        range, too
+        """
         reach = self.reach_of(actuator, unit)
         drive, joint = interval_of(measured, self.in_drive), interval_of(measured, self.in_joint)
         if not drive.bounded:
@@ -195,7 +230,7 @@ class ReachCheck:
             return
 
     def severity(self, value, drive, joint, unit):
-        """"error" or "warning" of a Value out of reach, None of another."""
+        """ "error" or "warning" of a Value out of reach, None of another."""
         interval = value.interval
         alone = is_point(interval)
         for bound in filter(None, (drive, joint)):
@@ -224,12 +259,16 @@ class ReachCheck:
                     yield block, name, value, (source.block, "", unit)
 
     def own_values(self, source, unit):
-        """Values that a block sets by itself, whatever it is given: a source, a table, a limiter, a parameter in N·m."""
+        """Values that a block sets by itself, whatever it is given: a source, a table, a limiter, a parameter in
+        N·m.
+        """
         if not source.block.inputs:
             yield from self.values(source)
             return
         if source.block.outputs[source.port].range is None:
-            own = range_of(source.block, source.port, promised(source.block, **dict.fromkeys(source.block.inputs, EVERYTHING)))
+            own = range_of(
+                source.block, source.port, promised(source.block, **dict.fromkeys(source.block.inputs, EVERYTHING))
+            )
             if own.bounded:
                 yield Value(f"{source.path} can reach ", own, certain=False)
         for name, param in source.block.parameters.items():
@@ -259,7 +298,10 @@ class ReachCheck:
                         waiting.extend((*follower, passed) for follower in self.followers.get(onward, ()))
 
     def passed(self, block, name, onward, interval):
-        """What a block makes of an interval at one input, the others at 0: itself where it lets that through, None where it clips it."""
+        """What a block makes of an interval at one input, the others at 0: itself where it lets that through, None
+        where it clips it.
+        """
+
         def of(given):
             return range_of(block, onward.port, promised(block, **dict.fromkeys(block.inputs, ZERO) | {name: given}))
 
@@ -297,15 +339,23 @@ class ReachCheck:
             hint = f"give {bounds}" + (f", or correct `range` of {actuator.path}" if words == "its range" else "")
         problem = "is more than one turn of" if inside(interval, limits) else "is out of reach of"
         where = self.wires[block, name].where if (block, name) in self.wires else None
-        self.report(f"{value.words}{what}, which {problem} {actuator.path}: {bounds} ({words})" if value.words else
-                    f"{what} {problem} {actuator.path}: {bounds} ({words})", block, name, where, hint, severity)
+        self.report(
+            f"{value.words}{what}, which {problem} {actuator.path}: {bounds} ({words})"
+            if value.words
+            else f"{what} {problem} {actuator.path}: {bounds} ({words})",
+            block,
+            name,
+            where,
+            hint,
+            severity,
+        )
 
 
 def promised(block, **inputs):
     """What a block promises of its outputs, {} where it promises nothing."""
     try:
         said = block.output_range(**inputs)
-    except ValueError:                          # of a combination that does not occur: what it promises in the diagram is asked elsewhere
+    except ValueError:  # of a combination that does not occur: what it promises in the diagram is asked elsewhere
         return {}
     return {} if said is None else said
 

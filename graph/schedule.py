@@ -11,17 +11,19 @@ from graph.layout import KernelTable
 
 @dataclass(frozen=True)
 class Step:
-    """One call of a tick. Native: kernel and table. Python: function, inputs as (name, slot, dtype, shape), outputs with (low, high) behind."""
+    """One call of a tick. Native: kernel and table. Python: function, inputs as (name, slot, dtype, shape), outputs
+    with (low, high) behind.
+    """
 
     name: str
     every: int = 1
-    conditions: tuple = ()      # slots that must all be true
+    conditions: tuple = ()  # slots that must all be true
     kernel: object = None
     table: KernelTable = KernelTable()
     function: object = None
     inputs: tuple = ()
     outputs: tuple = ()
-    hold: int = 0               # exceptions in a row that are no fault
+    hold: int = 0  # exceptions in a row that are no fault
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class WatchSteps:
     law : first of five: what the last frame carried; gains : where the kernel reads the share of stiffness and damping
     """
 
-    watch: object               # graph.device.Watch
+    watch: object  # graph.device.Watch
     torque: int
     temperature: int
     rms: int
@@ -63,15 +65,15 @@ class DeviceSteps:
     zero: tuple
     disable: tuple
     damp: DampedStop | None = None  # what a safe stop begins with, in place of zero and disable
-    unanswered: int = 0         # of the frames of disable
-    relay_time: float = 0.0     # s without a frame after which its relay drops; 0: it holds none
-    start_time: float = 0.0     # s of arming in which others are sent nothing
+    unanswered: int = 0  # of the frames of disable
+    relay_time: float = 0.0  # s without a frame after which its relay drops; 0: it holds none
+    start_time: float = 0.0  # s of arming in which others are sent nothing
     watch: WatchSteps | None = None
-    warning: int = -1           # slot of what it warns of, bit by bit
-    warnings: tuple = ()        # words for each bit
-    reads: tuple = ()           # those of `enable` that read and change nothing
-    ready: int = -1             # slot that is not 0 once it has read back what arming wrote; -1: nothing is read back
-    ready_size: int = 0         # numbers from there on that outlive the start of the blocks
+    warning: int = -1  # slot of what it warns of, bit by bit
+    warnings: tuple = ()  # words for each bit
+    reads: tuple = ()  # those of `enable` that read and change nothing
+    ready: int = -1  # slot that is not 0 once it has read back what arming wrote; -1: nothing is read back
+    ready_size: int = 0  # numbers from there on that outlive the start of the blocks
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ class SignalPlace:
     shape: tuple
     dtype: str
     unit: str
-    circle: tuple = ()          # the two ends that are one, of a value that goes round
+    circle: tuple = ()  # the two ends that are one, of a value that goes round
 
     @property
     def size(self):
@@ -111,9 +113,11 @@ class SinkColumns:
 
 @dataclass(frozen=True)
 class LiveParameter:
-    """A parameter that may change while running: its slot in the arena (-1: it has none), its block if it is a Python block's attribute."""
+    """A parameter that may change while running: its slot in the arena (-1: it has none), its block if it is a Python
+    block's attribute.
+    """
 
-    path: str                   # "left/impedance.stiffness"
+    path: str  # "left/impedance.stiffness"
     slot: int
     block: object
     name: str
@@ -123,7 +127,7 @@ class LiveParameter:
     built: float
     low: float
     high: float
-    slew: float                 # unit per second, infinite where it steps
+    slew: float  # unit per second, infinite where it steps
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ class Proof:
     unit: str
     interval: Interval
     limit: Interval
-    bounded_by: str             # path of the block that bounds it
+    bounded_by: str  # path of the block that bounds it
 
     @property
     def holds(self):
@@ -147,25 +151,25 @@ class Schedule:
     name: str
     rate: float
     arena: np.ndarray
-    memory_start: int           # slot where the memory of blocks begins: from here on the arena is state
-    look: list                  # a pass over what settling needs, on the present measurement, each block settled before its output
-    settle: list                # the settle steps of that pass alone
+    memory_start: int  # slot where the memory of blocks begins: from here on the arena is state
+    look: list  # a pass over what settling needs, on the present measurement, each block settled before its output
+    settle: list  # the settle steps of that pass alone
     output: list
     update: list
     devices: list
     buses: list
-    media: list                 # of each bus: graph.Device.medium of what is on it
-    signals: dict               # path: SignalPlace
-    columns: np.ndarray         # slots of the recorded numbers
-    recorded: list              # Column of each of them, by the path of its signal
+    media: list  # of each bus: graph.Device.medium of what is on it
+    signals: dict  # path: SignalPlace
+    columns: np.ndarray  # slots of the recorded numbers
+    recorded: list  # Column of each of them, by the path of its signal
     sinks: list
     python_blocks: list
-    inputs: dict                # path: {input name: slot}, scalars only
-    parameters: dict            # "left/impedance.stiffness": slot, native blocks only
-    live: list = field(default_factory=list)        # LiveParameter, by path
+    inputs: dict  # path: {input name: slot}, scalars only
+    parameters: dict  # "left/impedance.stiffness": slot, native blocks only
+    live: list = field(default_factory=list)  # LiveParameter, by path
     proofs: list = field(default_factory=list)
-    loads: list = field(default_factory=list)       # graph.budget.BusLoad, one a bus
-    holds: list = field(default_factory=list)       # (source, its every, input, its every) where rates meet
+    loads: list = field(default_factory=list)  # graph.budget.BusLoad, one a bus
+    holds: list = field(default_factory=list)  # (source, its every, input, its every) where rates meet
     warnings: list = field(default_factory=list)
 
     @property

@@ -12,7 +12,9 @@ class Scratch:
 
     def __init__(self, block):
         if block.kernel is None and block.update_kernel is None:
-            raise TypeError(f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel")
+            raise TypeError(
+                f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel"
+            )
         self.block = block
         self.arena = None
 
@@ -28,7 +30,8 @@ class Scratch:
             if block.dt is not None:
                 raise
             raise TypeError(
-                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, in s, before the first step"
+                f"{block.path} needs a sampling period: make it inside `with Diagram(..., rate=...)`, or set its dt, "
+                "in s, before the first step"
             ) from None
         layout = Layout()
         sizes = {n: size_of(shape) for n, shape in self.shapes.items()}
@@ -37,8 +40,11 @@ class Scratch:
         self.memory_start = len(layout)
         memory = place_memory(block, layout)
         self.table = kernel_table(
-            [(self.slots_of[n], sizes[n]) for n in block.inputs], [(self.slots_of[n], sizes[n]) for n, port in block.outputs.items() if port.kernel],
-            list(self.parameters.values()), list(memory.values()))
+            [(self.slots_of[n], sizes[n]) for n in block.inputs],
+            [(self.slots_of[n], sizes[n]) for n, port in block.outputs.items() if port.kernel],
+            list(self.parameters.values()),
+            list(memory.values()),
+        )
         self.arena = layout.arena()
         self.memory = self.arena[self.memory_start :].copy()
         period = block.dt if block.dt is not None else 1e-3
@@ -90,7 +96,9 @@ class Scratch:
             run = self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])]
             shape = self.shapes[name]
             kind = {"float": float, "int": int, "bool": bool}[port.dtype]
-            results.append(run.reshape(shape).copy() if shape else kind(run[0]) if np.isfinite(run[0]) else float(run[0]))
+            results.append(
+                run.reshape(shape).copy() if shape else kind(run[0]) if np.isfinite(run[0]) else float(run[0])
+            )
         return results[0] if len(results) == 1 else tuple(results)
 
     def update(self, values, named):

@@ -1,8 +1,8 @@
 """Diagrams as JSON, and their content hash.
 
-The text holds blocks as `module:qualname` with their parameters, wires, and the versions of the libraries they come from. Two diagrams with one
-hash compute the same: it covers blocks with their source, parameters, wires and rate, the content of files that blocks read, and nothing of
-where these or the source stand, or of the order of making.
+The text holds blocks as `module:qualname` with their parameters, wires, and the versions of the libraries they come
+from. Two diagrams with one hash compute the same: it covers blocks with their source, parameters, wires and rate, the
+content of files that blocks read, and nothing of where these or the source stand, or of the order of making.
 """
 
 import hashlib
@@ -41,7 +41,10 @@ def describe(diagram):
     known = registered()
     sources = {kind: source_hash(kind) for kind in {type(block) for block in blocks}}
     order = {id(wire): index for index, wire in enumerate(diagram.wires)}
-    wires = sorted(diagram.wires, key=lambda w: (w.block.path, "" if w.block.variadic else w.port, order[id(w)] if w.block.variadic else 0))
+    wires = sorted(
+        diagram.wires,
+        key=lambda w: (w.block.path, "" if w.block.variadic else w.port, order[id(w)] if w.block.variadic else 0),
+    )
     return {
         "format": FORMAT,
         "name": diagram.name,
@@ -60,13 +63,17 @@ def describe_block(block, known, source):
     parameters = {}
     for name in block.parameters:
         value = encode(getattr(block, name))
-        parameters[name] = {"live": [value, *map(encode, block.live_bounds[name])]} if name in block.live_bounds else value
+        parameters[name] = (
+            {"live": [value, *map(encode, block.live_bounds[name])]} if name in block.live_bounds else value
+        )
     if parameters:
         data["parameters"] = parameters
     live = [name for name in block.parameters if block.live(name)]
     if live:
         data["live"] = live
-    files = {name: file_hash(block, name) for name, param in block.parameters.items() if param.file and getattr(block, name)}
+    files = {
+        name: file_hash(block, name) for name, param in block.parameters.items() if param.file and getattr(block, name)
+    }
     if files:
         data["files"] = files
     if block.every != 1:
@@ -110,7 +117,9 @@ def decode(value):
 
 
 def unchanging(entry):
-    """Of a block's description what its content is: of files what is in them, of live parameters their bounds and not their values."""
+    """Of a block's description what its content is: of files what is in them, of live parameters their bounds and not
+    their values.
+    """
     parameters = {**entry.get("parameters", {}), **entry.get("files", {})}
     for name in entry.get("live", ()):
         value = parameters[name]
@@ -139,9 +148,15 @@ def file_hash(block, name):
     try:
         return "sha256:" + hashlib.sha256(Path(getattr(block, name)).read_bytes()).hexdigest()
     except OSError as error:
-        raise DiagramError(Diagnostic(
-            "TW010", f"{name}: cannot read {getattr(block, name)}: {error.strerror}", path=block.path, where=block.location,
-            hint="the content of the file belongs to the diagram: put it back")) from None
+        raise DiagramError(
+            Diagnostic(
+                "TW010",
+                f"{name}: cannot read {getattr(block, name)}: {error.strerror}",
+                path=block.path,
+                where=block.location,
+                hint="the content of the file belongs to the diagram: put it back",
+            )
+        ) from None
 
 
 def loadable(kind, known):
@@ -173,13 +188,19 @@ def from_json(text, *, trust=()):
 
     trust : names of modules that may be imported although no library registers them
 
-    Raises DiagramError: a newer format (TW030), a missing library, with the line that installs it (TW031), or a local block (TW032).
+    Raises DiagramError: a newer format (TW030), a missing library, with the line that installs it (TW031), or a local
+    block (TW032).
     """
     data = json.loads(text)
     if data.get("format") != FORMAT:
-        raise DiagramError(Diagnostic(
-            "TW030", f"the text has format {data.get('format')!r}, and this Tickwork reads format {FORMAT}", path=str(data.get("name", "")),
-            hint="pip install --upgrade tickwork"))
+        raise DiagramError(
+            Diagnostic(
+                "TW030",
+                f"the text has format {data.get('format')!r}, and this Tickwork reads format {FORMAT}",
+                path=str(data.get("name", "")),
+                hint="pip install --upgrade tickwork",
+            )
+        )
     types, problems = {}, []
     for entry in data["blocks"]:
         try:
@@ -232,24 +253,49 @@ def find_type(entry, libraries, trust):
     module, _, qualname = entry["type"].partition(":")
     top = module.split(".")[0]
     if entry.get("local") and module not in trust:
-        raise DiagramError(Diagnostic(
-            "TW032", f"{qualname} was defined in a file of its own ({module}), not in a library", path=entry["path"],
-            hint=f"run that file again, or import it and load with trust=({module!r},)"))
+        raise DiagramError(
+            Diagnostic(
+                "TW032",
+                f"{qualname} was defined in a file of its own ({module}), not in a library",
+                path=entry["path"],
+                hint=f"run that file again, or import it and load with trust=({module!r},)",
+            )
+        )
     if top not in registered() and module not in trust and top not in trust:
-        owner = next((f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)), None)
+        owner = next(
+            (f"{name}=={version}" for name, version in libraries.items() if name.replace("-", "_").startswith(top)),
+            None,
+        )
         if owner is None:
-            raise DiagramError(Diagnostic(
-                "TW031", f"{entry['type']} is of no block library, neither of those installed nor of those that the text names", path=entry["path"],
-                hint=f"if you know {top!r} and want it imported, load with trust=({top!r},)"))
-        raise DiagramError(Diagnostic(
-            "TW031", f"{entry['type']} comes from a library that is not installed", path=entry["path"], hint=f"pip install {owner}"))
+            raise DiagramError(
+                Diagnostic(
+                    "TW031",
+                    f"{entry['type']} is of no block library, neither of those installed nor of those that the "
+                    "text names",
+                    path=entry["path"],
+                    hint=f"if you know {top!r} and want it imported, load with trust=({top!r},)",
+                )
+            )
+        raise DiagramError(
+            Diagnostic(
+                "TW031",
+                f"{entry['type']} comes from a library that is not installed",
+                path=entry["path"],
+                hint=f"pip install {owner}",
+            )
+        )
     try:
         found = importlib.import_module(module)
         for name in qualname.split("."):
             found = getattr(found, name)
     except (ImportError, AttributeError) as error:
-        raise DiagramError(Diagnostic(
-            "TW031", f"{entry['type']} is not in the library that is installed ({error})", path=entry["path"], hint="install the version it was made with")
+        raise DiagramError(
+            Diagnostic(
+                "TW031",
+                f"{entry['type']} is not in the library that is installed ({error})",
+                path=entry["path"],
+                hint="install the version it was made with",
+            )
         ) from None
     if not (isinstance(found, type) and issubclass(found, Block)):
         raise DiagramError(Diagnostic("TW031", f"{entry['type']} is not a block", path=entry["path"]))

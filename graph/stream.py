@@ -1,4 +1,6 @@
-"""Devices at the end of a line of their own: a tty, a socket, an input of the computer. What they say is a stream of bytes."""
+"""Devices at the end of a line of their own: a tty, a socket, an input of the computer. What they say is a stream of
+bytes.
+"""
 
 from cext.kernels import quiet
 from graph.declarations import Param
@@ -6,11 +8,12 @@ from graph.device import Device
 
 
 class StreamDevice(Device):
-    """A device that has a line for itself. Its `decode` is the parser: a frame holds up to 64 bytes as they came, cut anywhere.
+    """A device that has a line for itself. Its `decode` is the parser: a frame holds up to 64 bytes as they came, cut
+    anywhere.
 
-    frame.id : 0 bytes; 1 the line is gone; 2 it is back
-    frame.flags : bit 0, bytes before this frame were lost; bit 1, the first bytes of one read, of a datagram its beginning
-    `decode` returns TAKEN where a whole sample was among them, NOTED where not, MALFORMED where what was among them was corrupt.
+    frame.id : 0 bytes; 1 the line is gone; 2 it is back frame.flags : bit 0, bytes before this frame were lost; bit 1,
+    the first bytes of one read, of a datagram its beginning `decode` returns TAKEN where a whole sample was among them,
+    NOTED where not, MALFORMED where what was among them was corrupt.
 
     line : kind of its line, a key of runtime.rig.streams.KINDS, whose module opens it on a rig
     opening : what that is told
@@ -25,7 +28,9 @@ class StreamDevice(Device):
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)
-        cls.parameters = {name: param for name, param in cls.parameters.items() if name != "bus"} | {"bus": cls.parameters["bus"]}
+        cls.parameters = {name: param for name, param in cls.parameters.items() if name != "bus"} | {
+            "bus": cls.parameters["bus"]
+        }
 
     def configure(self):
         if not self.bus:
@@ -36,7 +41,9 @@ class StreamDevice(Device):
         return {}
 
     def relay_frames(self):
-        """Two frames that hold its relay when they are sent in turn, for the guardian; a device with a `relay_time` has them."""
+        """Two frames that hold its relay when they are sent in turn, for the guardian; a device with a `relay_time` has
+        them.
+        """
         return []
 
     def sends(self):

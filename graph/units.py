@@ -50,8 +50,17 @@ _BASE = {
 }
 _ORDER = {symbol: index for index, symbol in enumerate(_BASE)}
 _SPELLINGS = {
-    "uT": "µT", "us": "µs", "degC": "°C", "C": "°C", "degrees": "deg", "degree": "deg", "°": "deg", "radians": "rad", "ohm": "Ω",
-    "Nm": "N·m", "g0": "g0",
+    "uT": "µT",
+    "us": "µs",
+    "degC": "°C",
+    "C": "°C",
+    "degrees": "deg",
+    "degree": "deg",
+    "°": "deg",
+    "radians": "rad",
+    "ohm": "Ω",
+    "Nm": "N·m",
+    "g0": "g0",
 }
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 _TO_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -59,7 +68,7 @@ _FACTOR = re.compile(r"^(1|[^\d\s^⁰¹²³⁴⁵⁶⁷⁸⁹⁻-]+)(?:\^?\(?(-?
 
 
 def _symbol(text):
-    text = text.replace("μ", "µ")                       # Greek mu to the micro sign
+    text = text.replace("μ", "µ")  # Greek mu to the micro sign
     return _SPELLINGS.get(text, text)
 
 
@@ -92,7 +101,9 @@ def parse(unit):
             continue
         if symbol not in _BASE:
             close = difflib.get_close_matches(symbol, _BASE, n=1)
-            raise ValueError(f"{symbol!r} in {unit!r} is not a unit" + (f"; did you mean {close[0]!r}?" if close else ""))
+            raise ValueError(
+                f"{symbol!r} in {unit!r} is not a unit" + (f"; did you mean {close[0]!r}?" if close else "")
+            )
         exponents[symbol] = exponents.get(symbol, 0) + sign * exponent
     return tuple(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 
@@ -108,7 +119,9 @@ def _write(exponents):
 
 @lru_cache(maxsize=None)
 def canonical(unit):
-    """The one spelling of a unit: 'N*m' gives 'N·m', 'm/s^2' gives 'm/s²', 'any' stays. ValueError if it is not a unit."""
+    """The one spelling of a unit: 'N*m' gives 'N·m', 'm/s^2' gives 'm/s²', 'any' stays. ValueError if it is not a
+    unit.
+    """
     return ANY if unit == ANY else _write(parse(unit))
 
 
@@ -142,7 +155,9 @@ def _scale(unit):
 
 
 def conversion(source, target):
-    """(factor, offset) with target = factor · source + offset. ValueError where the two do not measure the same thing."""
+    """(factor, offset) with target = factor · source + offset. ValueError where the two do not measure the same
+    thing.
+    """
     source, target = canonical(source), canonical(target)
     if source == target:
         return 1.0, 0.0
@@ -170,7 +185,8 @@ def deg(angle):
 def parse_quantity(text, unit):
     """A number that may carry a unit, '60 deg', in `unit`; in SI units, angles in rad, where that is None.
 
-    ValueError if it is not a number, the unit does not convert, or `unit` is "any": what has the unit of whatever is wired takes a number.
+    ValueError if it is not a number, the unit does not convert, or `unit` is "any": what has the unit of whatever is
+    wired takes a number.
     """
     match = re.match(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf|nan)\s*(.*)$", text)
     if not match:
@@ -179,5 +195,13 @@ def parse_quantity(text, unit):
     if not match[2]:
         return value
     if unit == ANY:
-        raise ValueError(f"takes the unit of what is wired to its block, so it is given as a number alone, not {text!r}")
-    return convert(value, match[2], unit) if unit is not None else value if canonical(match[2]) == "°C" else value * _scale(match[2])[0]
+        raise ValueError(
+            f"takes the unit of what is wired to its block, so it is given as a number alone, not {text!r}"
+        )
+    return (
+        convert(value, match[2], unit)
+        if unit is not None
+        else value
+        if canonical(match[2]) == "°C"
+        else value * _scale(match[2])[0]
+    )

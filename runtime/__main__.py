@@ -5,7 +5,7 @@ import sys
 
 from runtime import working_folder
 
-FOLDER = working_folder.move_back() if __name__ == "__main__" else None        # before anything that it could hide
+FOLDER = working_folder.move_back() if __name__ == "__main__" else None  # before anything that it could hide
 
 import signal  # noqa: E402
 
@@ -22,9 +22,10 @@ def main(folder=FOLDER):
     occupy_standard_streams()
     try:
         code = start(folder)
-    except KeyboardInterrupt:                   # while still importing
+    except KeyboardInterrupt:  # while still importing
         code = INTERRUPTED
-    signal.signal(signal.SIGINT, signal.SIG_IGN)        # all is done: a second Ctrl-C, while Python takes itself down, is not how it ended
+    # all is done: a second Ctrl-C, while Python takes itself down, is not how it ended
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     return code
 
 
@@ -42,7 +43,9 @@ def start(folder):
 
 
 def occupy_standard_streams():
-    """Where a standard stream is closed, a file of ours would take its number, and be written to by whoever means the stream."""
+    """Where a standard stream is closed, a file of ours would take its number, and be written to by whoever means the
+    stream.
+    """
     spare = os.open(os.devnull, os.O_RDWR)
     while spare <= 2:
         spare = os.open(os.devnull, os.O_RDWR)

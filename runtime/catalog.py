@@ -18,22 +18,26 @@ from runtime.exception_text import name_and_text
 from runtime.telling.lines import count, paper
 from runtime.telling.terminal import program
 
-OWN = "blocks"                  # our library's package
+OWN = "blocks"  # our library's package
 BASES = (Block.__module__, Device.__module__)
 
 
 @dataclass(frozen=True)
 class Library:
-    """A library of blocks: the distribution that brings it, the modules to look in, what was found, and what could not be imported."""
+    """A library of blocks: the distribution that brings it, the modules to look in, what was found, and what could not
+    be imported.
+    """
 
     name: str
     modules: tuple
-    homes: dict                 # a block's class: the module that offers it
-    broken: tuple               # (module, why)
+    homes: dict  # a block's class: the module that offers it
+    broken: tuple  # (module, why)
 
 
 def catalog(name=None, library=None, models=False):
-    """Lines: every block, or those of `library`; one block or family, with `name`; the models of actuators. Raises BadInput."""
+    """Lines: every block, or those of `library`; one block or family, with `name`; the models of actuators. Raises
+    BadInput.
+    """
     sheet = paper()
     if models:
         return actuators(sheet)
@@ -46,10 +50,15 @@ def catalog(name=None, library=None, models=False):
     in_family = [kind for kind, home in homes.items() if name.lower() in (family_of(home), home)]
     if in_family:
         return rows(in_family, sheet)
-    return [line for index, kind in enumerate(find(name, homes)) for line in ([""] if index else []) + describe(kind, homes[kind], sheet)]
+    return [
+        line
+        for index, kind in enumerate(find(name, homes))
+        for line in ([""] if index else []) + describe(kind, homes[kind], sheet)
+    ]
 
 
 # Libraries
+
 
 def libraries():
     """Every Library, ours first."""
@@ -72,10 +81,18 @@ def read(name, places):
 
 
 def offers(module, kind):
-    """Whether a module is where a block is to be had: it defines it, or is ours and offers what the language defines, such as sums."""
-    if not (isinstance(kind, type) and issubclass(kind, Block)) or kind.__name__.startswith("_") or vars(kind).get("abstract"):
+    """Whether a module is where a block is to be had: it defines it, or is ours and offers what the language defines,
+    such as sums.
+    """
+    if (
+        not (isinstance(kind, type) and issubclass(kind, Block))
+        or kind.__name__.startswith("_")
+        or vars(kind).get("abstract")
+    ):
         return False
-    ours = module.__name__.split(".")[0] == OWN and kind.__module__.startswith("graph.") and kind.__module__ not in BASES
+    ours = (
+        module.__name__.split(".")[0] == OWN and kind.__module__.startswith("graph.") and kind.__module__ not in BASES
+    )
     return kind.__module__ == module.__name__ or ours
 
 
@@ -83,7 +100,7 @@ def walk(name, broken):
     """A module and all below it. What cannot be imported is added to `broken`."""
     try:
         module = importlib.import_module(name)
-    except Exception as error:                      # whatever a stranger's module does as it is imported, the others are listed
+    except Exception as error:  # whatever a stranger's module does as it is imported, the others are listed
         broken.append((name, name_and_text(error)))
         return
     yield module
@@ -100,7 +117,10 @@ def find_library(name, found):
         if plain(name) in map(plain, (library.name, *(place.split(".")[0] for place in library.modules))):
             return library
     known = [library.name for library in found]
-    raise BadInput(f"no library {name!r} is installed that brings blocks; {suggestion(name, known) or 'there is ' + ', '.join(known)}")
+    raise BadInput(
+        f"no library {name!r} is installed that brings blocks; "
+        f"{suggestion(name, known) or 'there is ' + ', '.join(known)}"
+    )
 
 
 def family_of(home):
@@ -118,6 +138,7 @@ def import_line(kind, home):
 
 # Lists
 
+
 def listing(found, sheet, described):
     """Every block in one line, by library and family."""
     lines = []
@@ -126,11 +147,19 @@ def listing(found, sheet, described):
         for family in dict.fromkeys(map(family_of, library.homes.values())):
             own = [kind for kind, home in library.homes.items() if family_of(home) == family]
             modules = dict.fromkeys(import_line(kind, library.homes[kind]).split()[1] for kind in own)
-            lines += ["", f"  {sheet.bold(family)}  {sheet.faint('from ' + ', '.join(modules))}", *rows(own, sheet, "    ")]
+            lines += [
+                "",
+                f"  {sheet.bold(family)}  {sheet.faint('from ' + ', '.join(modules))}",
+                *rows(own, sheet, "    "),
+            ]
         for module, why in library.broken:
             lines += ["", sheet.bad(f"  {module} cannot be imported: {why}")]
         lines.append("")
-    return [*lines, f"{program()} blocks NAME tells all about one, --from LIBRARY about a library, --actuators the models of actuators"]
+    return [
+        *lines,
+        f"{program()} blocks NAME tells all about one, --from LIBRARY about a library, --actuators the "
+        "models of actuators",
+    ]
 
 
 def rows(kinds, sheet, indent=""):
@@ -148,7 +177,9 @@ def metadata(library):
 
 def title(library, sheet):
     data = metadata(library)
-    return sheet.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
+    return (
+        sheet.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
+    )
 
 
 def about(library, sheet):
@@ -162,11 +193,17 @@ def about(library, sheet):
     needs = [text for text in data.get_all("Requires-Dist", []) if "extra ==" not in text]
     facts = (
         ("about", data.get("Summary")),
-        ("author", ", ".join(text for text in (data.get("Author"), data.get("Author-email"), data.get("Maintainer")) if text)),
+        (
+            "author",
+            ", ".join(text for text in (data.get("Author"), data.get("Author-email"), data.get("Maintainer")) if text),
+        ),
         ("licence", data.get("License-Expression") or data.get("License")),
         ("home", next((url.partition(", ")[2] for url in data.get_all("Project-URL", [])), data.get("Home-page"))),
         ("needs", ", ".join(needs)),
-        ("tested with", ", ".join([*(f"Python {v}" for v in tested), *(text for text in needs if re.match(r"tickwork\b", text))])),
+        (
+            "tested with",
+            ", ".join([*(f"Python {v}" for v in tested), *(text for text in needs if re.match(r"tickwork\b", text))]),
+        ),
         ("Python", data.get("Requires-Python")),
     )
     for label, value in facts:
@@ -175,6 +212,7 @@ def about(library, sheet):
 
 
 # One block
+
 
 def find(name, kinds):
     """The blocks of that name, in whatever way it is written. BadInput with a suggestion if there is none."""
@@ -191,7 +229,10 @@ def find(name, kinds):
 def describe(kind, home, sheet):
     """All that one block declares."""
     card = class_card(kind)
-    lines = [sheet.bold(card["type"]) + f"  {import_line(kind, home)}", sheet.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}")]
+    lines = [
+        sheet.bold(card["type"]) + f"  {import_line(kind, home)}",
+        sheet.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}"),
+    ]
     for paragraph in documentation(kind) or ("no docstring",):
         code = re.search(r"^\s", paragraph, re.M)
         lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
@@ -199,10 +240,19 @@ def describe(kind, home, sheet):
     units = max((len(unit_text(item)) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
     for title in ("inputs", "outputs"):
         if card[title]:
-            lines += ["", sheet.bold(title) + (sheet.faint("  of an example: its parameters make them") if card["made"] else "")]
+            lines += [
+                "",
+                sheet.bold(title) + (sheet.faint("  of an example: its parameters make them") if card["made"] else ""),
+            ]
         for port in card[title]:
-            words = [port["description"], f"default {port['default']}" if "default" in port else "", port.get("range", "")]
-            lines += sheet.hang(f"  {port['name']:<{width}}  {unit_text(port):<{units}}  ", "; ".join(word for word in words if word))
+            words = [
+                port["description"],
+                f"default {port['default']}" if "default" in port else "",
+                port.get("range", ""),
+            ]
+            lines += sheet.hang(
+                f"  {port['name']:<{width}}  {unit_text(port):<{units}}  ", "; ".join(word for word in words if word)
+            )
     if card["variadic"]:
         lines += ["", sheet.bold("inputs") + "  any number of signals; unwired, every port"]
     if card["parameters"]:
@@ -211,7 +261,9 @@ def describe(kind, home, sheet):
         default = "required" if item["default"] == "required" else f"default {item['default']}"
         live = "live" if item["live"] else "" if kind.parameters[item["name"]].fixed else "may be Live"
         words = [item["description"], default, item["bounds"], live]
-        lines += sheet.hang(f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word))
+        lines += sheet.hang(
+            f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word)
+        )
     return [line.rstrip() for line in lines]
 
 
@@ -230,29 +282,56 @@ def source_line(kind):
 
 # Actuators
 
+
 def actuators(sheet):
     """The models of actuators, by family: what each holds, what it gives for seconds, and what its wire can say."""
     from blocks.actuators.cubemars import models as cubemars
     from blocks.actuators.cubemars import models_v3 as cubemars_v3
     from blocks.actuators.robstride import models as robstride
 
-    lines = [*family(sheet, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS), "",
-             *family(sheet, "CubeMars, boards V3.0", "CubeMarsV3 in force control, CubeMarsServo in servo mode", cubemars_v3.MODELS), "",
-             *family(sheet, "RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", robstride.MODELS)]
-    words = ("Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
-             "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit that differs. "
-             "Kt: at the output, of the phase's peak current on a RobStride. What nobody has published is a -: where it is the rated torque, "
-             "limit= is needed; where it is Kt, torque_constant= in servo mode.")
+    lines = [
+        *family(
+            sheet, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS
+        ),
+        "",
+        *family(
+            sheet,
+            "CubeMars, boards V3.0",
+            "CubeMarsV3 in force control, CubeMarsServo in servo mode",
+            cubemars_v3.MODELS,
+        ),
+        "",
+        *family(
+            sheet,
+            "RobStride and CyberGear",
+            "RobStride, or RobStrideMIT for the vendor's MIT protocol",
+            robstride.MODELS,
+        ),
+    ]
+    words = (
+        "Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
+        "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit "
+        "that differs. "
+        "Kt: at the output, of the phase's peak current on a RobStride. What nobody has published is a -: where "
+        "it is the rated torque, "
+        "limit= is needed; where it is Kt, torque_constant= in servo mode."
+    )
     return [*lines, "", *sheet.hang("  ", words)]
 
 
 def family(sheet, name, blocks, models):
     """The table of one family."""
-    columns = "".join(f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt"))
-    units = "".join(f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A"))
+    columns = "".join(
+        f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt")
+    )
+    units = "".join(
+        f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A")
+    )
     lines = [
-        sheet.bold(name) + f"  from blocks.actuators import {blocks}", "",
-        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"), f"  {'model':<12}{'gear':>8}{columns}",
+        sheet.bold(name) + f"  from blocks.actuators import {blocks}",
+        "",
+        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"),
+        f"  {'model':<12}{'gear':>8}{columns}",
         sheet.faint(f"  {'':<12}{'':>8}{units}"),
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]

@@ -1,4 +1,6 @@
-"""`python -m runtime check FILE`: compiles a diagram and tells what was found: ports, schedule, proof, buses, and what is wrong."""
+"""`python -m runtime check FILE`: compiles a diagram and tells what was found: ports, schedule, proof, buses, and what
+is wrong.
+"""
 
 import itertools
 import json
@@ -49,7 +51,8 @@ def told(found, as_json):
 
 
 def check(path, settings=(), rate=None, rig=None):
-    """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that cannot be read.
+    """What there is to tell of a diagram file, as plain data with the keys above. Raises BadInput for a file that
+    cannot be read.
 
     settings : pairs (name, text) from --set
     rate : Hz instead of the diagram's own
@@ -79,7 +82,10 @@ def check(path, settings=(), rate=None, rig=None):
                 raise
             errors += error.diagnostics
     return {
-        "diagram": diagram.name, "file": str(path), "rate": diagram.rate, "ok": not errors,
+        "diagram": diagram.name,
+        "file": str(path),
+        "rate": diagram.rate,
+        "ok": not errors,
         "blocks": blocks(diagram, found),
         "schedule": None if schedule is None else describe_schedule(schedule),
         "holds": [dict(zip(("source", "source_every", "target", "target_every"), hold)) for hold in found.holds],
@@ -96,7 +102,12 @@ def refused(path, diagnostics):
     """What is told of a file whose diagram could not be made."""
     nothing = {key: [] for key in ("blocks", "holds", "proofs", "torque", "buses", "warnings")}
     return nothing | {
-        "diagram": path.stem, "file": str(path), "rate": None, "ok": False, "schedule": None, "plant": None,
+        "diagram": path.stem,
+        "file": str(path),
+        "rate": None,
+        "ok": False,
+        "schedule": None,
+        "plant": None,
         "errors": [describe(d) for d in diagnostics],
     }
 
@@ -107,7 +118,9 @@ def bound(value):
 
 def blocks(diagram, found):
     """Each block with its ports: devices first, then as they run, then what only takes."""
-    order = [block for block in diagram if isinstance(block, Device)] + [block for block in found.order if not isinstance(block, Device)]
+    order = [block for block in diagram if isinstance(block, Device)] + [
+        block for block in found.order if not isinstance(block, Device)
+    ]
     order += [block for block in diagram if block not in set(order)]
     targets = wired_to(diagram, found)
     return [describe_block(block, block_card(block, found, targets, place), found) for block in order]
@@ -115,18 +128,25 @@ def blocks(diagram, found):
 
 def describe_block(block, card, found):
     keys = ("name", "unit", "shape", "dtype", "source", "constant", "default", "targets")
-    sides = {side: [{key: port[key] for key in keys if key in port} for port in card[side]] for side in ("inputs", "outputs")}
+    sides = {
+        side: [{key: port[key] for key in keys if key in port} for port in card[side]] for side in ("inputs", "outputs")
+    }
     for port in sides["outputs"]:
         interval = found.ranges.get(Signal(block, port["name"]), EVERYTHING)
         port |= {"low": bound(interval.low), "high": bound(interval.high)}
-    return {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")} | {"hold_exceptions": block.hold_exceptions} | sides
+    return (
+        {key: card[key] for key in ("path", "type", "module", "made", "runs", "rate", "conditions")}
+        | {"hold_exceptions": block.hold_exceptions}
+        | sides
+    )
 
 
 def describe_schedule(schedule):
     names = {signal.slot: signal.path for signal in schedule.signals.values()}
     sections = itertools.count(1)
     return {
-        "devices": [device.name for device in schedule.devices], "recorded": len(schedule.columns),
+        "devices": [device.name for device in schedule.devices],
+        "recorded": len(schedule.columns),
         "output": describe_steps(schedule, schedule.output, names, sections),
         "update": describe_steps(schedule, schedule.update, names, sections),
         "gil_sections": schedule.gil_sections,
@@ -139,26 +159,46 @@ def describe_steps(schedule, steps, names, sections):
     for step in steps:
         native = step.kernel is not None
         gil = None if native else gil or next(sections)
-        described.append({
-            "block": step.name, "native": native, "every": step.every, "rate": schedule.rate / step.every,
-            "while": [names[slot] for slot in step.conditions], "gil": gil})
+        described.append(
+            {
+                "block": step.name,
+                "native": native,
+                "every": step.every,
+                "rate": schedule.rate / step.every,
+                "while": [names[slot] for slot in step.conditions],
+                "gil": gil,
+            }
+        )
     return described
 
 
 def describe_torque(path, torque):
     return {
-        "actuator": path, "bound": torque.kind, "limit": torque.limit, "holds": torque.holds or None, "acceleration": torque.acceleration,
-        "figures": [dict(zip(("name", "value", "unit", "description"), figure)) for figure in torque.figures]}
+        "actuator": path,
+        "bound": torque.kind,
+        "limit": torque.limit,
+        "holds": torque.holds or None,
+        "acceleration": torque.acceleration,
+        "figures": [dict(zip(("name", "value", "unit", "description"), figure)) for figure in torque.figures],
+    }
 
 
 def describe_proof(proof, diagram, torque):
     source, actuator = diagram.blocks.get(proof.bounded_by), diagram[proof.path]
     return {
-        "command": f"{proof.path}.{proof.port}", "unit": proof.unit, "low": bound(proof.interval.low), "high": bound(proof.interval.high),
-        "limit_low": bound(proof.limit.low), "limit_high": bound(proof.limit.high), "rating": actuator.rating(),
-        "bounded_by": proof.bounded_by, "at": place(source.location) if source is not None else "",
-        "slew": bound(source.output_slew) if source is not None and source.output_slew is not None else None, "holds": proof.holds,
-        "safe_stop": stop_of(actuator), "assumes": (torque and torque.holds) or None,
+        "command": f"{proof.path}.{proof.port}",
+        "unit": proof.unit,
+        "low": bound(proof.interval.low),
+        "high": bound(proof.interval.high),
+        "limit_low": bound(proof.limit.low),
+        "limit_high": bound(proof.limit.high),
+        "rating": actuator.rating(),
+        "bounded_by": proof.bounded_by,
+        "at": place(source.location) if source is not None else "",
+        "slew": bound(source.output_slew) if source is not None and source.output_slew is not None else None,
+        "holds": proof.holds,
+        "safe_stop": stop_of(actuator),
+        "assumes": (torque and torque.holds) or None,
     }
 
 
@@ -170,9 +210,15 @@ def buses(diagram, schedule):
         devices.setdefault(block.bus, []).append(block)
     loads = {load.bus: load for load in schedule.loads} if schedule is not None else {}
     return [
-        {"bus": bus, "medium": own[0].medium, "devices": [block.path for block in own], "coverage": coverage(own, everything)}
+        {
+            "bus": bus,
+            "medium": own[0].medium,
+            "devices": [block.path for block in own],
+            "coverage": coverage(own, everything),
+        }
         | (asdict(loads[bus]) if bus in loads else {})
-        for bus, own in sorted(devices.items())]
+        for bus, own in sorted(devices.items())
+    ]
 
 
 def describe_plant(simulation):
@@ -184,6 +230,11 @@ def describe_plant(simulation):
 def describe(diagnostic):
     where = place(diagnostic.where) if diagnostic.where else ""
     return {
-        "code": diagnostic.code, "title": diagnostic.title, "path": diagnostic.path, "port": diagnostic.port, "at": where,
-        "message": diagnostic.message, "hint": diagnostic.hint,
+        "code": diagnostic.code,
+        "title": diagnostic.title,
+        "path": diagnostic.path,
+        "port": diagnostic.port,
+        "at": where,
+        "message": diagnostic.message,
+        "hint": diagnostic.hint,
     }

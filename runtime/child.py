@@ -1,4 +1,6 @@
-"""A process of our own beside the run: started with the parent's packages, its orders on standard input, its answers as lines of JSON."""
+"""A process of our own beside the run: started with the parent's packages, its orders on standard input, its answers as
+lines of JSON.
+"""
 
 import json
 import os
@@ -25,9 +27,8 @@ import_module(module).main(*map(int, numbers))
 class ChildProcess:
     """Spawned at once, in a session of its own.
 
-    module : its `main` is called with two file descriptors, of the pipe for answers and a pidfd of this process, and with `numbers`
-    numbers : whole numbers
-    descriptors : file descriptors that it inherits under their numbers
+    module : its `main` is called with two file descriptors, of the pipe for answers and a pidfd of this process, and
+    with `numbers` numbers : whole numbers descriptors : file descriptors that it inherits under their numbers
 
     pid : number of the process
     """
@@ -39,8 +40,11 @@ class ChildProcess:
         path = [os.path.abspath(entry) for entry in sys.path]
         try:
             self._child = subprocess.Popen(
-                [sys.executable, "-c", _BOOT, module, _ROOT, places, *path], stdin=subprocess.PIPE,
-                pass_fds=(their_answers, control, *descriptors), start_new_session=True)
+                [sys.executable, "-c", _BOOT, module, _ROOT, places, *path],
+                stdin=subprocess.PIPE,
+                pass_fds=(their_answers, control, *descriptors),
+                start_new_session=True,
+            )
         finally:
             os.close(their_answers)
             os.close(control)
@@ -48,7 +52,9 @@ class ChildProcess:
         self._answers, self._heard = answers, b""
 
     def keep_to(self, processors):
-        """From now on it runs on these alone, with all that it starts. One that has ended, or may not, stays as it is."""
+        """From now on it runs on these alone, with all that it starts. One that has ended, or may not, stays as it
+        is.
+        """
         with suppress(OSError):
             for thread in self._threads():
                 os.sched_setaffinity(thread, processors)

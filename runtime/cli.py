@@ -31,9 +31,12 @@ COMMANDS = {
     "calibrate": "find bias, offset and scale of an IMU while somebody turns it, and keep them in a file",
     "set": "change live parameters of a run that goes on, or list them",
 }
-ROOMS = {                       # those of the others are in runtime.commands
-    "bench": "runtime.bench.command", "doctor": "runtime.doctor.command", "emulate": "runtime.emulation.command",
-    "rate": "runtime.rate.command"}
+ROOMS = {  # those of the others are in runtime.commands
+    "bench": "runtime.bench.command",
+    "doctor": "runtime.doctor.command",
+    "emulate": "runtime.emulation.command",
+    "rate": "runtime.rate.command",
+}
 INTERRUPTED = 130
 
 
@@ -57,7 +60,7 @@ def main(arguments=None, folder=None):
     except KeyboardInterrupt:
         complain(["tickwork: stopped by Ctrl-C; nothing is armed"])
         code = INTERRUPTED
-    tell([])                                    # what the user's own code has printed
+    tell([])  # what the user's own code has printed
     return code
 
 
@@ -70,7 +73,9 @@ def check_encoding(arguments):
 
 
 def refusal(arguments):
-    """The exception of a diagram that is refused; nothing that could be raised where recordings are read: the language needs what was compiled."""
+    """The exception of a diagram that is refused; nothing that could be raised where recordings are read: the language
+    needs what was compiled.
+    """
     if arguments and arguments[0] in house.READING:
         return ()
     from graph import DiagramError
@@ -84,7 +89,12 @@ def command(arguments, folder):
         return OK if arguments else BAD_INPUT
     first = arguments[0]
     if first not in COMMANDS:
-        if not first.startswith("-") and not Path(first).suffix and not Path(first).exists() and suggestion(first, COMMANDS):
+        if (
+            not first.startswith("-")
+            and not Path(first).suffix
+            and not Path(first).exists()
+            and suggestion(first, COMMANDS)
+        ):
             raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
         return run("run", arguments, folder)
     return run(first, arguments[1:], folder)
@@ -92,7 +102,7 @@ def command(arguments, folder):
 
 def run(name, arguments, folder):
     module = import_module(ROOMS.get(name, f"runtime.commands.{name}"))
-    trouble = house.namesake(folder)                # now that all is loaded that this command needs
+    trouble = house.namesake(folder)  # now that all is loaded that this command needs
     if trouble is not None:
         raise BadInput(trouble)
     return module.main(arguments)
@@ -101,5 +111,8 @@ def run(name, arguments, folder):
 def usage():
     lines = [f"usage: {program()} FILE [options]      run a diagram; FILE is Python, such as diagrams/knee_exo.py"]
     lines += [f"       {program()} {name:<10} ...      {text}" for name, text in COMMANDS.items() if name != "run"]
-    lines.append(f"       {program()} COMMAND --help      the options of run, {' and '.join(name for name in COMMANDS if name != 'run')}")
+    lines.append(
+        f"       {program()} COMMAND --help      the options of run, "
+        f"{' and '.join(name for name in COMMANDS if name != 'run')}"
+    )
     return lines

@@ -1,10 +1,16 @@
 """Which failures of a run on a rig still end in the safe stop of a bus, and which component sees to it."""
 
-GUARDIAN, WATCHDOG, RUN, DRIVES = "the guardian", "the watchdog, then the guardian", "the run itself", "the drives' own time-out"
+GUARDIAN, WATCHDOG, RUN, DRIVES = (
+    "the guardian",
+    "the watchdog, then the guardian",
+    "the run itself",
+    "the drives' own time-out",
+)
 
 
 def coverage(devices, everything):
-    """Return the failures of a run as a list of {"failure", "covered", "by"}; an empty list for a bus with nothing to stop.
+    """Return the failures of a run as a list of {"failure", "covered", "by"}; an empty list for a bus with nothing to
+    stop.
 
     devices : graph.Device on the bus
     everything : graph.Device of the whole diagram
@@ -18,8 +24,12 @@ def coverage(devices, everything):
     last = " and ".join(dict.fromkeys(words for device in movers for words in stops(device, everything)))
     by = last if not alone else f"{nothing_stops(alone)}: no time-out in the drive, no charge pump"
     return [
-        entry("exception", RUN), entry("kill -9", GUARDIAN), entry("kill -STOP", GUARDIAN), entry("hung block", WATCHDOG),
-        entry("loss of the guardian", RUN), entry("kill -9 of guardian and control process together", by, covered=not alone),
+        entry("exception", RUN),
+        entry("kill -9", GUARDIAN),
+        entry("kill -STOP", GUARDIAN),
+        entry("hung block", WATCHDOG),
+        entry("loss of the guardian", RUN),
+        entry("kill -9 of guardian and control process together", by, covered=not alone),
         entry("loss of power of the computer", by, covered=not alone),
     ]
 
@@ -29,7 +39,9 @@ def moves(device):
 
 
 def stops(device, everything):
-    """Return what stops a drive without the run and without the guardian: its own time-out, or the charge pumps that hold its power."""
+    """Return what stops a drive without the run and without the guardian: its own time-out, or the charge pumps that
+    hold its power.
+    """
     own = [DRIVES] if device.own_timeout is not None else []
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
@@ -52,6 +64,10 @@ def in_words(found):
     by = {}
     for each in found:
         by.setdefault((each["covered"], each["by"]), []).append(each["failure"])
-    texts = {covered: "; ".join(f"{', '.join(failures)} ({who})" for (is_so, who), failures in by.items() if is_so == covered)
-             for covered in (True, False)}
+    texts = {
+        covered: "; ".join(
+            f"{', '.join(failures)} ({who})" for (is_so, who), failures in by.items() if is_so == covered
+        )
+        for covered in (True, False)
+    }
     return texts[True], texts[False]

@@ -24,7 +24,9 @@ ROOMS = tuple(str(Path(__file__).parents[1] / room) + os.sep for room in ("block
 
 @dataclass
 class DiagramFile:
-    """A loaded file: the module, and what was set for its `build` and its `plant`. sha256 : hex digest of the source that was run"""
+    """A loaded file: the module, and what was set for its `build` and its `plant`. sha256 : hex digest of the source
+    that was run
+    """
 
     path: Path
     module: object
@@ -45,9 +47,8 @@ class DiagramFile:
 def load(path, settings=(), rig=None, sha256=None):
     """Read a diagram file and build its diagram.
 
-    path : of the file
-    rig : RigFile or None; what it says of devices comes before the settings
-    settings : pairs (name, text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any other one of the
+    path : of the file rig : RigFile or None; what it says of devices comes before the settings settings : pairs (name,
+    text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any other one of the
         parameters of `build` or `plant`
     sha256 : hex digest of the only source that may be run; None for any
 
@@ -58,7 +59,9 @@ def load(path, settings=(), rig=None, sha256=None):
     file = DiagramFile(path, module, {}, {}, found)
     diagram, build = getattr(file.module, "diagram", None), file.function("build")
     if build is None and not isinstance(diagram, Diagram):
-        raise BadInput(f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one")
+        raise BadInput(
+            f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
+        )
     share_out(file, settings)
     if build is not None:
         diagram = call(file, build, **file.build_parameters)
@@ -83,7 +86,9 @@ def build_plant(file, robot):
 
 
 def compiled(path, diagram):
-    """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their authors' hooks raise."""
+    """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their
+    authors' hooks raise.
+    """
     schedule = blamed(path, compile, diagram)
     for block in schedule.python_blocks:
         blamed(path, block.reset)
@@ -98,7 +103,7 @@ def blamed(path, function, *arguments):
         raise
     except Exception as error:
         if not own_frames(path, error):
-            raise                                   # ours, and not the user's to mend
+            raise  # ours, and not the user's to mend
         raise BadInput(exception(path, error)) from error
 
 
@@ -130,7 +135,8 @@ def execute(path, sha256=None):
 
     Returns (module, hex digest of the source that was run).
 
-    It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a library.
+    It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a
+    library.
     """
     if path.is_dir():
         example = min(path.glob("*.py"), default=path / "knee_exo.py")
@@ -164,7 +170,11 @@ def call(file, function, /, *arguments, **named):
     except TypeError as error:
         code = getattr(function, "__code__", None)
         place = f"{code.co_filename}:{code.co_firstlineno}" if code else file.path
-        hint = "give it a default, or a value with --set NAME=VALUE" if "missing" in str(error) else "a plant is made as plant(robot)"
+        hint = (
+            "give it a default, or a value with --set NAME=VALUE"
+            if "missing" in str(error)
+            else "a plant is made as plant(robot)"
+        )
         raise BadInput(f"{place}: {function.__name__}() cannot be called: {error}; {hint}") from None
     return guarded(file.path, function, *arguments, **named)
 
@@ -189,7 +199,7 @@ def guarded(path, function, /, *arguments, **named):
         raise BadInput(exception(path, error)) from None
     except KeyboardInterrupt:
         raise
-    except BaseException as error:                      # user code may derive exceptions from BaseException
+    except BaseException as error:  # user code may derive exceptions from BaseException
         raise BadInput(exception(path, error)) from error
 
 
@@ -207,23 +217,41 @@ def syntax_error(error):
 def exception(path, error):
     """Where in the user's own code an exception came from, and what it says."""
     frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
-    hint = import_hint(path, error) if isinstance(error, ImportError) else port_hint(error) if isinstance(error, AttributeError) else ""
+    hint = (
+        import_hint(path, error)
+        if isinstance(error, ImportError)
+        else port_hint(error)
+        if isinstance(error, AttributeError)
+        else ""
+    )
     line = f"\n    {frames[-1].line}" if frames[-1].line else ""
     return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
 
 
 def own_frames(path, error):
-    """The part of a traceback that lies in the user's code, not in Tickwork or a library: in the diagram file's folder, if any does."""
+    """The part of a traceback that lies in the user's code, not in Tickwork or a library: in the diagram file's folder,
+    if any does.
+    """
     folder = os.path.dirname(os.path.abspath(path)) + os.sep
-    own = [frame for frame in traceback.extract_tb(error.__traceback__)
-           if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename]
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename
+    ]
     return [frame for frame in own if frame.filename.startswith(folder)] or own
 
 
 def words(error, limit=TEXT_LIMIT):
-    """An exception's name, and what it says; the text of a KeyError without quotation marks around it. limit : s for its text"""
+    """An exception's name, and what it says; the text of a KeyError without quotation marks around it. limit : s for
+    its text
+    """
+
     def text():
-        return str(error.args[0]) if isinstance(error, KeyError) and error.args and " " in str(error.args[0]) else str(error)
+        return (
+            str(error.args[0])
+            if isinstance(error, KeyError) and error.args and " " in str(error.args[0])
+            else str(error)
+        )
 
     said = bounded(text, limit)
     return type(error).__name__ + (f": {said}" if said else "")
@@ -240,10 +268,16 @@ def import_hint(path, error):
     if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
         return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
     wanted = re.match(r"cannot import name '(\w+)'", text_of(error))
-    return suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")]) if wanted and module is not None else ""
+    return (
+        suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")])
+        if wanted and module is not None
+        else ""
+    )
 
 
 def port_hint(error):
     """The port or parameter meant, where a block has none of that name."""
     block = error.obj
-    return suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""
+    return (
+        suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""
+    )

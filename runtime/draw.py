@@ -15,7 +15,7 @@ from runtime.telling.terminal import program
 
 FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
 BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
-ENOUGH = 12_000                 # px, the longer side of a PNG at most
+ENOUGH = 12_000  # px, the longer side of a PNG at most
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 
 
@@ -51,10 +51,15 @@ def choose(form, output, name):
     if output == "-":
         return form or "svg", None
     if output is None:
-        return form or "svg", Path("".join(c if c.isalnum() or c in "-_." else "_" for c in name) + FORMATS[form or "svg"])
+        return form or "svg", Path(
+            "".join(c if c.isalnum() or c in "-_." else "_" for c in name) + FORMATS[form or "svg"]
+        )
     suffix = Path(output).suffix.lower()
     if form is None and suffix and suffix not in BY_SUFFIX:
-        raise BadInput(f"-o {output}: a drawing cannot be written as {suffix}: choose from {', '.join(FORMATS.values())}, or say --format")
+        raise BadInput(
+            f"-o {output}: a drawing cannot be written as {suffix}: choose from "
+            f"{', '.join(FORMATS.values())}, or say --format"
+        )
     form = form or BY_SUFFIX.get(suffix, "svg")
     return form, Path(output) if suffix else Path(output + FORMATS[form])
 
@@ -78,10 +83,15 @@ def rasterise(text, target, scale=2.0):
             if tool(source, picture, size, scale, Path(folder)):
                 break
         else:
-            raise BadInput("no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install librsvg2-bin`, "
-                           "or write an SVG and open it in a browser")
+            raise BadInput(
+                "no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install "
+                "librsvg2-bin`, "
+                "or write an SVG and open it in a browser"
+            )
         if not picture.exists():
-            raise BadInput(f"{tool.__name__.removeprefix('with_')} wrote no PNG: write an SVG instead, with --format svg")
+            raise BadInput(
+                f"{tool.__name__.removeprefix('with_')} wrote no PNG: write an SVG instead, with --format svg"
+            )
         try:
             shutil.copyfile(picture, target)
         except OSError as error:
@@ -89,6 +99,7 @@ def rasterise(text, target, scale=2.0):
 
 
 # Each tool returns whether it is installed.
+
 
 def with_cairosvg(source, picture, size, scale, folder):
     if find_spec("cairosvg") is None:
@@ -111,13 +122,27 @@ def with_browser(source, picture, size, scale, folder):
     browser = next(filter(shutil.which, BROWSERS), None)
     as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     return browser is not None and call(
-        browser, "--headless", *as_root, "--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update",
-        "--disable-sync", "--hide-scrollbars", f"--user-data-dir={folder / 'profile'}", f"--force-device-scale-factor={scale:g}",
-        f"--window-size={round(size[0])},{round(size[1])}", f"--screenshot={picture}", source.as_uri())
+        browser,
+        "--headless",
+        *as_root,
+        "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--hide-scrollbars",
+        f"--user-data-dir={folder / 'profile'}",
+        f"--force-device-scale-factor={scale:g}",
+        f"--window-size={round(size[0])},{round(size[1])}",
+        f"--screenshot={picture}",
+        source.as_uri(),
+    )
 
 
 def call(program, *arguments):
     if shutil.which(program) is None:
         return False
-    subprocess.run([program, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120, check=False)
+    subprocess.run(
+        [program, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120, check=False
+    )
     return True

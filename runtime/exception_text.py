@@ -1,10 +1,12 @@
-"""Text of exceptions that user code raised. Their `__str__` and `__repr__` are user code, too: they may raise, or never return."""
+"""Text of exceptions that user code raised. Their `__str__` and `__repr__` are user code, too: they may raise, or never
+return.
+"""
 
 import threading
 import time
 import traceback
 
-TEXT_LIMIT = 0.04               # s for the text of one exception
+TEXT_LIMIT = 0.04  # s for the text of one exception
 
 
 def text_of(error, limit=TEXT_LIMIT):
@@ -23,7 +25,11 @@ def name_and_text(error, limit=TEXT_LIMIT):
 
 def last_lines(error):
     """Return the lines with which Python ends a traceback: name and text, and the notes that were added."""
-    text = bounded(lambda: "".join(traceback.format_exception_only(type(error), error)), TEXT_LIMIT, prefix=f"{type(error).__name__}: ")
+    text = bounded(
+        lambda: "".join(traceback.format_exception_only(type(error), error)),
+        TEXT_LIMIT,
+        prefix=f"{type(error).__name__}: ",
+    )
     return text.rstrip().split("\n")
 
 
@@ -36,21 +42,21 @@ def within(seconds):
 def bounded(form, limit, prefix=""):
     """Return what `form` returns, as text; where it raises or takes longer than `limit` s, `prefix` and the reason.
 
-    A thread calls it: an exception from a timer could be caught by the code that it shall end. One that never returns stays behind as a
-    daemon thread, and ends with the process.
+    A thread calls it: an exception from a timer could be caught by the code that it shall end. One that never returns
+    stays behind as a daemon thread, and ends with the process.
     """
     found = []
 
     def call():
         try:
-            found.append(str.__str__(form()))           # a plain str, also of a subclass with methods of its own
+            found.append(str.__str__(form()))  # a plain str, also of a subclass with methods of its own
         except BaseException as error:
             found.append(f"{prefix}(no text: it raised {type(error).__name__})")
 
     thread = threading.Thread(target=call, daemon=True)
     try:
         thread.start()
-    except RuntimeError:                                # the system grants no more threads
+    except RuntimeError:  # the system grants no more threads
         return f"{prefix}(no text)"
     thread.join(limit)
     return found[0] if found else f"{prefix}(no text within {limit * 1e3:.0f} ms)"

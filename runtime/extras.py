@@ -4,7 +4,8 @@ from importlib import import_module
 
 from runtime.errors import BadInput
 
-EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun"}       # module: the extra that brings it
+# module: the extra that brings it
+EXTRAS = {"pandas": "tables", "pyarrow": "parquet", "scipy": "matlab", "rerun": "rerun"}
 
 
 class MissingExtra(BadInput, ImportError):
@@ -20,7 +21,8 @@ def need(module, purpose):
         return import_module(module)
     except ImportError as error:
         package = module.partition(".")[0]
-        if error.name is None or error.name.partition(".")[0] != package:           # it is there, and what it needs is not
+        if error.name is None or error.name.partition(".")[0] != package:  # it is there, and what it needs is not
             raise MissingExtra(f"{purpose} needs {package}, which cannot be imported ({error})") from None
-        what = f"'tickwork[{EXTRAS[package]}]'" if package in EXTRAS else package         # of a clone that nothing was installed for
+        # of a clone that nothing was installed for
+        what = f"'tickwork[{EXTRAS[package]}]'" if package in EXTRAS else package
         raise MissingExtra(f"{purpose} needs {package}: pip install {what}") from None

@@ -1,7 +1,7 @@
 """Before anything else is imported: are the four packages from one place, built, and is what they need there?
 
-This file, `runtime/__main__.py` and `runtime/working_folder.py` must be readable for any Python 3.6 or newer, and import nothing else of
-Tickwork.
+This file, `runtime/__main__.py` and `runtime/working_folder.py` must be readable for any Python 3.6 or newer, and
+import nothing else of Tickwork.
 """
 
 import os
@@ -16,16 +16,24 @@ BAD_INPUT = 2
 HERE = Path(__file__).parent.parent
 OLDEST_PYTHON = (3, 10)
 NEEDS = {
-    "can": "python-can", "google.protobuf": "protobuf", "matplotlib": "matplotlib", "mcap": "mcap", "msgspec": "msgspec",
-    "networkx": "networkx", "numpy": "numpy", "serial": "pyserial", "smbus2": "smbus2",
+    "can": "python-can",
+    "google.protobuf": "protobuf",
+    "matplotlib": "matplotlib",
+    "mcap": "mcap",
+    "msgspec": "msgspec",
+    "networkx": "networkx",
+    "numpy": "numpy",
+    "serial": "pyserial",
+    "smbus2": "smbus2",
 }
-if sys.version_info < (3, 11):                  # later ones read TOML themselves
+if sys.version_info < (3, 11):  # later ones read TOML themselves
     NEEDS["tomli"] = "tomli"
 
-READING = ("convert", "diff", "plot")           # commands that need nothing that was compiled
+READING = ("convert", "diff", "plot")  # commands that need nothing that was compiled
 TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy")}
 
-LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")    # of Python, while a run is on
+# of Python, while a run is on
+LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")
 
 
 def trouble(command="", folder=None):
@@ -40,7 +48,9 @@ def trouble(command="", folder=None):
 
 def old_python():
     if sys.version_info[:2] < OLDEST_PYTHON:
-        return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (sys.version_info[:2] + OLDEST_PYTHON + (cure(),))
+        return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (
+            sys.version_info[:2] + OLDEST_PYTHON + (cure(),)
+        )
     return None
 
 
@@ -53,22 +63,33 @@ def stranger(folder=None):
         if os.path.realpath(place) != os.path.realpath(str(HERE)):
             both = "`%s` comes from %s, but `runtime` from %s" % (name, place, HERE)
             if place == folder:
-                return both + ": start with `tickwork`, which never puts the working folder first, or work in another folder"
+                return both + (
+                    ": start with `tickwork`, which never puts the working folder first, or work in another folder"
+                )
             return both + ": rename the one that is not Tickwork's, or take its folder off PYTHONPATH"
     return None
 
 
 def namesake(folder):
-    """A file of the working folder that bears the name of a library in use. It hides nothing, but the diagram may have meant it."""
+    """A file of the working folder that bears the name of a library in use. It hides nothing, but the diagram may have
+    meant it.
+    """
     if folder is None:
         return None
     ours = ("blocks", "cext", "graph", "runtime")
-    names = {name for name in sys.modules if not name.startswith("__") and name not in ours and name not in sys.builtin_module_names}
+    names = {
+        name
+        for name in sys.modules
+        if not name.startswith("__") and name not in ours and name not in sys.builtin_module_names
+    }
     names.update((name.split(".")[0] for name in NEEDS), LOADED_LATER)
     for name in sorted(names):
         path = working_folder.namesake(folder, [name])
         if path is not None and place_of(name) != os.path.realpath(folder):
-            return "%s bears the name of a library that Tickwork uses: rename it, or start with `tickwork`, which ignores it" % path
+            return (
+                "%s bears the name of a library that Tickwork uses: rename it, or start with `tickwork`, which "
+                "ignores it"
+            ) % path
     return None
 
 
@@ -82,7 +103,9 @@ def place_of(name):
 
 
 def unbuilt():
-    """Native modules of this clone without a build for this Python. An installed Tickwork has no sources and counts as built."""
+    """Native modules of this clone without a build for this Python. An installed Tickwork has no sources and counts as
+    built.
+    """
     sources = list((HERE / "cext").rglob("*.pyx"))
     if all(any(source.with_suffix(suffix).exists() for suffix in EXTENSION_SUFFIXES) for source in sources):
         return None
@@ -93,7 +116,7 @@ def unbuilt():
 def there(module):
     try:
         return find_spec(module) is not None
-    except ModuleNotFoundError:                 # not even the package that it is in
+    except ModuleNotFoundError:  # not even the package that it is in
         return False
 
 
@@ -105,7 +128,8 @@ def missing(needs=NEEDS):
 
 
 def explain(error):
-    """One line for an ImportError of what is installed beside Tickwork or was built from older sources. Raises it if the fault is ours.
+    """One line for an ImportError of what is installed beside Tickwork or was built from older sources. Raises it if
+    the fault is ours.
 
     error : ImportError, raised by importing `runtime.cli`
     """
@@ -114,7 +138,10 @@ def explain(error):
         raise error
     first_line = str(error).strip().split("\n")[0]
     if culprit == "cext":
-        return "the native code does not fit its sources (%s): %s" % (first_line, "run `make build`" if is_clone() else cure())
+        return "the native code does not fit its sources (%s): %s" % (
+            first_line,
+            "run `make build`" if is_clone() else cure(),
+        )
     return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, cure())
 
 

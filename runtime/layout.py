@@ -1,7 +1,8 @@
 """A layout for PlotJuggler, made from a diagram: a tab a subsystem, a plot a unit, and the stream's settings.
 
-PlotJuggler asks whether to start the stream when the layout is opened, and shows its settings with what it had last time, so that they stand in
-the file for who opens it: a comment says what to enter, once. (plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
+PlotJuggler asks whether to start the stream when the layout is opened, and shows its settings with what it had last
+time, so that they stand in the file for who opens it: a comment says what to enter, once.
+(plotjuggler_app/mainwindow.cpp, plotwidget.cpp and plot_docker.cpp of 3.17)
 """
 
 from ipaddress import ip_address
@@ -13,12 +14,15 @@ from runtime.recorder.choice import chosen
 from runtime.recordings.grouping import by_unit
 
 STREAMER, PROTOCOL, STAMP = "UDP Server", "json", "timestamp"
-BUFFER = 60                     # s that PlotJuggler keeps
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")      # (Okabe and Ito 2008)
+BUFFER = 60  # s that PlotJuggler keeps
+# (Okabe and Ito 2008)
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#333333")
 
 
 def columns(path, settings=(), rate=None):
-    """(name of the diagram, its rate, what its PlotJuggler block takes, that block): of a diagram file; all signals where it has no such block."""
+    """(name of the diagram, its rate, what its PlotJuggler block takes, that block): of a diagram file; all signals
+    where it has no such block.
+    """
     _, diagram = load(path, settings)
     if rate is not None:
         diagram.rate = rate
@@ -42,9 +46,11 @@ def address(host):
 def layout(name, signals, host, port):
     """The file's text. signals : columns; host, port : that is sent to"""
     root, host = tree.Element("root"), address(host)
-    words = (f"Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
-             f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that.")
-    root.append(tree.Comment(f" {words.replace('-', '‐')} "))          # two hyphens would end a comment
+    words = (
+        f"Tickwork: {name}. Start the stream with: address {host}, port {port}, protocol {PROTOCOL}; "
+        f"tick 'use field as timestamp' and enter {STAMP}. PlotJuggler keeps that."
+    )
+    root.append(tree.Comment(f" {words.replace('-', '‐')} "))  # two hyphens would end a comment
     tabs = tree.SubElement(root, "tabbed_widget", name="Main Window", parent="main_window")
     for title, plots in by_unit(name, signals).items():
         tab = tree.SubElement(tabs, "Tab", tab_name=title, containers="1")
@@ -53,7 +59,9 @@ def layout(name, signals, host, port):
         splitter = tree.SubElement(container, "DockSplitter", orientation="-", count=str(len(plots)), sizes=share)
         for label, paths in plots:
             area = tree.SubElement(splitter, "DockArea", name=label)
-            plot = tree.SubElement(area, "plot", mode="TimeSeries", style="Lines", line_width="1.5", flip_x="false", flip_y="false")
+            plot = tree.SubElement(
+                area, "plot", mode="TimeSeries", style="Lines", line_width="1.5", flip_x="false", flip_y="false"
+            )
             tree.SubElement(plot, "limitY")
             for number, path in enumerate(paths):
                 tree.SubElement(plot, "curve", name=curve(path), color=COLOURS[number % len(COLOURS)])

@@ -1,7 +1,8 @@
-"""Does every joint stand where its drive reads? The reading may be off by turns of the motor since the power was switched on.
+"""Does every joint stand where its drive reads? The reading may be off by turns of the motor since the power was
+switched on.
 
-A joint is armed where its reading lies in its range, no other reading a motor turn away does, or something else decides: a known pose of its
-rig, a pose that the operator states, a reference that measures the same angle.
+A joint is armed where its reading lies in its range, no other reading a motor turn away does, or something else
+decides: a known pose of its rig, a pose that the operator states, a reference that measures the same angle.
 """
 
 import math
@@ -12,9 +13,10 @@ from graph.block import suggestion
 from graph.diagram import Signal
 from runtime.errors import BadInput
 
-MARGIN, LEAST_MARGIN = 0.01, 0.02       # share of a range, and rad: how far outside of it a joint may stand
-STATED_TOLERANCE = 0.2                  # rad, of a stated pose where no power cycle shifts the reading; else a quarter of what it can shift
-LISTED = 4                              # other readings that a message names
+MARGIN, LEAST_MARGIN = 0.01, 0.02  # share of a range, and rad: how far outside of it a joint may stand
+# rad, of a stated pose where no power cycle shifts the reading; else a quarter of what it can shift
+STATED_TOLERANCE = 0.2
+LISTED = 4  # other readings that a message names
 
 
 class Poses:
@@ -27,31 +29,52 @@ class Poses:
     def __init__(self, diagram, schedule, stated=None):
         self.schedule, self.stated, self.refusals = schedule, dict(stated or {}), {}
         self.joints = [
-            block for block in diagram if isinstance(block, Actuator) and getattr(block, "range", ()) and "position" in block.outputs]
+            block
+            for block in diagram
+            if isinstance(block, Actuator) and getattr(block, "range", ()) and "position" in block.outputs
+        ]
         paths = [block.path for block in self.joints]
         for path in self.stated:
             if path not in paths:
                 hint = suggestion(path, paths) or f"its joints are {', '.join(paths) or 'none'}"
                 raise BadInput(f"--pose {path}: {diagram.name} has no such joint with a range; {hint}")
-        self.references = {block: self.reference(diagram, block) for block in self.joints if getattr(block, "reference", "")}
+        self.references = {
+            block: self.reference(diagram, block) for block in self.joints if getattr(block, "reference", "")
+        }
 
     def reference(self, diagram, block):
         """The slot of a joint's reference. BadInput"""
         match = re.fullmatch(r"(.+)\.(\w+?)(?:\[(\d+)\])?", block.reference)
         path, port, index = match.groups() if match else (block.reference, "", None)
         other = diagram.blocks.get(path)
-        if not isinstance(other, Device) or other is block or port not in other.outputs or other.outputs[port].unit != "rad":
-            raise BadInput(f"{block.path}: reference {block.reference!r} is no output in rad of another device, as in 'left/encoder.angle'")
+        if (
+            not isinstance(other, Device)
+            or other is block
+            or port not in other.outputs
+            or other.outputs[port].unit != "rad"
+        ):
+            raise BadInput(
+                f"{block.path}: reference {block.reference!r} is no output in rad of another device, as "
+                "in 'left/encoder.angle'"
+            )
         place = self.schedule.signals[Signal(other, port).path]
         if int(index or 0) >= place.size or (index is None and place.size != 1):
-            raise BadInput(f"{block.path}: reference {block.reference!r} has {place.size} elements: name one, as in '{path}.{port}[0]'")
+            raise BadInput(
+                f"{block.path}: reference {block.reference!r} has {place.size} elements: name one, as in "
+                f"'{path}.{port}[0]'"
+            )
         return place.slot + int(index or 0)
 
     def look(self, values):
         """{path: why it is not armed} of now. values : the arena"""
         found = {
-            block.path: verdict(block, float(values[self.schedule.signals[Signal(block, "position").path].slot]), self.evidence(block, values))
-            for block in self.joints}
+            block.path: verdict(
+                block,
+                float(values[self.schedule.signals[Signal(block, "position").path].slot]),
+                self.evidence(block, values),
+            )
+            for block in self.joints
+        }
         self.refusals = {path: why for path, why in found.items() if why}
         return self.refusals
 
@@ -75,19 +98,27 @@ def verdict(block, position, evidence):
     reads, decided = f"{path} reads {position:.3f} rad", False
     for words, angle, tolerance in evidence:
         decided = True
-        if not abs(position - angle) <= tolerance:                      # NaN of a reference, too
-            return f"{reads}, and {words} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
+        if not abs(position - angle) <= tolerance:  # NaN of a reference, too
+            return (
+                f"{reads}, and {words} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
+            )
     margin = max(MARGIN * (high - low), LEAST_MARGIN)
     others = readings(position, shift, low - margin, high + margin)
     bounds = f"{low:g} to {high:g} rad"
     if not low - margin <= position <= high + margin:
         off = f"; if it stands inside, its reading is off: it may stand at {listed(others)}" if others else ""
-        return f"{reads}, outside its range {bounds}: move it inside by hand, or correct `offset` and `range` in the rig{off}"
+        return (
+            f"{reads}, outside its range {bounds}: move it inside by hand, or correct `offset` and `range` in the "
+            f"rig{off}"
+        )
     if others and not decided:
         lie = "lies" if len(others) == 1 else "lie"
         return (
-            f"{reads}; a power cycle can shift that by {shift:.3f} rad ({math.degrees(shift):.3g}°), and {listed(others)} {lie} in its range {bounds}, too: "
-            f"hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state where it stands: --pose {path}=ANGLE")
+            f"{reads}; a power cycle can shift that by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
+            f"{listed(others)} {lie} in its range {bounds}, too: "
+            "hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state "
+            f"where it stands: --pose {path}=ANGLE"
+        )
     return ""
 
 
@@ -98,8 +129,11 @@ def turned(block, position, angle, tolerance):
     if not turns or abs(position + turns * shift - angle) > tolerance:
         return ": move it there, or correct the pose"
     count = f"{abs(turns)} motor turn{'s' * (abs(turns) > 1)}"
-    return (f": the reading is off by {count} of {shift:.3f} rad; offset = {block.offset - turns * shift:.4f} in the rig corrects that until the power "
-            "goes again")
+    return (
+        f": the reading is off by {count} of {shift:.3f} rad; offset = {block.offset - turns * shift:.4f} in the "
+        "rig corrects that until the power "
+        "goes again"
+    )
 
 
 def readings(position, shift, low, high):

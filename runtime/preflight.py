@@ -1,14 +1,15 @@
-"""The pre-flight table: what every device has answered, and what would stop it, for a person to read before anything may move.
+"""The pre-flight table: what every device has answered, and what would stop it, for a person to read before anything
+may move.
 
-It is made in the control process as plain data, between two rounds of arming, and told by the recorder, which has the terminal
-(runtime.telling.preflight_text).
+It is made in the control process as plain data, between two rounds of arming, and told by the recorder, which has the
+terminal (runtime.telling.preflight_text).
 """
 
 from graph.diagram import Signal
 from runtime.coverage import coverage
 
-OLD = 0.5                       # share of its timeout beyond which a sample is old
-NEAR = 1e-3                     # share of its range within which a position counts as at its end
+OLD = 0.5  # share of its timeout beyond which a sample is old
+NEAR = 1e-3  # share of its range within which a position counts as at its end
 
 
 class Preflight:
@@ -30,8 +31,13 @@ class Preflight:
         load = next((load for load in self.schedule.loads if load.bus == name), None)
         interface, channel = interfaces.get(name, (None, None))
         return {
-            "bus": name, "interface": interface, "channel": channel, "typical": None if load is None else load.typical,
-            "worst": None if load is None else load.worst, "coverage": coverage([block for block in self.devices if block.bus == name], self.devices)}
+            "bus": name,
+            "interface": interface,
+            "channel": channel,
+            "typical": None if load is None else load.typical,
+            "worst": None if load is None else load.worst,
+            "coverage": coverage([block for block in self.devices if block.bus == name], self.devices),
+        }
 
     def event(self, values):
         """What there is to tell. values : the arena"""
@@ -41,8 +47,13 @@ class Preflight:
             if row["device"] in refusals:
                 row["marks"].setdefault("position", "in doubt")
         return {
-            "event": "preflight", "devices": rows, "buses": self.buses, "guardian": self.granted,
-            "refused": list(refusals.values()), "confirm": self.confirm}
+            "event": "preflight",
+            "devices": rows,
+            "buses": self.buses,
+            "guardian": self.granted,
+            "refused": list(refusals.values()),
+            "confirm": self.confirm,
+        }
 
     def row(self, block, values):
         def measured(name):
@@ -51,12 +62,21 @@ class Preflight:
 
         found = {name: measured(name) for name in ("age", "position", "velocity", "temperature", "fault")}
         if found["temperature"] is not None and found["temperature"] != found["temperature"]:
-            found["temperature"] = None         # replies of this drive carry none
+            found["temperature"] = None  # replies of this drive carry none
         span = position_range(block)
         row = {
-            "device": block.path, "bus": block.bus, "ids": block.told_addresses(), "answered": True, **found,
-            "low": span[0], "high": span[1], "fault_words": None if found["fault"] is None else block.fault_in_words(int(found["fault"])),
-            "limit": getattr(block, "torque_limit", None), "own_timeout": block.own_timeout, "stop": stop_of(block)}
+            "device": block.path,
+            "bus": block.bus,
+            "ids": block.told_addresses(),
+            "answered": True,
+            **found,
+            "low": span[0],
+            "high": span[1],
+            "fault_words": None if found["fault"] is None else block.fault_in_words(int(found["fault"])),
+            "limit": getattr(block, "torque_limit", None),
+            "own_timeout": block.own_timeout,
+            "stop": stop_of(block),
+        }
         return row | {"marks": marks(row, block)}
 
 
@@ -68,7 +88,7 @@ def position_range(block):
         return None, None
     try:
         span = block.output_range().get("position")
-    except TypeError:                           # it wants to know its inputs
+    except TypeError:  # it wants to know its inputs
         span = None
     finite = span is not None and abs(span.low) < 1e300 and abs(span.high) < 1e300
     return (span.low, span.high) if finite else (None, None)
@@ -90,7 +110,7 @@ def marks(row, block):
     position, low, high = row["position"], row["low"], row["high"]
     if position is not None and low is not None:
         margin = NEAR * (high - low)
-        if not low + margin < position < high - margin:                         # NaN is out of the ordinary, too
+        if not low + margin < position < high - margin:  # NaN is out of the ordinary, too
             found["position"] = "at the end of its range" if low <= position <= high else "outside its range"
     if row["temperature"] is not None and block.hot is not None and not row["temperature"] < block.hot:
         found["temperature"] = "hot"

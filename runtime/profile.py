@@ -6,14 +6,16 @@ from pathlib import Path
 from runtime.errors import BadInput
 from runtime.telling.timing import details
 
-SHOWN = 40                      # rows of a table
-BAR = 24                        # characters
-DRAWN = 30                      # bars of the picture
+SHOWN = 40  # rows of a table
+BAR = 24  # characters
+DRAWN = 30  # bars of the picture
 COLOURS = {"native": "#2a78b8", "Python": "#e08a1e", "device": "#3a9b5c", "phase": "#8a8f98", "plant": "#b7a4d6"}
 
 
 def rows_of(result):
-    """(rows of the robot, rows of its plant): those of cext.executor.Executor.profile with `share`, of all time in ticks."""
+    """(rows of the robot, rows of its plant): those of cext.executor.Executor.profile with `share`, of all time in
+    ticks.
+    """
     busy = result.statistics["busy"] or 1.0
     return tuple([row | {"share": row["total"] / busy} for row in rows] for rows in result.profile)
 
@@ -27,10 +29,13 @@ def table(result, stamp):
         return ["profile: no tick was completed"]
     a_tick = statistics["busy"] / ticks
     lines = [
-        f"profile: {ticks} ticks of {short(a_tick)} on average, {100 * a_tick * result.schedule.rate:.3g} % of the period; "
+        f"profile: {ticks} ticks of {short(a_tick)} on average, {100 * a_tick * result.schedule.rate:.3g} % of the "
+        "period; "
         f"{short(stamp)} of each call are the look at the clock",
         *(f"  {label:<12}{text}" for label, text in details(statistics)),
-        "", *listed(robot, "where")]
+        "",
+        *listed(robot, "where"),
+    ]
     if plant:
         lines += ["", *listed(plant, "inside the plant")]
     return lines
@@ -44,9 +49,13 @@ def listed(rows, title):
     for row in rows[:SHOWN]:
         bar = full * round(BAR * row["share"] / longest)
         durations = "".join(f"{short(row[name]):>9}" for name in ("p50", "p99", "max"))
-        lines.append((
-            f"  {row['name']:<{width}}  {row['kind']:<14}{row['count']:>9}{durations}{row['max_at_tick']:>10}{100 * row['share']:>7.1f} %  {bar}"
-        ).rstrip())
+        lines.append(
+            (
+                f"  {row['name']:<{width}}  "
+                f"{row['kind']:<14}{row['count']:>9}{durations}{row['max_at_tick']:>10}{100 * row['share']:>7.1f} %  "
+                f"{bar}"
+            ).rstrip()
+        )
     rest = rows[SHOWN:]
     if rest:
         lines.append(f"  and {len(rest)} more, {100 * sum(row['share'] for row in rest):.1f} % together")
@@ -62,12 +71,17 @@ def short(seconds):
 
 
 def picture(result, file):
-    """A PNG with a bar for every block, its share of the tick, and what a call takes at the median, at p99 and at most. Returns its path."""
+    """A PNG with a bar for every block, its share of the tick, and what a call takes at the median, at p99 and at most.
+    Returns its path.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     robot, plant = rows_of(result)
-    rows = sorted([*robot, *(row | {"kind": "plant", "name": f"{row['name']} (plant)"} for row in plant)], key=lambda row: -row["share"])
+    rows = sorted(
+        [*robot, *(row | {"kind": "plant", "name": f"{row['name']} (plant)"} for row in plant)],
+        key=lambda row: -row["share"],
+    )
     rows = [row for row in rows if not (plant and row["name"] == "the plant")][:DRAWN]
     figure = Figure(figsize=(10.0, 1.6 + 0.24 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -81,9 +95,13 @@ def picture(result, file):
     for kind in dict.fromkeys(kinds):
         shares.barh(0, 0, color=COLOURS[kind], label=kind)
     shares.legend(loc="lower right", fontsize=8)
-    calls.hlines(places, [1e6 * row["p50"] for row in rows], [1e6 * row["max"] for row in rows], color="#c5c9cf", linewidth=1.2)
+    calls.hlines(
+        places, [1e6 * row["p50"] for row in rows], [1e6 * row["max"] for row in rows], color="#c5c9cf", linewidth=1.2
+    )
     for name, marker, size in (("p50", "o", 18), ("p99", "|", 60), ("max", ".", 14)):
-        calls.scatter([1e6 * row[name] for row in rows], places, marker=marker, s=size, label=name, color="#30343a", zorder=3)
+        calls.scatter(
+            [1e6 * row[name] for row in rows], places, marker=marker, s=size, label=name, color="#30343a", zorder=3
+        )
     calls.set_xscale("log")
     calls.set_xlabel("a call, µs")
     calls.legend(loc="lower right", fontsize=8)

@@ -7,8 +7,8 @@
 
 The timer slack and the slice are set in every mode, as they need no privilege; the garbage collector is the executor's.
 
-A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes an
-ordinary one and goes on; `spun` tells it.
+A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes
+an ordinary one and goes on; `spun` tells it.
 """
 
 import os
@@ -19,22 +19,33 @@ from dataclasses import dataclass
 from cext import realtime as native
 
 from runtime.processor import Processor, fastest_first
-from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, capable, exhausted_group, isolated_processors, memory_sizes, stack_limit, user
+from runtime.system import (
+    CAP_IPC_LOCK,
+    CAP_SYS_NICE,
+    capable,
+    exhausted_group,
+    isolated_processors,
+    memory_sizes,
+    stack_limit,
+    user,
+)
 from runtime.telling.terminal import program
 
 MODES = ("off", "try", "require")
-PRIORITY = 80               # below the kernel's own threads that must run (99), above its interrupt threads (50)
+PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
 HIGHEST = 98
-SPIN = 0.5                  # s
-SLICE = 100_000             # ns, the least that Linux knows: longer than a tick of ours computes
-STACK = 512 << 10           # bytes of stack that are there from the beginning
-HEADROOM = 64 << 20         # bytes that a process whose locked memory is limited may still grow by
-GROUP = "realtime"          # who may have what a loop needs, after `doctor --script`
+SPIN = 0.5  # s
+SLICE = 100_000  # ns, the least that Linux knows: longer than a tick of ours computes
+STACK = 512 << 10  # bytes of stack that are there from the beginning
+HEADROOM = 64 << 20  # bytes that a process whose locked memory is limited may still grow by
+GROUP = "realtime"  # who may have what a loop needs, after `doctor --script`
 LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
 IDLE_DEVICE = "/dev/cpu_dma_latency"
 RISK = (
-    "caution: the loop has no real-time priority. Other processes can delay it: ticks are then lost, commands arrive late, and the run may "
-    "stop the motors in mid-movement as if a drive were silent")
+    "caution: the loop has no real-time priority. Other processes can delay it: ticks are then lost, commands arrive "
+    "late, and the run may "
+    "stop the motors in mid-movement as if a drive were silent"
+)
 
 
 class RealtimeRefused(Exception):
@@ -51,23 +62,20 @@ class Refusal(Exception):
 
 
 class Realtime:
-    """
-    Parameters
-    ----------
-    mode : "off", "try" or "require"
-    priority : of SCHED_FIFO, 1 to 98
-    cpu : number of the processor to stay on; None for the last isolated one or, where none is isolated and the priority was granted,
+    """Parameters ---------- mode : "off", "try" or "require" priority : of SCHED_FIFO, 1 to 98 cpu : number of the
+    processor to stay on; None for the last isolated one or, where none is isolated and the priority was granted,
         the last of the fastest
 
-    granted, refused : list of names; list of Refusal
-    processor : number of the one that the loop stays on, None where it may move
-    others : processors for everything else of the run, so that one is free whenever the loop is due; empty where there is only one
-    spun : whether the thread lost its priority because it did not sleep; known after `release`
+    granted, refused : list of names; list of Refusal processor : number of the one that the loop stays on, None where
+    it may move others : processors for everything else of the run, so that one is free whenever the loop is due; empty
+    where there is only one spun : whether the thread lost its priority because it did not sleep; known after `release`
     """
 
     def __init__(self, mode="off", priority=PRIORITY, cpu=None):
         if mode not in MODES or not 1 <= priority <= HIGHEST:
-            raise ValueError(f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}")
+            raise ValueError(
+                f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}"
+            )
         self.mode, self.priority, self.cpu = mode, priority, cpu
         self.granted, self.refused = [], []
         self.processor, self.others = None, set()
@@ -82,7 +90,9 @@ class Realtime:
         self.release()
 
     def obtain(self):
-        """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing held."""
+        """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing
+        held.
+        """
         slack = native.timer_slack()
         native.set_timer_slack(1)
         self._undo.callback(native.set_timer_slack, slack)
@@ -105,7 +115,9 @@ class Realtime:
             raise
         if self.refused and self.mode == "require":
             self.release()
-            raise RealtimeRefused("\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()]))
+            raise RealtimeRefused(
+                "\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()])
+            )
 
     def release(self):
         """Give everything back. Again: nothing."""
@@ -131,7 +143,9 @@ class Realtime:
     def metadata(self):
         """For the recording."""
         return {
-            "mode": self.mode, "granted": list(self.granted), "refused": {refusal.name: refusal.why for refusal in self.refused},
+            "mode": self.mode,
+            "granted": list(self.granted),
+            "refused": {refusal.name: refusal.why for refusal in self.refused},
         }
 
     def _names(self):
@@ -145,7 +159,7 @@ class Realtime:
 
     def _wake_soon(self):
         """Among ordinary threads, take the processor as soon as the tick is due: from the recorder, for one."""
-        with suppress(OSError):                 # where a sandbox forbids the call, all is as it was
+        with suppress(OSError):  # where a sandbox forbids the call, all is as it was
             native.set_slice(SLICE)
             self._undo.callback(native.set_slice, 0)
 
@@ -154,8 +168,11 @@ class Realtime:
         wanted, name = size + HEADROOM, "locked memory"
         if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, wanted):
             limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-            raise Refusal(name, f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
-                          limit_cure("memlock", "unlimited"))
+            raise Refusal(
+                name,
+                f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
+                limit_cure("memlock", "unlimited"),
+            )
         try:
             native.lock_memory(as_touched=size > free // 2)
         except OSError as error:
@@ -165,7 +182,9 @@ class Realtime:
         return "memory locked"
 
     def _stay_awake(self):
-        """While the device is open with a 0 in it, processors do not sleep so deep that they are late. It needs no closing word."""
+        """While the device is open with a 0 in it, processors do not sleep so deep that they are late. It needs no
+        closing word.
+        """
         name = "awake processors"
         try:
             device = os.open(IDLE_DEVICE, os.O_WRONLY)
@@ -173,8 +192,10 @@ class Realtime:
             os.write(device, bytes(4))
         except FileNotFoundError:
             if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):
-                return None                         # there is no sleep to be kept from
-            raise Refusal(name, f"there is no {IDLE_DEVICE}", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM") from None
+                return None  # there is no sleep to be kept from
+            raise Refusal(
+                name, f"there is no {IDLE_DEVICE}", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM"
+            ) from None
         except OSError as error:
             raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
         return "processors awake"
@@ -182,7 +203,8 @@ class Realtime:
     def _stay_on_one_processor(self):
         before, isolated = set(self._permitted), isolated_processors()
         choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
-        if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:     # an ordinary loop finds one sooner if it may move
+        # an ordinary loop finds one sooner if it may move
+        if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:
             choice = self._permitted
         if not choice:
             return None
@@ -192,8 +214,10 @@ class Realtime:
                 os.sched_setaffinity(0, {cpu})
             except OSError:
                 raise Refusal(
-                    f"processor {cpu}", f"this process may not run there: it may run on {numbers(before)}",
-                    "start it without `taskset`, or put the processor into the cpuset of its control group") from None
+                    f"processor {cpu}",
+                    f"this process may not run there: it may run on {numbers(before)}",
+                    "start it without `taskset`, or put the processor into the cpuset of its control group",
+                ) from None
             guard.callback(os.sched_setaffinity, 0, before)
             self._undo.push(guard.pop_all())
         self.processor, self.others = cpu, before - {cpu}
@@ -214,7 +238,9 @@ class Realtime:
         return name
 
     def _guard_against_spinning(self, guard):
-        """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as it is."""
+        """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as
+        it is.
+        """
         before = resource.getrlimit(resource.RLIMIT_RTTIME)
         native.watch_for_spinning()
         guard.callback(self._stop_watching)
@@ -230,15 +256,22 @@ class Realtime:
     def _why_no_priority(self, name, permitted, error):
         if not permitted:
             limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
-            return Refusal(name, f"the rtprio limit of {user()} is {limit}", limit_cure("rtprio", max(90, self.priority)))
+            return Refusal(
+                name, f"the rtprio limit of {user()} is {limit}", limit_cure("rtprio", max(90, self.priority))
+            )
         file = exhausted_group()
         if file:
             return Refusal(
-                name, f"its control group has no real-time budget: {file} is 0",
-                f"echo 800000 | sudo tee {file}, or let groups alone: sudo sysctl -w kernel.sched_rt_runtime_us=-1")
+                name,
+                f"its control group has no real-time budget: {file} is 0",
+                f"echo 800000 | sudo tee {file}, or let groups alone: sudo sysctl -w kernel.sched_rt_runtime_us=-1",
+            )
         return Refusal(
-            name, f"{error.strerror}, though its limits permit it: a container, or a control group with no real-time budget",
-            "docker run --cap-add sys_nice --ulimit rtprio=90; without a container: sudo sysctl -w kernel.sched_rt_runtime_us=-1")
+            name,
+            f"{error.strerror}, though its limits permit it: a container, or a control group with no real-time budget",
+            "docker run --cap-add sys_nice --ulimit rtprio=90; without a container: sudo sysctl -w "
+            "kernel.sched_rt_runtime_us=-1",
+        )
 
     def _raised(self, which, wanted):
         """Whether the limit is `wanted` or more, after raising it as far as it goes without privilege."""

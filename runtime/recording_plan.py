@@ -1,4 +1,6 @@
-"""What of a run is recorded, and where: the orders of the recorder process, and the size of the ring between the two."""
+"""What of a run is recorded, and where: the orders of the recorder process, and the size of the ring between the
+two.
+"""
 
 import math
 import os
@@ -9,11 +11,11 @@ from pathlib import Path
 from graph import Actuator, Sink
 from graph.store import to_json
 
-ROW_SECONDS = 2.5               # how much of a run the ring holds at least
-FRAME_BYTES = 88                # of a frame in the ring
-FRAMES = {"can": 4}             # that a device has in a tick; of another medium OTHERS
+ROW_SECONDS = 2.5  # how much of a run the ring holds at least
+FRAME_BYTES = 88  # of a frame in the ring
+FRAMES = {"can": 4}  # that a device has in a tick; of another medium OTHERS
 OTHERS = 16
-LONGEST_WORD = 40               # characters of a trial's field in the names of files
+LONGEST_WORD = 40  # characters of a trial's field in the names of files
 
 
 def ring_bytes(schedule):
@@ -39,7 +41,9 @@ def plan(prepared, realtime):
         for sink in schedule.sinks
         if not (request.no_record and isinstance(sink.block, CsvRecorder))
     ]
-    records = not request.no_record and (request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks))
+    records = not request.no_record and (
+        request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks)
+    )
     return {
         "name": schedule.name,
         "folder": str(request.record or "recordings") if records else None,
@@ -58,14 +62,20 @@ def plan(prepared, realtime):
         "diagram_json": to_json(prepared.diagram) if records else None,
         "control_pid": os.getpid(),
         "metadata": {
-            "diagram_file": str(request.file), "source_sha256": prepared.source_sha256, "settings": dict(request.settings), "trial": request.trial, "realtime": realtime.metadata(),
+            "diagram_file": str(request.file),
+            "source_sha256": prepared.source_sha256,
+            "settings": dict(request.settings),
+            "trial": request.trial,
+            "realtime": realtime.metadata(),
             "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
         },
     }
 
 
 def limits(diagram, schedule):
-    """{path: (lowest, highest)} of what an actuator measures and is told, where its limit or its joint's range says so."""
+    """{path: (lowest, highest)} of what an actuator measures and is told, where its limit or its joint's range says
+    so.
+    """
     found = {}
     for actuator in (block for block in diagram if isinstance(block, Actuator)):
         torque = actuator.command_limits().get("torque_command")
@@ -79,7 +89,11 @@ def limits(diagram, schedule):
 
 def stem(request):
     """What the files of a recording are called: the diagram, the trial without its notes, the time."""
-    words = [re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD] for name, value in request.trial.items() if name != "notes"]
+    words = [
+        re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD]
+        for name, value in request.trial.items()
+        if name != "notes"
+    ]
     return "_".join([Path(request.file).stem, *filter(None, words), time.strftime("%Y-%m-%d_%H-%M-%S")])
 
 

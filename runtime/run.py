@@ -29,37 +29,41 @@ from runtime.telling.fault import explain
 from runtime.telling.held import held
 
 NOBODY = (
-    "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard input, output and error); "
-    "--yes arms without asking")
-FASTEST = 100_000.0             # Hz: beyond, a period is too short to sleep in
+    "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard "
+    "input, output and error); "
+    "--yes arms without asking"
+)
+FASTEST = 100_000.0  # Hz: beyond, a period is too short to sleep in
 
 
 @dataclass
 class Request:
-    """What the command line asks of a run. duration in s, None until stopped; rate in Hz, None for the diagram's own."""
+    """What the command line asks of a run. duration in s, None until stopped; rate in Hz, None for the diagram's
+    own.
+    """
 
     file: Path
-    rig: Path | None = None             # None: in simulation
+    rig: Path | None = None  # None: in simulation
     rate: float | None = None
     duration: float | None = None
     fast: bool = False
     settings: list = field(default_factory=list)
-    record: Path | None = None          # None: recordings/ if the diagram has a recorder
+    record: Path | None = None  # None: recordings/ if the diagram has a recorder
     no_record: bool = False
-    plotjuggler: tuple | None = None    # (host, port)
-    rerun: str | None = None            # as runtime.rerun.target reads it
+    plotjuggler: tuple | None = None  # (host, port)
+    rerun: str | None = None  # as runtime.rerun.target reads it
     trial: dict = field(default_factory=dict)
-    realtime: str = "off"               # or "try", "require"
-    priority: int = PRIORITY            # of SCHED_FIFO
-    cpu: int | None = None              # number of the processor to stay on
-    overrun: str = "skip"               # cext.overrun.Overrun
-    spin: float = 0.0                   # s
+    realtime: str = "off"  # or "try", "require"
+    priority: int = PRIORITY  # of SCHED_FIFO
+    cpu: int | None = None  # number of the processor to stay on
+    overrun: str = "skip"  # cext.overrun.Overrun
+    spin: float = 0.0  # s
     profile: bool = False
-    yes: bool = False                   # on a rig: arm without asking a person
-    rearm: bool = False                 # after a fault, wait to be armed again
-    bitrate: float | None = None        # bit/s of the simulated buses; None: frames take no time
-    poses: dict = field(default_factory=dict)       # on a rig: rad by path, where the operator states that joints stand
-    bench: bool = False                 # on a rig: an actuator by itself, which moves no joint and has no range
+    yes: bool = False  # on a rig: arm without asking a person
+    rearm: bool = False  # after a fault, wait to be armed again
+    bitrate: float | None = None  # bit/s of the simulated buses; None: frames take no time
+    poses: dict = field(default_factory=dict)  # on a rig: rad by path, where the operator states that joints stand
+    bench: bool = False  # on a rig: an actuator by itself, which moves no joint and has no range
 
 
 @dataclass
@@ -145,12 +149,30 @@ def prepare(request):
         if not request.yes and not can_ask():
             raise BadInput(NOBODY)
         poses = Poses(diagram, schedule, request.poses)
-        return Prepared(request, diagram, schedule, None, RigBuses(rig, diagram, schedule.buses), ticks, poses=poses, source_sha256=file.sha256)
-    return Prepared(request, diagram, schedule, Simulation(file, diagram, schedule, request.bitrate), None, ticks, source_sha256=file.sha256)
+        return Prepared(
+            request,
+            diagram,
+            schedule,
+            None,
+            RigBuses(rig, diagram, schedule.buses),
+            ticks,
+            poses=poses,
+            source_sha256=file.sha256,
+        )
+    return Prepared(
+        request,
+        diagram,
+        schedule,
+        Simulation(file, diagram, schedule, request.bitrate),
+        None,
+        ticks,
+        source_sha256=file.sha256,
+    )
 
 
 def run(prepared, say=lambda lines: None, count_from=0):
-    """Carry out what `prepare` returned. Returns a Result; raises RecorderError or RealtimeRefused before anything is armed.
+    """Carry out what `prepare` returned. Returns a Result; raises RecorderError or RealtimeRefused before anything is
+    armed.
 
     say : called with the lines that a person should read before the run
     count_from : tick from which on answers that are missing are counted
@@ -159,7 +181,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
     page = Page(ring_bytes(schedule), live=describe(schedule))
     if rig is not None:
         guard(rig, page, prepared)
-    recorder = RecorderProcess(page)                # before the priority, the lock and the processor that are not for it
+    recorder = RecorderProcess(page)  # before the priority, the lock and the processor that are not for it
     realtime = Realtime(request.realtime, request.priority, request.cpu)
     try:
         realtime.obtain()
@@ -168,15 +190,32 @@ def run(prepared, say=lambda lines: None, count_from=0):
             recorder.keep_to(realtime.others)
         if aside and rig is not None:
             rig.guardian.bring_to(aside)
-        say([*(rig.remarks() if rig is not None else []), *realtime.lines(), *(realtime.risk() if rig is not None else [])])
+        say(
+            [
+                *(rig.remarks() if rig is not None else []),
+                *realtime.lines(),
+                *(realtime.risk() if rig is not None else []),
+            ]
+        )
         recorder.configure(plan(prepared, realtime))
         control = Program(schedule, (simulation if rig is None else rig).ends())
         control.count_from(count_from)
         again = Rearming(prepared, page, control, can_ask())
         executor = Executor(
-            control, schedule.rate, plant=prepared.plant, substeps=simulation.substeps if rig is None else 1, page=page,
-            virtual=request.fast, reader=recorder.lifeline, overrun=request.overrun, spin=request.spin, profile=request.profile,
-            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0, carried=rig is not None and rig.carries, others=aside)
+            control,
+            schedule.rate,
+            plant=prepared.plant,
+            substeps=simulation.substeps if rig is None else 1,
+            page=page,
+            virtual=request.fast,
+            reader=recorder.lifeline,
+            overrun=request.overrun,
+            spin=request.spin,
+            profile=request.profile,
+            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0,
+            carried=rig is not None and rig.carries,
+            others=aside,
+        )
     except BaseException:
         realtime.release()
         recorder.abandon()
@@ -196,7 +235,11 @@ def run(prepared, say=lambda lines: None, count_from=0):
                 outcome = stopped_by_hand(outcome, rig, page)
             realtime.release()
             if realtime.spun:
-                tell(page, json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(), recorder)
+                tell(
+                    page,
+                    json.dumps({"event": "realtime", "lost": "the priority", "because": realtime.summary()}).encode(),
+                    recorder,
+                )
             statistics = page.statistics()
             if rig is not None:
                 tell(page, json.dumps({"event": "buses", **rig.finish()}).encode(), recorder)
@@ -205,8 +248,18 @@ def run(prepared, say=lambda lines: None, count_from=0):
                 statistics["frames"] = rig.correct(statistics["frames"])
             if outcome is not None:
                 result = Result(
-                    **vars(prepared), outcome=outcome, statistics=statistics, recording={}, seconds=seconds, control=control,
-                    realtime=realtime, overruns=executor.overruns, profile=executor.profile, page=page, newest=executor.newest)
+                    **vars(prepared),
+                    outcome=outcome,
+                    statistics=statistics,
+                    recording={},
+                    seconds=seconds,
+                    control=control,
+                    realtime=realtime,
+                    overruns=executor.overruns,
+                    profile=executor.profile,
+                    page=page,
+                    newest=executor.newest,
+                )
                 if outcome.faulted:
                     result.report += again.told(outcome) or explain(result)
                 tell(page, ending(result), recorder)
@@ -217,18 +270,24 @@ def run(prepared, say=lambda lines: None, count_from=0):
 
 
 def asked(prepared, page, control):
-    """Options of Executor.run: on a rig the pre-flight table is told before anything may move, and somebody has to press Enter."""
+    """Options of Executor.run: on a rig the pre-flight table is told before anything may move, and somebody has to
+    press Enter.
+    """
     rig = prepared.rig
     if rig is None:
         return {}
     interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
-    table = Preflight(prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes, rig.guardian.granted, prepared.poses)
+    table = Preflight(
+        prepared.diagram, prepared.schedule, interfaces, not prepared.request.yes, rig.guardian.granted, prepared.poses
+    )
 
     def show():
         page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
 
     def permitted():
-        """Whether every joint stands where its drive reads. To an operator who has confirmed where one does not, the table is shown as it is now."""
+        """Whether every joint stands where its drive reads. To an operator who has confirmed where one does not, the
+        table is shown as it is now.
+        """
         if prepared.poses is None or not prepared.poses.look(control.values):
             return True
         if page.state == "ready":
@@ -239,10 +298,12 @@ def asked(prepared, page, control):
 
 
 def stopped_by_hand(outcome, rig, page):
-    """The Outcome, once the actuators have been stopped from here where the guardian that carries their frames no longer answers."""
+    """The Outcome, once the actuators have been stopped from here where the guardian that carries their frames no
+    longer answers.
+    """
     if outcome.status != "unguarded" and not (outcome.unconfirmed and rig.carries and not looks(page)):
         return outcome
-    if outcome.status in ("silent", "no answer", "bus error"):      # its drives are silent because it is
+    if outcome.status in ("silent", "no answer", "bus error"):  # its drives are silent because it is
         outcome = replace(outcome, status="unguarded", culprit=None)
     return replace(outcome, unconfirmed=rig.take_over())
 
@@ -266,7 +327,10 @@ def guard(rig, page, prepared):
 
 
 def hear_one_interrupt(page):
-    """From now on a Ctrl-C does nothing once the motors are being stopped: the second finds Python's handler. Returns that of before."""
+    """From now on a Ctrl-C does nothing once the motors are being stopped: the second finds Python's handler. Returns
+    that of before.
+    """
+
     def interrupt(number, frame):
         if page.state not in ("stopping", "safe"):
             raise KeyboardInterrupt
@@ -318,10 +382,17 @@ def ending(result):
     """The last event of a recording."""
     outcome = result.outcome
     event = {
-        "event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal,
-        "stopped": outcome.stopped, "overruns": result.overruns, "late": result.control.late,
-        "answers": result.control.latencies, "held": result.held,
-        "report": result.report, "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
+        "event": "end",
+        "status": outcome.status,
+        "culprit": outcome.culprit,
+        "tick": outcome.tick,
+        "signal": outcome.signal,
+        "stopped": outcome.stopped,
+        "overruns": result.overruns,
+        "late": result.control.late,
+        "answers": result.control.latencies,
+        "held": result.held,
+        "report": result.report,
+        "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
     return json.dumps(event).encode()
-

@@ -12,13 +12,17 @@ TRUTHS = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0"
 
 
 def share_out(file, settings):
-    """Give each setting without a dot to `build`, to `plant`, or to both: to whichever has a parameter of that name. BadInput.
+    """Give each setting without a dot to `build`, to `plant`, or to both: to whichever has a parameter of that name.
+    BadInput.
 
     file : DiagramFile
     settings : pairs (name, text)
     """
-    offered, open_ended = {}, []                # name: [(parameter, where its value goes)]; functions that take any name
-    for function, target, skip in ((file.function("build"), file.build_parameters, 0), (file.function("plant"), file.plant_parameters, 1)):
+    offered, open_ended = {}, []  # name: [(parameter, where its value goes)]; functions that take any name
+    for function, target, skip in (
+        (file.function("build"), file.build_parameters, 0),
+        (file.function("plant"), file.plant_parameters, 1),
+    ):
         if function is None:
             continue
         for parameter in list(inspect.signature(function).parameters.values())[skip:]:
@@ -34,7 +38,8 @@ def share_out(file, settings):
             hint = suggestion(name, offered) or (f"it has {', '.join(offered)}" if offered else "it has none")
             raise BadInput(
                 f"--set {name}={text}: {file.path} has no parameter {name!r}; {hint} "
-                f"(parameters of build() and plant(); a block's own is set as BLOCK.PARAMETER=VALUE)")
+                f"(parameters of build() and plant(); a block's own is set as BLOCK.PARAMETER=VALUE)"
+            )
         for parameter, target in places:
             target[name] = parse_like(parameter.default, name, text)
 
@@ -49,9 +54,16 @@ def parse_like(default, name, text):
         raise BadInput(f"--set {name}={text}: expected true or false")
     if isinstance(default, (int, float)):
         try:
-            return int(text) if isinstance(default, int) and text.lstrip("+-").isdigit() else units.parse_quantity(text, None)
+            return (
+                int(text)
+                if isinstance(default, int) and text.lstrip("+-").isdigit()
+                else units.parse_quantity(text, None)
+            )
         except ValueError:
-            raise BadInput(f"--set {name}={text}: expected a number, such as {default}; with a unit it is converted to SI, deg to rad") from None
+            raise BadInput(
+                f"--set {name}={text}: expected a number, such as {default}; with a unit it is converted "
+                "to SI, deg to rad"
+            ) from None
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -85,5 +97,8 @@ def set_block_parameter(diagram, name, text):
     except DiagramError as error:
         problem = error.diagnostics[0]
         hint = f"; {problem.hint}" if problem.hint else ""
-        raise BadInput(f"--set {name}={text}: {path} {problem.message}{hint}" if problem.message.startswith("has no") else
-                       f"--set {name}={text}: {problem.message}{hint}") from None
+        raise BadInput(
+            f"--set {name}={text}: {path} {problem.message}{hint}"
+            if problem.message.startswith("has no")
+            else f"--set {name}={text}: {problem.message}{hint}"
+        ) from None

@@ -28,14 +28,18 @@ class Simulation:
         self.diagram, self.plant = plant_of(file, robot)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
         self.buses = {
-            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate) for name, medium in zip(schedule.buses, schedule.media)}
+            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate)
+            for name, medium in zip(schedule.buses, schedule.media)
+        }
         self.program = None
         if self.plant is not None:
             plant = self.plant
             strangers = [name for name in plant.buses if name not in self.buses]
             if strangers:
                 known = ", ".join(self.buses) or "none"
-                raise BadInput(f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {known}")
+                raise BadInput(
+                    f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {known}"
+                )
             self.program = Program(plant, [self.buses[name].device for name in plant.buses])
 
     def ends(self):
@@ -55,7 +59,8 @@ def substeps(robot, plant):
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise BadInput(
             f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: "
-            f"make it `rate=5 * robot.rate`")
+            f"make it `rate=5 * robot.rate`"
+        )
     return round(ratio)
 
 

@@ -5,7 +5,7 @@ import pwd
 import resource
 from contextlib import suppress
 
-CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23         # linux/capability.h
+CAP_IPC_LOCK, CAP_SYS_NICE = 14, 23  # linux/capability.h
 
 
 def user():
@@ -26,7 +26,9 @@ def capable(capability):
 def memory_sizes():
     """(bytes of address space of this process, bytes that are available on the machine)"""
     size = int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
-    free = [int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")]
+    free = [
+        int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")
+    ]
     return size, free[0] if free else 2 * size
 
 

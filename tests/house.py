@@ -24,7 +24,11 @@ def copy_rooms(target, built=True, rooms=ROOMS):
 def tracked():
     """Files of this checkout that git has or would take; skips the test where there is no git."""
     listing = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True)
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
     if listing.returncode != 0:
         pytest.skip("needs a git checkout")
     return [path for name in listing.stdout.split("\0") if name and (path := ROOT / name).is_file()]
@@ -40,13 +44,21 @@ def copy_tracked(target):
 
 
 def python(*arguments, cwd, path=None, executable=sys.executable, timeout=60):
-    """A Python of its own, in a CompletedProcess with text. path : its PYTHONPATH, after the folder that `-m` or the script brings."""
+    """A Python of its own, in a CompletedProcess with text. path : its PYTHONPATH, after the folder that `-m` or the
+    script brings.
+    """
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     if path is not None:
         environment["PYTHONPATH"] = str(path)
     return subprocess.run(
-        [str(executable), *map(str, arguments)], cwd=cwd, env=environment, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=timeout)
+        [str(executable), *map(str, arguments)],
+        cwd=cwd,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
 
 
 def assert_one_line(process, *parts):

@@ -1,8 +1,10 @@
-"""An observer that plays a drive from the bytes it is sent: MIT mode, decoded with tests.blocks.actuators.reference, in substeps of 50 µs."""
+"""An observer that plays a drive from the bytes it is sent: MIT mode, decoded with tests.blocks.actuators.reference, in
+substeps of 50 µs.
+"""
 
 from tests.blocks.actuators import reference
 
-SUBSTEP = 50_000                # ns
+SUBSTEP = 50_000  # ns
 ENABLE, DISABLE = bytes.fromhex("fffffffffffffffc"), bytes.fromhex("fffffffffffffffd")
 
 
@@ -22,8 +24,11 @@ class PlayedDrive:
     def torque(self):
         if self.law is None:
             return 0.0
-        return (self.law["stiffness"] * (self.law["position"] - self.position)
-                + self.law["damping"] * (self.law["velocity"] - self.velocity) + self.law["torque"])
+        return (
+            self.law["stiffness"] * (self.law["position"] - self.position)
+            + self.law["damping"] * (self.law["velocity"] - self.velocity)
+            + self.law["torque"]
+        )
 
     def advance(self, now):
         while self.now < now:

@@ -1,4 +1,6 @@
-"""The shared room beside the checkout: measured data and frames of other implementations, which are not part of the project's tree."""
+"""The shared room beside the checkout: measured data and frames of other implementations, which are not part of the
+project's tree.
+"""
 
 import json
 import os

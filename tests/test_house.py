@@ -120,11 +120,12 @@ def test_a_diagram_runs_and_is_recorded_beside_folders_of_the_same_names(install
         (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
     (lab / "wave.py").write_text(
         "from blocks.recorders import CsvRecorder\nfrom blocks.sources import Sine\nfrom graph import Diagram\n\n"
-        "with Diagram('wave', rate=100) as diagram:\n    Sine()\n    CsvRecorder()\n")
+        "with Diagram('wave', rate=100) as diagram:\n    Sine()\n    CsvRecorder()\n"
+    )
     process = python(installed / "bin" / "tickwork", "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
     assert process.returncode == 0, process.stderr
     [recording] = (lab / "recordings").glob("*.csv")
-    assert len(recording.read_text().splitlines()) == 101           # a header and a row a tick
+    assert len(recording.read_text().splitlines()) == 101  # a header and a row a tick
 
 
 def test_the_console_script_tells_of_a_stranger_on_the_path_and_does_not_suggest_itself(installed, lab):
@@ -166,7 +167,9 @@ def test_a_build_for_another_python_is_told_as_such(tmp_path):
     (tmp_path / "Makefile").touch()
     for module in (tmp_path / "cext").rglob("*.so"):
         module.rename(module.with_name(module.name.split(".")[0] + ".cpython-27-riscv.so"))
-    assert_one_line(python(*RUN, cwd=tmp_path), f"not built for Python {sys.version_info[0]}.{sys.version_info[1]}", "`make run`")
+    assert_one_line(
+        python(*RUN, cwd=tmp_path), f"not built for Python {sys.version_info[0]}.{sys.version_info[1]}", "`make run`"
+    )
 
 
 def test_one_module_that_was_not_built_is_enough(tmp_path):
@@ -194,9 +197,13 @@ def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
 
 def test_a_dependency_that_does_not_load_is_told_in_one_line(tmp_path):
     copy_rooms(tmp_path)
-    (tmp_path / "msgspec.py").write_text("raise ImportError('libfoo.so.1: cannot open shared object file\\nand more', name=__name__)\n")
+    (tmp_path / "msgspec.py").write_text(
+        "raise ImportError('libfoo.so.1: cannot open shared object file\\nand more', name=__name__)\n"
+    )
     (tmp_path / "runtime" / "cli.py").write_text("import msgspec\n")
-    assert_one_line(python(*RUN, cwd=tmp_path), "msgspec cannot be imported (libfoo.so.1: cannot open shared object file)")
+    assert_one_line(
+        python(*RUN, cwd=tmp_path), "msgspec cannot be imported (libfoo.so.1: cannot open shared object file)"
+    )
 
 
 def test_a_fault_of_our_own_is_not_hidden(tmp_path):
@@ -213,8 +220,9 @@ def test_what_is_looked_for_is_what_the_project_depends_on():
     assert set(house.NEEDS.values()) == declared
     for module, distribution in house.NEEDS.items():
         parts = tuple(module.split("."))
-        assert any(file.parts[:len(parts)] == parts or file.parts[0] == module + ".py" for file in files(distribution)), (
-            f"{distribution} does not bring {module}")
+        assert any(
+            file.parts[: len(parts)] == parts or file.parts[0] == module + ".py" for file in files(distribution)
+        ), f"{distribution} does not bring {module}"
     assert PYPROJECT["project"]["requires-python"] == ">=%d.%d" % house.OLDEST_PYTHON
 
 

@@ -19,8 +19,15 @@ def make(*arguments, cwd, timeout=60, **environment):
     """Returns the CompletedProcess, with both outputs in stdout."""
     kept = {name: value for name, value in os.environ.items() if name not in ("PYTHON", "CC", "MAKEFLAGS", "MAKELEVEL")}
     return subprocess.run(
-        [shutil.which("make"), *arguments], cwd=cwd, env=kept | environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT, text=True, timeout=timeout)
+        [shutil.which("make"), *arguments],
+        cwd=cwd,
+        env=kept | environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=timeout,
+    )
 
 
 def told(process):
@@ -58,7 +65,9 @@ def test_without_a_compiler_make_says_how_to_get_one(clone, bare_path):
     process = make("test", cwd=clone, PATH=str(bare_path))
     assert process.returncode != 0
     [line] = told(process)
-    assert line.startswith("missing: ") and "a C compiler" in line and re.search(r"apt install .*\bgcc libc6-dev\b", line)
+    assert (
+        line.startswith("missing: ") and "a C compiler" in line and re.search(r"apt install .*\bgcc libc6-dev\b", line)
+    )
     assert not (clone / ".venv").exists()
 
 
@@ -74,7 +83,9 @@ def test_a_python_that_is_asked_for_and_not_there_is_named(clone):
 
 
 def test_an_old_python_is_told_its_version_and_what_is_needed(clone, bare_path):
-    old = next((found for name in ("python3.9", "python3.8", "python3.7", "python3.6") if (found := old_python(name))), None)
+    old = next(
+        (found for name in ("python3.9", "python3.8", "python3.7", "python3.6") if (found := old_python(name))), None
+    )
     if old is None:
         pytest.skip("needs a Python 3.6 to 3.9 on the PATH")
     process = make("run", cwd=clone, PYTHON=old)
@@ -107,8 +118,15 @@ def test_the_build_tools_are_those_of_pyproject(clone):
 @pytest.mark.soak
 def test_a_package_index_that_cannot_be_reached_is_told(clone):
     process = make(
-        "run", cwd=clone, PYTHON=sys.executable, PIP_CONFIG_FILE=os.devnull, PIP_INDEX_URL="http://127.0.0.1:9/simple", PIP_FIND_LINKS="",
-        PIP_NO_CACHE_DIR="1", PIP_RETRIES="1")
+        "run",
+        cwd=clone,
+        PYTHON=sys.executable,
+        PIP_CONFIG_FILE=os.devnull,
+        PIP_INDEX_URL="http://127.0.0.1:9/simple",
+        PIP_FIND_LINKS="",
+        PIP_NO_CACHE_DIR="1",
+        PIP_RETRIES="1",
+    )
     assert process.returncode != 0
     assert told(process)[-1].startswith("pip cannot reach the package index")
 
@@ -120,7 +138,9 @@ def test_what_changed_is_compiled_and_nothing_else(tmp_path):
     assert first.returncode == 0, first.stdout
     built = modules(tmp_path)
     sources = (tmp_path / "cext").rglob("*.pyx")
-    assert {name.split(".")[0] for name in built} == {str(source.relative_to(tmp_path).with_suffix("")) for source in sources}
+    assert {name.split(".")[0] for name in built} == {
+        str(source.relative_to(tmp_path).with_suffix("")) for source in sources
+    }
 
     assert make("build", cwd=tmp_path).stdout == ""
     assert modules(tmp_path) == built
@@ -141,7 +161,11 @@ def test_what_changed_is_compiled_and_nothing_else(tmp_path):
 
     (tmp_path / "cext" / "page.pyx").write_text("cdef int 3x\n")
     broken = make("build", cwd=tmp_path, timeout=600)
-    assert broken.returncode != 0 and "cext/page.pyx:1" in broken.stdout and told(broken)[-1].startswith("the native code does not compile")
+    assert (
+        broken.returncode != 0
+        and "cext/page.pyx:1" in broken.stdout
+        and told(broken)[-1].startswith("the native code does not compile")
+    )
 
 
 def modules(root):

@@ -25,10 +25,13 @@ def canonical(requirement):
 
 def rooms():
     """Every folder of the four packages that holds a source."""
-    return sorted({path.parent for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".pyx", ".pxd")})
+    return sorted(
+        {path.parent for room in ROOMS for path in (ROOT / room).rglob("*") if path.suffix in (".py", ".pyx", ".pxd")}
+    )
 
 
 # Imports only go down
+
 
 def python_imports(text):
     """Top-level packages that Python source imports, wherever in it, with the line."""
@@ -59,13 +62,20 @@ def test_imports_only_go_down():
             if path.suffix not in (".py", ".pyx", ".pxd", ".pxi"):
                 continue
             imports = python_imports if path.suffix == ".py" else cython_imports
-            found += [f"{path.relative_to(ROOT)}:{line} imports {name}" for name, line in imports(path.read_text()) if climbs(room, name)]
+            found += [
+                f"{path.relative_to(ROOT)}:{line} imports {name}"
+                for name, line in imports(path.read_text())
+                if climbs(room, name)
+            ]
     assert found == []
 
 
 @pytest.mark.parametrize("imports", [python_imports, cython_imports])
 def test_a_climbing_import_is_found_wherever_it_stands(imports):
-    source = "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import main\n    from . import a\n"
+    source = (
+        "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import "
+        "main\n    from . import a\n"
+    )
     found = [(name, line) for name, line in imports(source) if climbs("graph", name)]
     assert found == [("blocks", 1), ("runtime", 4), (".", 5)]
 
@@ -76,6 +86,7 @@ def test_cimports_are_imports():
 
 
 # Packages
+
 
 def test_every_folder_with_sources_is_a_package_and_in_the_wheel():
     included = PYPROJECT["tool"]["setuptools"]["packages"]["find"]["include"]
@@ -105,7 +116,9 @@ def test_tests_that_build_something_find_the_build_tools():
 
 def test_every_folder_of_tests_is_a_package():
     for folder in {path.parent for path in (ROOT / "tests").rglob("*.py")}:
-        assert (folder / "__init__.py").exists(), f"{folder.relative_to(ROOT)} would be imported under the name of what it tests"
+        assert (folder / "__init__.py").exists(), (
+            f"{folder.relative_to(ROOT)} would be imported under the name of what it tests"
+        )
 
 
 def test_no_file_names_a_place_on_somebodys_machine():

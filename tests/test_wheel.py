@@ -49,14 +49,24 @@ def test_the_wheel_has_every_module_and_what_lies_beside_it_and_nothing_else(arc
     names = {name for name in archives[0] if ".dist-info/" not in name}
     compiled = {name.split(".")[0] + ".pyx" for name in names if PurePath(name).suffix == ".so"}
     assert compiled == sources(".pyx")
-    beside = {str(name) for path in tracked() if (name := path.relative_to(ROOT)).parts[0] in ROOMS and path.suffix != ".pyx"}
+    beside = {
+        str(name) for path in tracked() if (name := path.relative_to(ROOT)).parts[0] in ROOMS and path.suffix != ".pyx"
+    }
     assert {name for name in names if not name.endswith(".so")} == beside
 
 
 def test_the_source_archive_has_all_a_builder_needs(archives):
     names = set(archives[1])
     assert sources(".py") | sources(".pyx") | sources(".pxd") <= names
-    assert {"setup.py", "pyproject.toml", "LICENSE", "README.md", "Makefile", "diagrams/knee_exo.py", "tests/test_wheel.py"} <= names
+    assert {
+        "setup.py",
+        "pyproject.toml",
+        "LICENSE",
+        "README.md",
+        "Makefile",
+        "diagrams/knee_exo.py",
+        "tests/test_wheel.py",
+    } <= names
     assert not [name for name in names if name.endswith((".c", ".so", ".pyc"))]
 
 
@@ -66,7 +76,11 @@ def test_the_knee_exoskeleton_runs_from_the_wheel_beside_folders_of_the_same_nam
         (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
     process = subprocess.run(
         [environment / "bin" / "tickwork", ROOT / "diagrams" / "knee_exo.py", "--fast", "--duration", "2"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert process.returncode == 0, process.stderr
     assert list((tmp_path / "recordings").glob("*.csv"))
 
@@ -79,7 +93,10 @@ def test_python_m_runtime_tells_of_a_working_folder_in_the_way(environment, tmp_
 
 
 def test_the_installed_version_is_the_one_of_pyproject(environment, tmp_path):
-    code = "import importlib.metadata as m; d = m.distribution('tickwork'); print(d.version, d.metadata['License-Expression'])"
+    code = (
+        "import importlib.metadata as m; d = m.distribution('tickwork'); print(d.version, "
+        "d.metadata['License-Expression'])"
+    )
     process = python("-c", code, cwd=tmp_path, executable=environment / "bin" / "python")
     from tests.test_packaging import PYPROJECT
 

@@ -1,12 +1,14 @@
-"""Bands of pure damping for the safe stop: B = min(stop_damping, limit / speed), so that damping times speed stays inside the limit."""
+"""Bands of pure damping for the safe stop: B = min(stop_damping, limit / speed), so that damping times speed stays
+inside the limit.
+"""
 
 import math
 
 from cext.thresholds import STOP_DAMP_ROUND
 from graph import DampedStop
 
-STEP = 1.1                      # between the speeds of two bands
-BAND_LIMIT = 64                 # bands
+STEP = 1.1  # between the speeds of two bands
+BAND_LIMIT = 64  # bands
 
 
 def damped_stop(joint, frames_of, velocity):
@@ -19,13 +21,20 @@ def damped_stop(joint, frames_of, velocity):
         return None
     bands = bands_inside(joint.torque_limit, joint.stop_damping, joint.wire[1])
     return DampedStop(
-        duration=joint.damp_time, bands=tuple((speed, tuple(frames_of(damping))) for speed, damping in bands), velocity=velocity,
-        acceleration=joint.max_acceleration, round=STOP_DAMP_ROUND * 1e-9, limit=joint.torque_limit)
+        duration=joint.damp_time,
+        bands=tuple((speed, tuple(frames_of(damping))) for speed, damping in bands),
+        velocity=velocity,
+        acceleration=joint.max_acceleration,
+        round=STOP_DAMP_ROUND * 1e-9,
+        limit=joint.torque_limit,
+    )
 
 
 def bands_inside(limit, damping, top_speed):
-    """[(highest speed, damping)] in ascending order of speed. The last band has no highest speed: it is inside the limit up to `top_speed`."""
-    full = limit / damping                          # speed up to which the whole damping is inside the limit
+    """[(highest speed, damping)] in ascending order of speed. The last band has no highest speed: it is inside the
+    limit up to `top_speed`.
+    """
+    full = limit / damping  # speed up to which the whole damping is inside the limit
     if full >= top_speed:
         return [(math.inf, damping)]
     count = min(math.ceil(math.log(top_speed / full, STEP)), BAND_LIMIT)

@@ -5,11 +5,12 @@ import math
 from blocks.actuators.joint import RANGES, Ranges
 from graph import Input, Interval, Memory, Output, Param
 
-ANSWERS, WORDS = 24, 4          # of cext/kernels/drives.pxd
+ANSWERS, WORDS = 24, 4  # of cext/kernels/drives.pxd
 
 
 class Emulated:
-    """Ports and parameters of an emulated drive: it hears commands, gives torque, and answers each frame with its state.
+    """Ports and parameters of an emulated drive: it hears commands, gives torque, and answers each frame with its
+    state.
 
     A family gives `find` and the native kernel, encode and decode. Every input of a fault at zero is a healthy drive.
     """
@@ -19,11 +20,31 @@ class Emulated:
     can_id = Param(1, "1", "its id", min=1, max=255, fixed=True)
     invert = Param(False, "1", "whether the joint turns against the motor", fixed=True)
     offset = Param(
-        0.0, "rad", "motor position where the joint is at zero, at the joint and the way the joint turns", min=-12.5, max=12.5, fixed=True)
+        0.0,
+        "rad",
+        "motor position where the joint is at zero, at the joint and the way the joint turns",
+        min=-12.5,
+        max=12.5,
+        fixed=True,
+    )
     gear_ratio = Ranges.gear_ratio
-    peak = Param(None, "N·m", "torque it gives at the joint at most; the model's peak by default", above=0.0, dtype=float, fixed=True)
-    wake_shift = Param(None, "rad", "motor turn at the joint: what a power cycle can shift its reading by; the model's by default", dtype=float,
-                       min=0.0, fixed=True, kernel=False)
+    peak = Param(
+        None,
+        "N·m",
+        "torque it gives at the joint at most; the model's peak by default",
+        above=0.0,
+        dtype=float,
+        fixed=True,
+    )
+    wake_shift = Param(
+        None,
+        "rad",
+        "motor turn at the joint: what a power cycle can shift its reading by; the model's by default",
+        dtype=float,
+        min=0.0,
+        fixed=True,
+        kernel=False,
+    )
     turns = Param(0, "1", "motor turns by which its reading is off from the start", fixed=True, kernel=False)
     trip_temperature = Param(math.inf, "°C", "temperature at which it protects itself with a fault", fixed=True)
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
@@ -38,22 +59,43 @@ class Emulated:
     wrong_id = Input("1", "id it answers with instead of its own; 0 for its own", default=0, dtype=int)
     stuck_encoder = Input("1", "its encoder stays where it is", default=False, dtype=bool)
     delay = Input("s", "by which its answers are late", default=0.0)
-    power_lost = Input("1", "it is dead; when power is back it has forgotten what it was told, and its reading is within a motor turn of zero", default=False, dtype=bool)
+    power_lost = Input(
+        "1",
+        "it is dead; when power is back it has forgotten what it was told, and its reading is "
+        "within a motor turn of zero",
+        default=False,
+        dtype=bool,
+    )
     torque = Output("N·m", "at the joint")
     enabled = Output("1", "whether it has been enabled", dtype=bool)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
     command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque last heard")
     state = Memory(
-        (0.0,) * 7, "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time last heard, a motor turn")
+        (0.0,) * 7,
+        "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time "
+        "last heard, a motor turn",
+    )
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "answers that are owed")
 
-    feedthrough = ("position", "velocity", "temperature", "fault", "silent", "dropped", "wrong_id", "stuck_encoder", "delay", "power_lost")
+    feedthrough = (
+        "position",
+        "velocity",
+        "temperature",
+        "fault",
+        "silent",
+        "dropped",
+        "wrong_id",
+        "stuck_encoder",
+        "delay",
+        "power_lost",
+    )
 
     @classmethod
     def of(cls, actuator, **parameters):
         """The emulator of one block of a robot.
 
-        parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match the table.
+        parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match
+        the table.
         """
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)

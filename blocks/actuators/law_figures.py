@@ -1,18 +1,22 @@
-"""What follows from the assumption about acceleration for a drive that closes its own law: figures of cext/kernels/drive_law.pxd."""
+"""What follows from the assumption about acceleration for a drive that closes its own law: figures of
+cext/kernels/drive_law.pxd.
+"""
 
 from dataclasses import dataclass
 
 from cext.thresholds import GUARDIAN_LOOK_PERIOD, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from graph import Interval
 
-HORIZON = 3.0                   # periods from feedback that is one period old to the end of a late frame
-HALF_WAY = 1.5                  # and to the middle of one in time
-SPEED = 10.0                    # rad/s of a joint when its loop stalls: beyond fast walking
+HORIZON = 3.0  # periods from feedback that is one period old to the end of a late frame
+HALF_WAY = 1.5  # and to the middle of one in time
+SPEED = 10.0  # rad/s of a joint when its loop stalls: beyond fast walking
 
 
 @dataclass(frozen=True)
 class Law:
-    """limit in N·m, acceleration in rad/s², period in s, intervals of stiffness and damping in N·m/rad and N·m·s/rad, all at the joint"""
+    """limit in N·m, acceleration in rad/s², period in s, intervals of stiffness and damping in N·m/rad and N·m·s/rad,
+    all at the joint
+    """
 
     limit: float
     acceleration: float
@@ -29,16 +33,18 @@ class Law:
     def smallest_inertia(self):
         """The inertia in kg·m² above which a free joint comes to rest; a lighter one may chatter, inside the limit.
 
-        J > T (B + K' T)² / B, Jury's criterion for torque from feedback that is one period old, held for one period. K' is the stiffness
-        that the law sends as torque; the gains in the drive only help. Without stiffness it is J > T B. Below a quarter of the usable
-        damping the drive itself is the spring, and the figure stays what it is there.
+        J > T (B + K' T)² / B, Jury's criterion for torque from feedback that is one period old, held for one period. K'
+        is the stiffness that the law sends as torque; the gains in the drive only help. Without stiffness it is J > T
+        B. Below a quarter of the usable damping the drive itself is the spring, and the figure stays what it is there.
         """
         stiffness, damping = self.stiffness.high, min(self.damping.high, self.usable_damping)
         if stiffness <= 0.0:
             return self.period * damping
         damping = max(damping, 0.25 * self.usable_damping)
         end = HORIZON * self.period
-        share = min(1.0, self.limit / (stiffness * 0.5 * self.acceleration * end**2 + damping * self.acceleration * end))
+        share = min(
+            1.0, self.limit / (stiffness * 0.5 * self.acceleration * end**2 + damping * self.acceleration * end)
+        )
         sent = min(stiffness, share * stiffness + 0.5 * damping / (HALF_WAY * self.period))
         return self.period * (damping + sent * self.period) ** 2 / damping
 
@@ -48,10 +54,16 @@ class Law:
         return max(LOOP_STALL_PERIODS * self.period, LOOP_STALL_MINIMUM * 1e-9) + GUARDIAN_LOOK_PERIOD * 1e-9
 
     def stall_torque(self, motion):
-        """The largest torque in N·m that the last frame of a stalled loop can reach, from |ω| <= SPEED, while |α| <= motion in rad/s²."""
+        """The largest torque in N·m that the last frame of a stalled loop can reach, from |ω| <= SPEED, while |α| <=
+        motion in rad/s².
+        """
         end, half, stopped = HORIZON * self.period, HALF_WAY * self.period, self.period + self.stall_time
         worst = self.limit
-        for k, b in ((self.stiffness.high, self.damping.high), (self.stiffness.high, self.damping.low), (self.stiffness.low, self.damping.high)):
+        for k, b in (
+            (self.stiffness.high, self.damping.high),
+            (self.stiffness.high, self.damping.low),
+            (self.stiffness.low, self.damping.high),
+        ):
             b = min(b, self.usable_damping)
             for step in range(33):
                 speed = SPEED * step / 32.0
@@ -66,8 +78,18 @@ class Law:
         reached = f"torque that a stall can reach in that time, from |ω| <= {SPEED:g} rad/s, while |α| <= "
         slower = 0.25 * self.acceleration
         return (
-            ("usable_damping", self.usable_damping, "N·m·s/rad", "usable damping, where the whole law does not fit into the limit"),
-            ("smallest_inertia", self.smallest_inertia, "kg·m²", "smallest inertia of a free joint, rotor included, that does not chatter"),
+            (
+                "usable_damping",
+                self.usable_damping,
+                "N·m·s/rad",
+                "usable damping, where the whole law does not fit into the limit",
+            ),
+            (
+                "smallest_inertia",
+                self.smallest_inertia,
+                "kg·m²",
+                "smallest inertia of a free joint, rotor included, that does not chatter",
+            ),
             ("stall_time", self.stall_time, "s", "time from the last frame of a stalled loop to the guardian's stop"),
             ("stall_torque", self.stall_torque(self.acceleration), "N·m", f"{reached}{self.acceleration:g} rad/s²"),
             ("stall_torque_slower", self.stall_torque(slower), "N·m", f"{reached}{slower:g} rad/s²"),

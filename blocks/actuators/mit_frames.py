@@ -6,7 +6,8 @@ from graph import ReplyField
 ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
 SET_ZERO = b"\xff\xff\xff\xff\xff\xff\xff\xfe"
-NOTHING = bytes.fromhex("7fff7ff0000007ff")         # position, velocity and torque in the middle of their ranges, no stiffness, no damping
+# position, velocity and torque in the middle of their ranges, no stiffness, no damping
+NOTHING = bytes.fromhex("7fff7ff0000007ff")
 
 
 def damped(share):

@@ -4,4 +4,15 @@ from blocks.controllers.gait import GaitPhase, TorqueProfile
 from blocks.controllers.joint import Admittance, FeedForward, GravityCompensation, Impedance
 from blocks.controllers.pid import PD, PI, PID, P
 
-__all__ = ["Admittance", "FeedForward", "GaitPhase", "GravityCompensation", "Impedance", "P", "PD", "PI", "PID", "TorqueProfile"]
+__all__ = [
+    "Admittance",
+    "FeedForward",
+    "GaitPhase",
+    "GravityCompensation",
+    "Impedance",
+    "P",
+    "PD",
+    "PI",
+    "PID",
+    "TorqueProfile",
+]

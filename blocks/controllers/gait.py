@@ -9,13 +9,17 @@ from graph import Block, Input, Interval, Memory, Output, Param
 
 
 class TorqueProfile(Block):
-    """A torque over the gait phase: τ = scale · p(phase), p a periodic curve through given points that never leaves their range.
+    """A torque over the gait phase: τ = scale · p(phase), p a periodic curve through given points that never leaves
+    their range.
 
-    The curve is a monotone piecewise cubic (Fritsch and Carlson 1980), smooth across the end of the stride. No torque where `enable` is
-    false. Direct feedthrough; NaN passes, infinity becomes NaN. Such profiles are what human-in-the-loop optimisation tunes (Zhang et al. 2017).
+    The curve is a monotone piecewise cubic (Fritsch and Carlson 1980), smooth across the end of the stride. No torque
+    where `enable` is false. Direct feedthrough; NaN passes, infinity becomes NaN. Such profiles are what
+    human-in-the-loop optimisation tunes (Zhang et al. 2017).
     """
 
-    points = Param(((0.0, 0.0), (0.5, 0.0)), "1", "pairs (phase from 0 to 1, torque in N·m), at least two, in order", dtype=tuple)
+    points = Param(
+        ((0.0, 0.0), (0.5, 0.0)), "1", "pairs (phase from 0 to 1, torque in N·m), at least two, in order", dtype=tuple
+    )
     scale = Param(1.0, "1", "share of the profile that is applied", min=0.0, max=1.0, live=True)
 
     phase = Input("1", "gait phase, 0 at heel strike, 1 at the next")
@@ -50,7 +54,9 @@ class TorqueProfile(Block):
 
 
 def monotone_cubics(knots, values):
-    """Coefficients (n, 4), constant first, of a periodic monotone cubic through n + 1 knots, values[0] == values[-1]."""
+    """Coefficients (n, 4), constant first, of a periodic monotone cubic through n + 1 knots, values[0] ==
+    values[-1].
+    """
     width = np.diff(knots)
     slope = np.diff(values) / width
     before, before_width = np.roll(slope, 1), np.roll(width, 1)
@@ -60,18 +66,25 @@ def monotone_cubics(knots, values):
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         tangent = np.where(rising, (w1 + w2) / (w1 / before + w2 / slope), 0.0)
     after = np.roll(tangent, -1)
-    return np.column_stack((
-        values[:-1], tangent, (3.0 * slope - 2.0 * tangent - after) / width, (tangent + after - 2.0 * slope) / width**2,
-    ))
+    return np.column_stack(
+        (
+            values[:-1],
+            tangent,
+            (3.0 * slope - 2.0 * tangent - after) / width,
+            (tangent + after - 2.0 * slope) / width**2,
+        )
+    )
 
 
 class GaitPhase(Block):
-    """Gait phase from the knee alone: time since the swing knee last passed a flexion threshold, over the mean stride time.
+    """Gait phase from the knee alone: time since the swing knee last passed a flexion threshold, over the mean stride
+    time.
 
-    Principle: 1. an event is the angle rising through `threshold` (near toe-off) after having been below half of it; 2. the time between
-    two events, if between `shortest` and `longest`, is a stride and enters a running mean, else all starts over; 3. phase =
-    event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none comes for one and a half strides. Direct
-    feedthrough. NaN or infinity in the angle or its velocity gives NaN in the phase, and is forgotten with it.
+    Principle: 1. an event is the angle rising through `threshold` (near toe-off) after having been below half of it; 2.
+    the time between two events, if between `shortest` and `longest`, is a stride and enters a running mean, else all
+    starts over; 3. phase = event_phase + elapsed / mean, modulo 1; 4. `walking` from the third event on, until none
+    comes for one and a half strides. Direct feedthrough. NaN or infinity in the angle or its velocity gives NaN in the
+    phase, and is forgotten with it.
     """
 
     threshold = Param(0.7, "rad", "knee flexion at the event", above=0.0)

@@ -10,7 +10,7 @@ from blocks.response import designed, reach_of_state_space
 from cext.kernels import controllers as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
-GRAVITY = 9.80665               # m/s², standard
+GRAVITY = 9.80665  # m/s², standard
 
 
 class Impedance(Block):
@@ -36,8 +36,9 @@ class Impedance(Block):
 class Admittance(Block):
     """Moves as a mass on a spring and a damper would under a torque: M ë + B ė + K e = τ, θ = θ₀ + e.   (Hogan 1985)
 
-    For drives that are commanded a position and sensors that measure the interaction torque. Exact for a torque that holds from tick to
-    tick. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN stays until the next reset.
+    For drives that are commanded a position and sensors that measure the interaction torque. Exact for a torque that
+    holds from tick to tick. No direct feedthrough of the torque. Starts at rest at the equilibrium. NaN stays until the
+    next reset.
     """
 
     inertia = Param(0.5, "kg·m²", "M, what the wearer feels as mass", above=0.0, fixed=True)
@@ -76,7 +77,9 @@ class Admittance(Block):
 
 
 class FeedForward(Block):
-    """Torque that a joint needs for a planned motion: τ = M α + B ω + τ_c · clip(ω / ω_c, -1, 1). Direct feedthrough; NaN passes."""
+    """Torque that a joint needs for a planned motion: τ = M α + B ω + τ_c · clip(ω / ω_c, -1, 1). Direct feedthrough;
+    NaN passes.
+    """
 
     inertia = Param(0.0, "kg·m²", "M, of the joint and what it moves", min=0.0)
     damping = Param(0.0, "N·m·s/rad", "B, viscous friction", min=0.0)
@@ -91,15 +94,17 @@ class FeedForward(Block):
 
     def output_range(self, velocity, acceleration):
         slip = self.span("slip").low
-        sign = Interval(min(max(velocity.low / slip, -1.0), 1.0), min(max(velocity.high / slip, -1.0), 1.0)) | Interval.point(0.0)
+        sign = Interval(
+            min(max(velocity.low / slip, -1.0), 1.0), min(max(velocity.high / slip, -1.0), 1.0)
+        ) | Interval.point(0.0)
         return self.span("inertia") * acceleration + self.span("damping") * velocity + self.span("friction") * sign
 
 
 class GravityCompensation(Block):
     """Torque that holds a limb segment against gravity: τ = share · m g l sin θ, θ from hanging straight down.
 
-    Direct feedthrough; NaN passes. g = 9.80665 m/s². For masses and centres of mass of segments see Winter, Biomechanics and Motor Control
-    of Human Movement, table 4.1.
+    Direct feedthrough; NaN passes. g = 9.80665 m/s². For masses and centres of mass of segments see Winter,
+    Biomechanics and Motor Control of Human Movement, table 4.1.
     """
 
     mass = Param(3.0, "kg", "m, of the segment and what it carries", min=0.0)

@@ -1,7 +1,8 @@
 """P, PI, PD and PID controllers, in parallel form. (Åström and Hägglund, Advanced PID Control, 2006, chapter 3)
 
-The derivative is filtered, of the measurement alone by default, so that a step in the reference gives no kick; set-point weights b and
-c say how much of the reference the proportional and the derivative part see. `unit` is that of the command; gains have units to match.
+The derivative is filtered, of the measurement alone by default, so that a step in the reference gives no kick;
+set-point weights b and c say how much of the reference the proportional and the derivative part see. `unit` is that of
+the command; gains have units to match.
 """
 
 import math
@@ -18,7 +19,9 @@ class _Controller(Block):
         if self.unit != ANY:
             self.outputs = {"command": Output(self.unit, "what is asked of the drive", shape=...).named("command")}
             if "manual_command" in self.inputs:
-                by_hand = Input(self.unit, "command while `manual` is true", shape=..., default=0.0).named("manual_command")
+                by_hand = Input(self.unit, "command while `manual` is true", shape=..., default=0.0).named(
+                    "manual_command"
+                )
                 self.inputs = self.inputs | {"manual_command": by_hand}
 
 
@@ -39,9 +42,11 @@ class P(_Controller):
 
 
 class PD(_Controller):
-    """Proportional and derivative control: u = kp (b r - y) + kd d(c r - y)/dt, the derivative filtered by 1 / (filter_time s + 1).
+    """Proportional and derivative control: u = kp (b r - y) + kd d(c r - y)/dt, the derivative filtered by 1 /
+    (filter_time s + 1).
 
-    Backward differences. Direct feedthrough. The derivative starts at 0, so nothing kicks. NaN passes, infinity becomes NaN, neither is held.
+    Backward differences. Direct feedthrough. The derivative starts at 0, so nothing kicks. NaN passes, infinity becomes
+    NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")
@@ -65,7 +70,8 @@ class PD(_Controller):
         w = self.span("c") * reference - measurement
         if self.dt is None or not w.bounded:
             return EVERYTHING
-        # The filter stays among its inputs, so a slope is at most their spread over filter_time + dt; and what rounding adds.
+        # The filter stays among its inputs, so a slope is at most their spread over filter_time + dt; and what rounding
+        # adds.
         slope = (w.high - w.low) / (self.span("filter_time").low + self.dt) + 1e-14 * max(-w.low, w.high) / self.dt
         return self.span("kp") * (self.span("b") * reference - measurement) + self.span("kd") * Interval(-slope, slope)
 
@@ -84,9 +90,10 @@ class _Integrating(_Controller):
 class PI(_Integrating):
     """Proportional and integral control inside limits: u = clip(kp (b r - y) + I), I += dt ki (r - y).
 
-    Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the limit; "back-calculation" leads it back by
-    dt / tracking_time of what was clipped. While `manual` is true the command is `manual_command`, clipped, and the integral follows it:
-    the way back has no bump. Direct feedthrough. I starts at 0. NaN passes, infinity becomes NaN, neither is held.
+    Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the limit;
+    "back-calculation" leads it back by dt / tracking_time of what was clipped. While `manual` is true the command is
+    `manual_command`, clipped, and the integral follows it: the way back has no bump. Direct feedthrough. I starts at 0.
+    NaN passes, infinity becomes NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")
@@ -113,12 +120,13 @@ class PI(_Integrating):
 
 
 class PID(_Integrating):
-    """Control inside limits: u = clip(kp (b r - y) + I + kd d(c r - y)/dt), I += dt ki (r - y), the derivative filtered.
+    """Control inside limits: u = clip(kp (b r - y) + I + kd d(c r - y)/dt), I += dt ki (r - y), the derivative
+    filtered.
 
-    Backward differences. Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the limit;
-    "back-calculation" leads it back by dt / tracking_time of what was clipped. While `manual` is true the command is `manual_command`,
-    clipped, and the integral follows it: the way back has no bump. Direct feedthrough. I and the derivative start at 0. NaN passes,
-    infinity becomes NaN, neither is held.
+    Backward differences. Against windup, at a limit: "clamping" lets the integral wait unless it leads away from the
+    limit; "back-calculation" leads it back by dt / tracking_time of what was clipped. While `manual` is true the
+    command is `manual_command`, clipped, and the integral follows it: the way back has no bump. Direct feedthrough. I
+    and the derivative start at 0. NaN passes, infinity becomes NaN, neither is held.
     """
 
     kp = Param(1.0, "any", "proportional gain")

@@ -5,5 +5,12 @@ from blocks.imus.microstrain import EmulatedMicroStrain, MicroStrain
 from blocks.imus.openimu import EmulatedOpenImu, OpenImu
 
 __all__ = [
-    "EmulatedICM20948", "EmulatedMPU9250", "EmulatedMicroStrain", "EmulatedOpenImu", "ICM20948", "MPU9250", "MicroStrain", "OpenImu",
+    "EmulatedICM20948",
+    "EmulatedMPU9250",
+    "EmulatedMicroStrain",
+    "EmulatedOpenImu",
+    "ICM20948",
+    "MPU9250",
+    "MicroStrain",
+    "OpenImu",
 ]

@@ -28,8 +28,11 @@ NOTHING = (0.0, 0.0, 0.0)
 SAME = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PARTS = {"accelerometer": ("offset", "matrix"), "gyroscope": ("bias",), "magnetometer": ("offset", "matrix")}
 FIELDS = {
-    "accelerometer": ("accel_offset", "accel_matrix"), "gyroscope": ("gyro_bias",), "magnetometer": ("mag_offset", "mag_matrix")}
-ABOUT = "sensor"                # table with what the calibration was made of: told, not used
+    "accelerometer": ("accel_offset", "accel_matrix"),
+    "gyroscope": ("gyro_bias",),
+    "magnetometer": ("mag_offset", "mag_matrix"),
+}
+ABOUT = "sensor"  # table with what the calibration was made of: told, not used
 
 
 @dataclass(frozen=True)
@@ -57,9 +60,12 @@ class Calibration:
         if stranger is not None:
             raise ValueError(f"{path}: [{stranger}] is no part of a calibration: {', '.join(PARTS)}")
         return cls(
-            accel_offset=vector(content, "accelerometer", "offset", path), accel_matrix=matrix(content, "accelerometer", path),
+            accel_offset=vector(content, "accelerometer", "offset", path),
+            accel_matrix=matrix(content, "accelerometer", path),
             gyro_bias=vector(content, "gyroscope", "bias", path),
-            mag_offset=vector(content, "magnetometer", "offset", path), mag_matrix=matrix(content, "magnetometer", path))
+            mag_offset=vector(content, "magnetometer", "offset", path),
+            mag_matrix=matrix(content, "magnetometer", path),
+        )
 
     @staticmethod
     def parts_of(text):
@@ -72,18 +78,32 @@ class Calibration:
         return replace(self, **fields)
 
     def text(self, about=None, parts=tuple(PARTS)):
-        """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were calibrated"""
+        """The file's text. about : {name: text or number} of the sensor and the measurement; parts : that were
+        calibrated
+        """
         lines = []
         if about:
             lines += [f"[{ABOUT}]", *(f"{name} = {quoted(value)}" for name, value in about.items()), ""]
         if "accelerometer" in parts:
-            lines += ["[accelerometer]             # m/s²: accel = matrix (measured - offset)",
-                      f"offset = {numbers(self.accel_offset)}", *rows(self.accel_matrix), ""]
+            lines += [
+                "[accelerometer]             # m/s²: accel = matrix (measured - offset)",
+                f"offset = {numbers(self.accel_offset)}",
+                *rows(self.accel_matrix),
+                "",
+            ]
         if "gyroscope" in parts:
-            lines += ["[gyroscope]                 # rad/s: gyro = measured - bias", f"bias = {numbers(self.gyro_bias)}", ""]
+            lines += [
+                "[gyroscope]                 # rad/s: gyro = measured - bias",
+                f"bias = {numbers(self.gyro_bias)}",
+                "",
+            ]
         if "magnetometer" in parts:
-            lines += ["[magnetometer]              # µT: mag = matrix (measured - offset)",
-                      f"offset = {numbers(self.mag_offset)}", *rows(self.mag_matrix), ""]
+            lines += [
+                "[magnetometer]              # µT: mag = matrix (measured - offset)",
+                f"offset = {numbers(self.mag_offset)}",
+                *rows(self.mag_matrix),
+                "",
+            ]
         return "\n".join(lines)
 
 
@@ -110,8 +130,11 @@ def vector(content, part, name, path):
 
 def matrix(content, part, path):
     value = table(content, part, path).get("matrix", SAME)
-    right = isinstance(value, (list, tuple)) and len(value) == 3 and all(
-        isinstance(row, (list, tuple)) and len(row) == 3 and all(map(is_number, row)) for row in value)
+    right = (
+        isinstance(value, (list, tuple))
+        and len(value) == 3
+        and all(isinstance(row, (list, tuple)) and len(row) == 3 and all(map(is_number, row)) for row in value)
+    )
     if not right:
         raise ValueError(f"{path}: [{part}] matrix: three rows of three finite numbers are wanted, got {value!r}")
     return tuple(tuple(map(float, row)) for row in value)
@@ -126,4 +149,8 @@ def rows(values):
 
 
 def quoted(value):
-    return repr(value) if isinstance(value, (int, float)) else '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
+    return (
+        repr(value)
+        if isinstance(value, (int, float))
+        else '"' + str(value).replace("\\", "\\\\").replace('"', '\\"') + '"'
+    )

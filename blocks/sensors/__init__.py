@@ -7,6 +7,15 @@ from blocks.sensors.microcontroller import EmulatedMicrocontroller, Microcontrol
 from blocks.sensors.nau7802 import NAU7802, EmulatedNAU7802
 
 __all__ = [
-    "ADS1115", "EmulatedADS1115", "EmulatedInsole", "EmulatedMicrocontroller", "EmulatedNAU7802", "FSR", "FootContact", "Insole", "LoadCell",
-    "Microcontroller", "NAU7802",
+    "ADS1115",
+    "EmulatedADS1115",
+    "EmulatedInsole",
+    "EmulatedMicrocontroller",
+    "EmulatedNAU7802",
+    "FSR",
+    "FootContact",
+    "Insole",
+    "LoadCell",
+    "Microcontroller",
+    "NAU7802",
 ]

@@ -6,28 +6,44 @@ from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param
 
 CONVERSION, CONFIG = 0x00, 0x01
-INPUTS = {"a0": 4, "a1": 5, "a2": 6, "a3": 7, "a0_a1": 0, "a0_a3": 1, "a1_a3": 2, "a2_a3": 3}        # code of MUX, bits 14 to 12
-RANGES = {6.144: 0, 4.096: 1, 2.048: 2, 1.024: 3, 0.512: 4, 0.256: 5}                                # V, code of PGA, bits 11 to 9
-RATES = {8: 0, 16: 1, 32: 2, 64: 3, 128: 4, 250: 5, 475: 6, 860: 7}                                  # 1/s, code of DR, bits 7 to 5
+# code of MUX, bits 14 to 12
+INPUTS = {"a0": 4, "a1": 5, "a2": 6, "a3": 7, "a0_a1": 0, "a0_a3": 1, "a1_a3": 2, "a2_a3": 3}
+RANGES = {6.144: 0, 4.096: 1, 2.048: 2, 1.024: 3, 0.512: 4, 0.256: 5}  # V, code of PGA, bits 11 to 9
+RATES = {8: 0, 16: 1, 32: 2, 64: 3, 128: 4, 250: 5, 475: 6, 860: 7}  # 1/s, code of DR, bits 7 to 5
 START, SINGLE, NO_COMPARATOR = 0x8000, 0x0100, 0x0003
-SLOWEST = 0.9                   # the chip's clock may be 10 % slow
-WAKE_UP = 50e-6                 # s, before a conversion begins
+SLOWEST = 0.9  # the chip's clock may be 10 % slow
+WAKE_UP = 50e-6  # s, before a conversion begins
 ADDRESSES = (0x48, 0x49, 0x4A, 0x4B)
 
 
 class ADS1115(I2cDevice):
     """An ADS1115 on I2C: voltages, single-ended or differential, 16 bits, converted one after the other.
 
-    u = code · full_scale / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3 as differences; each is
-    new at 0.86 of `rate` over the number of channels, 185 Hz with four at 860 a second. Every answer carries the configuration that it was
-    made with. No input may be below ground or above the chip's supply, whatever the full scale.   (SBAS444E)
+    u = code · full_scale / 32768. Each channel has its output: a0 to a3 against ground, a0_a1, a0_a3, a1_a3 and a2_a3
+    as differences; each is new at 0.86 of `rate` over the number of channels, 185 Hz with four at 860 a second. Every
+    answer carries the configuration that it was made with. No input may be below ground or above the chip's supply,
+    whatever the full scale.   (SBAS444E)
     """
 
-    channels = Param(("a0", "a1", "a2", "a3"), "1", f"those that are converted, of {', '.join(INPUTS)}", dtype=tuple, fixed=True)
-    address = Param(0x48, "1", "its address: 0x48 to 0x4b, by what its pin ADDR is tied to", min=0x08, max=0x77, fixed=True, kernel=False)
-    full_scale = Param(4.096, "V", "that it measures at most, either way", choices=tuple(RANGES), fixed=True, kernel=False)
+    channels = Param(
+        ("a0", "a1", "a2", "a3"), "1", f"those that are converted, of {', '.join(INPUTS)}", dtype=tuple, fixed=True
+    )
+    address = Param(
+        0x48,
+        "1",
+        "its address: 0x48 to 0x4b, by what its pin ADDR is tied to",
+        min=0x08,
+        max=0x77,
+        fixed=True,
+        kernel=False,
+    )
+    full_scale = Param(
+        4.096, "V", "that it measures at most, either way", choices=tuple(RANGES), fixed=True, kernel=False
+    )
     rate = Param(860, "1/s", "conversions", choices=tuple(RATES), fixed=True, kernel=False)
-    timeout = Param(0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
+    timeout = Param(
+        0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+    )
 
     a0 = Output("V", "at input 0")
     a1 = Output("V", "at input 1")
@@ -66,7 +82,9 @@ class ADS1115(I2cDevice):
 
     def configuration(self, name):
         """What starts one conversion of a channel."""
-        return START | INPUTS[name] << 12 | RANGES[self.full_scale] << 9 | SINGLE | RATES[self.rate] << 5 | NO_COMPARATOR
+        return (
+            START | INPUTS[name] << 12 | RANGES[self.full_scale] << 9 | SINGLE | RATES[self.rate] << 5 | NO_COMPARATOR
+        )
 
     @property
     def period(self):
@@ -82,21 +100,32 @@ class ADS1115(I2cDevice):
     def rounds(self):
         """What has been converted is read, with its configuration, and the next conversion begins."""
         following = [*self.channels[1:], self.channels[0]]
-        return (Round(self.period, tuple(
-            Transfer(number, (Read(CONVERSION, 2), Read(CONFIG, 2), self.start(name))) for number, name in enumerate(following)
-        ), settle=self.period),)
+        return (
+            Round(
+                self.period,
+                tuple(
+                    Transfer(number, (Read(CONVERSION, 2), Read(CONFIG, 2), self.start(name)))
+                    for number, name in enumerate(following)
+                ),
+                settle=self.period,
+            ),
+        )
 
     def emulator(self, **parameters):
         return EmulatedADS1115.of(self, **parameters)
 
 
 class EmulatedADS1115(I2cDevice):
-    """An ADS1115 that is not there: it answers with the conversions of the voltages that are wired to it, one after the other.
+    """An ADS1115 that is not there: it answers with the conversions of the voltages that are wired to it, one after the
+    other.
 
-    `EmulatedADS1115.of(robot["insole"])` plays the converter of a robot, with an input for each of its channels, 0 V by default.
+    `EmulatedADS1115.of(robot["insole"])` plays the converter of a robot, with an input for each of its channels, 0 V by
+    default.
     """
 
-    channels, address, full_scale, rate = (ADS1115.parameters[name] for name in ("channels", "address", "full_scale", "rate"))
+    channels, address, full_scale, rate = (
+        ADS1115.parameters[name] for name in ("channels", "address", "full_scale", "rate")
+    )
 
     a0 = Input("V", "at input 0", default=0.0)
     a1 = Input("V", "at input 1", default=0.0)
@@ -124,9 +153,15 @@ class EmulatedADS1115(I2cDevice):
         super().configure()
         self.check_channels()
         own = {name: Input("V", told(name), default=0.0).named(name) for name in self.channels}
-        self.inputs = own | {name: type(self).inputs[name] for name in ("silent", "stuck", "wrong_address", "not_ready")}
+        self.inputs = own | {
+            name: type(self).inputs[name] for name in ("silent", "stuck", "wrong_address", "not_ready")
+        }
         self.identity = self.own_identity()
-        self.layout = (self.full_scale / 32768.0, self.period, *(float(self.configuration(name)) for name in self.channels))
+        self.layout = (
+            self.full_scale / 32768.0,
+            self.period,
+            *(float(self.configuration(name)) for name in self.channels),
+        )
 
 
 def told(name):

@@ -7,14 +7,22 @@ from cext.kernels import quiet
 from graph import Block, Input, Interval, Memory, Output, Param, StreamDevice
 
 SIDES = {"left": 0, "right": 1}
-LARGEST = 65534 * 10.0              # Pa that a cell can say
+LARGEST = 65534 * 10.0  # Pa that a cell can say
 
 
 def plan_of(block):
-    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a datagram,
-    whether frames have a time."""
-    return (float(block.rows), float(block.columns), float(SIDES[block.side]), block.length, block.breadth,
-            getattr(block, "least", 0.0), float(getattr(block, "transport", "udp") == "udp"), float(getattr(block, "clock", False)))
+    """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a
+    datagram, whether frames have a time."""
+    return (
+        float(block.rows),
+        float(block.columns),
+        float(SIDES[block.side]),
+        block.length,
+        block.breadth,
+        getattr(block, "least", 0.0),
+        float(getattr(block, "transport", "udp") == "udp"),
+        float(getattr(block, "clock", False)),
+    )
 
 
 def room(block):
@@ -23,26 +31,48 @@ def room(block):
 
 
 class Insole(StreamDevice):
-    """A pressure insole whose frames come over UDP or TCP, from its maker's program or a bridge to it: force, centre of pressure, sums of regions.
+    """A pressure insole whose frames come over UDP or TCP, from its maker's program or a bridge to it: force, centre of
+    pressure, sums of regions.
 
-    A frame has the pressures of all cells, row by row from the heel, with a number and a checksum; docs/sensors.md has its bytes and a bridge to
-    begin with. F = Σ p A over the cells, and the centre of pressure is Σ p A r / F: x forward from the heel's end, y to the wearer's left from
-    the middle. Regions are cut across the foot, from the heel on. A centre is NaN under less than `least`.
+    A frame has the pressures of all cells, row by row from the heel, with a number and a checksum; docs/sensors.md has
+    its bytes and a bridge to begin with. F = Σ p A over the cells, and the centre of pressure is Σ p A r / F: x forward
+    from the heel's end, y to the wearer's left from the middle. Regions are cut across the foot, from the heel on. A
+    centre is NaN under less than `least`.
     """
 
     side = Param("left", "1", "whose frames are taken", choices=tuple(SIDES))
-    transport = Param("udp", "1", "how they come: udp, to the port of `address`, or tcp, from a bridge that waits there", choices=("udp", "tcp"))
-    address = Param("127.0.0.1:5005", "1", "where this computer listens (udp; 0.0.0.0:5005 for any of its networks), or the bridge does (tcp)",
-                    dtype=str)
+    transport = Param(
+        "udp",
+        "1",
+        "how they come: udp, to the port of `address`, or tcp, from a bridge that waits there",
+        choices=("udp", "tcp"),
+    )
+    address = Param(
+        "127.0.0.1:5005",
+        "1",
+        "where this computer listens (udp; 0.0.0.0:5005 for any of its networks), or the bridge does (tcp)",
+        dtype=str,
+    )
     rows = Param(31, "1", "of cells, from the heel to the toes", min=1, max=120, fixed=True, kernel=False)
     columns = Param(9, "1", "of cells", min=1, max=60, fixed=True, kernel=False)
     length = Param(0.27, "m", "of the field of cells", above=0.0, max=1.0, fixed=True, kernel=False)
     breadth = Param(0.09, "m", "of it", above=0.0, max=1.0, fixed=True, kernel=False)
-    regions_at = Param((0.3, 0.6, 0.85), "1", "where regions end, as shares of the length from the heel: heel, midfoot, forefoot; the rest are "
-                       "the toes")
+    regions_at = Param(
+        (0.3, 0.6, 0.85),
+        "1",
+        "where regions end, as shares of the length from the heel: heel, midfoot, forefoot; the rest are the toes",
+    )
     least = Param(20.0, "N", "under which a centre of pressure means nothing", min=0.0, fixed=True, kernel=False)
-    clock = Param(False, "1", "whether the sender puts its clock into its frames: then sample_time follows it", fixed=True, kernel=False)
-    timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
+    clock = Param(
+        False,
+        "1",
+        "whether the sender puts its clock into its frames: then sample_time follows it",
+        fixed=True,
+        kernel=False,
+    )
+    timeout = Param(
+        0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+    )
 
     force = Output("N", "on the whole insole")
     centre = Output("m", "of pressure: forward from the heel's end, to the left from the middle", shape=(2,))
@@ -52,11 +82,18 @@ class Insole(StreamDevice):
     lost = Output("1", "frames so far that their numbers miss", dtype=int)
     corrupt = Output("1", "frames so far with a wrong checksum or size", dtype=int)
     dead = Output("1", "places without a cell, or with a broken one", dtype=int)
-    sample_time = Output("s", "when the newest frame was measured, on the clock of the run; without a clock of its own, when it came")
+    sample_time = Output(
+        "s", "when the newest frame was measured, on the clock of the run; without a clock of its own, when it came"
+    )
     clock_drift = Output("1", "by how much its clock is slower than the computer's")
-    plan = Memory((), "rows, columns, side, length, breadth, least force, whether each read is a datagram, whether there is a clock")
+    plan = Memory(
+        (),
+        "rows, columns, side, length, breadth, least force, whether each read is a datagram, whether there is a clock",
+    )
     bounds = Memory((), "rows at which regions begin")
-    parsed = Memory((0.0, -1.0, 0.0), "bytes of the frame that is coming, number of the next, whether one has ended in front of it")
+    parsed = Memory(
+        (0.0, -1.0, 0.0), "bytes of the frame that is coming, number of the next, whether one has ended in front of it"
+    )
     buffer = Memory((), "those bytes")
     mapped = Memory((0.0,) * kernels.clock_doubles, "map of its clock")
 
@@ -67,10 +104,16 @@ class Insole(StreamDevice):
     def configure(self):
         super().configure()
         ends = self.regions_at
-        if not isinstance(ends, tuple) or not all(isinstance(x, float) and 0.0 < x < 1.0 for x in ends) or list(ends) != sorted(set(ends)):
+        if (
+            not isinstance(ends, tuple)
+            or not all(isinstance(x, float) and 0.0 < x < 1.0 for x in ends)
+            or list(ends) != sorted(set(ends))
+        ):
             raise ValueError(f"regions_at are shares of the length between 0.0 and 1.0, rising, got {ends!r}")
         self.outputs = {name: port for name, port in type(self).outputs.items()}
-        self.outputs["regions"] = Output("N", "on each region, from the heel on", shape=(len(ends) + 1,)).named("regions")
+        self.outputs["regions"] = Output("N", "on each region, from the heel on", shape=(len(ends) + 1,)).named(
+            "regions"
+        )
         self.plan, self.bounds = plan_of(self), tuple(math.ceil(x * self.rows - 1e-9) + 0.0 for x in (0.0, *ends))
         self.buffer = (0.0,) * room(self)
 
@@ -81,22 +124,33 @@ class Insole(StreamDevice):
         most = LARGEST * self.length * self.breadth * (1.0 + 1e-9)
         cells = float(self.rows * self.columns)
         return {
-            "force": Interval(0.0, most), "regions": Interval(0.0, most), "centre": Interval(-self.breadth, max(self.length, self.breadth)),
-            "age": Interval(0.0), "received": Interval(0.0), "lost": Interval(0.0), "corrupt": Interval(0.0), "dead": Interval(0.0, cells)}
+            "force": Interval(0.0, most),
+            "regions": Interval(0.0, most),
+            "centre": Interval(-self.breadth, max(self.length, self.breadth)),
+            "age": Interval(0.0),
+            "received": Interval(0.0),
+            "lost": Interval(0.0),
+            "corrupt": Interval(0.0),
+            "dead": Interval(0.0, cells),
+        }
 
     def emulator(self, **parameters):
         return EmulatedInsole.of(self, **parameters)
 
 
 class EmulatedInsole(StreamDevice):
-    """An insole that is not there: a force spread about a centre of pressure, in the same frames, for a plant. Near an edge its centre is drawn inwards."""
+    """An insole that is not there: a force spread about a centre of pressure, in the same frames, for a plant. Near an
+    edge its centre is drawn inwards.
+    """
 
     side, rows, columns = (Insole.parameters[name] for name in ("side", "rows", "columns"))
     length, breadth = Insole.parameters["length"], Insole.parameters["breadth"]
     period = Param(0.01, "s", "between its frames", above=0.0, fixed=True)
 
     force = Input("N", "on the insole", default=0.0)
-    centre = Input("m", "of pressure: forward from the heel's end, to the left from the middle", shape=(2,), default=(0.1, 0.0))
+    centre = Input(
+        "m", "of pressure: forward from the heel's end, to the left from the middle", shape=(2,), default=(0.1, 0.0)
+    )
     silent = Input("1", "it sends nothing", default=False, dtype=bool)
     dropped = Input("1", "share of its frames that get lost, 0 to 1", default=0.0)
     broken = Input("1", "share of its frames in which a byte is wrong, 0 to 1", default=0.0)
@@ -111,7 +165,10 @@ class EmulatedInsole(StreamDevice):
     @classmethod
     def of(cls, insole, **parameters):
         """The emulator of one block of a robot."""
-        return cls(**{name: getattr(insole, name) for name in ("bus", "side", "rows", "columns", "length", "breadth")} | parameters)
+        return cls(
+            **{name: getattr(insole, name) for name in ("bus", "side", "rows", "columns", "length", "breadth")}
+            | parameters
+        )
 
     def configure(self):
         super().configure()
@@ -119,10 +176,11 @@ class EmulatedInsole(StreamDevice):
 
 
 class FootContact(Block):
-    """Heel strike and toe off of one foot, from the force under it: on the ground from `press` on until less than `release`.
+    """Heel strike and toe off of one foot, from the force under it: on the ground from `press` on until less than
+    `release`.
 
-    A heel strike is a first contact in which the heel has at least `heel_share` of the force; both are true for one tick. A change is
-    believed for `shortest` before there may be another. NaN changes nothing.
+    A heel strike is a first contact in which the heel has at least `heel_share` of the force; both are true for one
+    tick. A change is believed for `shortest` before there may be another. NaN changes nothing.
     """
 
     press = Param(50.0, "N", "force from which on the foot is on the ground", above=0.0)

@@ -6,34 +6,47 @@ from cext.kernels import quiet
 from graph import Input, Interval, Memory, Output, Param
 
 POWER, CONTROL_1, CONTROL_2, COUNTS, CONVERTER, POWER_2, REVISION = 0x00, 0x01, 0x02, 0x12, 0x15, 0x1C, 0x1F
-RESET, DIGITAL, ANALOGUE, STARTED, INTERNAL_SUPPLY = 0x01, 0x02, 0x04, 0x10, 0x80       # of POWER
-CALIBRATE, CALIBRATION_FAILED = 0x04, 0x08                                              # of CONTROL_2
-CHOPPER_OFF, CAPACITOR_ON = 0x30, 0x80                                                  # of CONVERTER and POWER_2
+RESET, DIGITAL, ANALOGUE, STARTED, INTERNAL_SUPPLY = 0x01, 0x02, 0x04, 0x10, 0x80  # of POWER
+CALIBRATE, CALIBRATION_FAILED = 0x04, 0x08  # of CONTROL_2
+CHOPPER_OFF, CAPACITOR_ON = 0x30, 0x80  # of CONVERTER and POWER_2
 GAINS = (1, 2, 4, 8, 16, 32, 64, 128)
 RATES = {10: 0, 20: 1, 40: 2, 80: 3, 320: 7}
 SUPPLIES = {4.5: 0, 4.2: 1, 3.9: 2, 3.6: 3, 3.3: 4, 3.0: 5, 2.7: 6, 2.4: 7}
-CALIBRATION_TIME = 0.5          # s, for the longest of its own calibration
-SPAN = 2.0 ** 24                # counts from end to end, which is the whole of the supply over the gain
+CALIBRATION_TIME = 0.5  # s, for the longest of its own calibration
+SPAN = 2.0**24  # counts from end to end, which is the whole of the supply over the gain
 
 
 class NAU7802(I2cDevice):
-    """An NAU7802 on I2C with a load cell: counts of 24 bits, the cell's signal in V/V, and its force, tared at the start or on an input.
+    """An NAU7802 on I2C with a load cell: counts of 24 bits, the cell's signal in V/V, and its force, tared at the
+    start or on an input.
 
-    ratio = counts / (2²⁴ gain);  force = (counts − zero) · capacity / (sensitivity 2²⁴ gain). The signal does not depend on the supply,
-    which is the converter's reference too. Give `capacity` and `sensitivity` of the cell's data sheet, or `scale`, N of a count, as
-    measured with a weight.   (Nuvoton, NAU7802 1.7)
+    ratio = counts / (2²⁴ gain);  force = (counts − zero) · capacity / (sensitivity 2²⁴ gain). The signal does not
+    depend on the supply, which is the converter's reference too. Give `capacity` and `sensitivity` of the cell's data
+    sheet, or `scale`, N of a count, as measured with a weight.   (Nuvoton, NAU7802 1.7)
     """
 
     address = Param(0x2A, "1", "its address, the only one it has", min=0x08, max=0x77, fixed=True, kernel=False)
     rate = Param(80, "1/s", "conversions", choices=tuple(RATES), fixed=True, kernel=False)
     gain = Param(128, "1", "of its amplifier", choices=GAINS, fixed=True, kernel=False)
-    supply = Param(3.0, "V", "of the load cell, 0.3 V below its own at most", choices=tuple(SUPPLIES), fixed=True, kernel=False)
+    supply = Param(
+        3.0, "V", "of the load cell, 0.3 V below its own at most", choices=tuple(SUPPLIES), fixed=True, kernel=False
+    )
     capacity = Param(100.0, "N", "force at which the cell gives its full signal", above=0.0, fixed=True, kernel=False)
-    sensitivity = Param(0.002, "1", "full signal, V per V of supply: 2 mV/V is 0.002; negative where it pulls", fixed=True, kernel=False)
-    scale = Param(0.0, "N", "of one count, which then counts instead of capacity and sensitivity; 0 for none", fixed=True, kernel=False)
+    sensitivity = Param(
+        0.002, "1", "full signal, V per V of supply: 2 mV/V is 0.002; negative where it pulls", fixed=True, kernel=False
+    )
+    scale = Param(
+        0.0,
+        "N",
+        "of one count, which then counts instead of capacity and sensitivity; 0 for none",
+        fixed=True,
+        kernel=False,
+    )
     tare_at_start = Param(True, "1", "whether it is tared with its first samples", fixed=True, kernel=False)
     tare_time = Param(0.5, "s", "over which a tare takes the mean", above=0.0, max=60.0, fixed=True, kernel=False)
-    timeout = Param(0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False)
+    timeout = Param(
+        0.5, "s", "of silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True, kernel=False
+    )
 
     tare = Input("1", "its rising edge tares", default=False, dtype=bool)
     counts = Output("1", "as they were converted", dtype=int)
@@ -44,7 +57,9 @@ class NAU7802(I2cDevice):
 
     identity = Memory(0.0, "place and address")
     scales = Memory((0.0,) * 2, "V/V and N of a count")
-    taring = Memory((0.0,) * 6, "zero, sum, samples so far, samples wanted, whether a tare goes on, whether it was asked for")
+    taring = Memory(
+        (0.0,) * 6, "zero, sum, samples so far, samples wanted, whether a tare goes on, whether it was asked for"
+    )
 
     hardware = (*I2cDevice.hardware, "supply", "capacity", "sensitivity", "scale")
     kind = "NAU7802"
@@ -54,7 +69,9 @@ class NAU7802(I2cDevice):
     def configure(self):
         super().configure()
         if self.sensitivity == 0.0 and self.scale == 0.0:
-            raise ValueError("sensitivity: the cell's data sheet has it, 1 to 3 mV/V as a rule; or give scale, N of a count")
+            raise ValueError(
+                "sensitivity: the cell's data sheet has it, 1 to 3 mV/V as a rule; or give scale, N of a count"
+            )
         self.identity = self.own_identity()
         ratio = 1.0 / (SPAN * self.gain)
         self.scales = (ratio, self.scale or self.capacity * ratio / self.sensitivity)
@@ -63,8 +80,13 @@ class NAU7802(I2cDevice):
     def output_range(self, tare=None):
         most = SPAN / 2.0
         force = 2.0 * most * abs(self.scales[1])
-        return {"counts": Interval(-most, most), "ratio": Interval(-most * self.scales[0], most * self.scales[0]),
-                "force": Interval(-force, force), "age": Interval(0.0), "errors": Interval(0.0)}
+        return {
+            "counts": Interval(-most, most),
+            "ratio": Interval(-most * self.scales[0], most * self.scales[0]),
+            "force": Interval(-force, force),
+            "age": Interval(0.0),
+            "errors": Interval(0.0),
+        }
 
     def identities(self):
         return (Identity(REVISION, {0x0F: "NAU7802"}, mask=0x0F),)
@@ -76,20 +98,31 @@ class NAU7802(I2cDevice):
     def set_up(self):
         on, rate = DIGITAL | ANALOGUE | INTERNAL_SUPPLY, RATES[self.rate] << 4
         values = (
-            (POWER, RESET, 0.001), (POWER, DIGITAL, 0.01), (POWER, on, 0.0), (CONTROL_1, self.control_1, 0.0), (CONTROL_2, rate, 0.0),
-            (CONVERTER, CHOPPER_OFF, 0.0), (POWER_2, CAPACITOR_ON, 0.25), (CONTROL_2, rate | CALIBRATE, CALIBRATION_TIME),
-            (POWER, on | STARTED, 1.0 / self.rate))
+            (POWER, RESET, 0.001),
+            (POWER, DIGITAL, 0.01),
+            (POWER, on, 0.0),
+            (CONTROL_1, self.control_1, 0.0),
+            (CONTROL_2, rate, 0.0),
+            (CONVERTER, CHOPPER_OFF, 0.0),
+            (POWER_2, CAPACITOR_ON, 0.25),
+            (CONTROL_2, rate | CALIBRATE, CALIBRATION_TIME),
+            (POWER, on | STARTED, 1.0 / self.rate),
+        )
         return tuple(Write(register, bytes((value,)), wait) for register, value, wait in values)
 
     def learn(self, read, write):
         if read(CONTROL_2, 1)[0] & CALIBRATION_FAILED:
-            raise ValueError("its own calibration has failed: is the supply of the load cell connected, and not shorted?")
+            raise ValueError(
+                "its own calibration has failed: is the supply of the load cell connected, and not shorted?"
+            )
 
     def check(self):
         return CONTROL_1, bytes((self.control_1,))
 
     def rounds(self):
-        """As often as it converts, and a little more: none is missed, and the bit of what is new tells those that were read before."""
+        """As often as it converts, and a little more: none is missed, and the bit of what is new tells those that were
+        read before.
+        """
         return (Round(1.0 / (1.1 * self.rate), (Transfer(0, (Read(POWER, 1), Read(COUNTS, 3))),)),)
 
     def emulator(self, **parameters):

@@ -1,7 +1,7 @@
 """Drawings of diagrams: first data, where everything lies, then SVG, a page, or Mermaid text.
 
-    drawing = draw(diagram)
-    svg(drawing)                    '<svg ...'
+drawing = draw(diagram)
+svg(drawing)                    '<svg ...'
 """
 
 from graph.compiler import examine
@@ -31,10 +31,18 @@ def draw(diagram, *, all_ports=False, place=str):
     collect(root, MARGIN, MARGIN, found, picture)
     targets = wired_to(diagram, found)
     return Drawing(
-        diagram.name, diagram.rate, laid.width + 2 * MARGIN, laid.height + 2 * MARGIN,
+        diagram.name,
+        diagram.rate,
+        laid.width + 2 * MARGIN,
+        laid.height + 2 * MARGIN,
         **{key: tuple(things) for key, things in picture.items()},
         cards={block.path: block_card(block, found, targets, place) for block in diagram},
-        signals={f"{block.path}.{name}": signal_text(Signal(block, name), found) for block in diagram for name in block.outputs})
+        signals={
+            f"{block.path}.{name}": signal_text(Signal(block, name), found)
+            for block in diagram
+            for name in block.outputs
+        },
+    )
 
 
 def wired_to(diagram, found):

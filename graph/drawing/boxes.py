@@ -8,12 +8,14 @@ from graph.diagram import Signal
 from graph.drawing import cards
 from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
 
-WIDEST, DETAILS = 260.0, 4          # px of a box; parameters shown on it
+WIDEST, DETAILS = 260.0, 4  # px of a box; parameters shown on it
 
 
 @dataclass(eq=False)
 class Plan:
-    """A block's box before it has a place. left, right : y of each port from the top. labels, notes : what is written beside a port."""
+    """A block's box before it has a place. left, right : y of each port from the top. labels, notes : what is written
+    beside a port.
+    """
 
     block: object
     title: str
@@ -41,12 +43,19 @@ def plan(block, found, all_ports, links, every):
     wrong_ports = frozenset(d.port for d in errors if d.port)
     inputs = {link.target[1]: None for link in links if link.target[0] is block}
     outputs = {link.source[1]: None for link in links if link.source[0] is block}
-    constants = {wire.port: wire.source for wire in found.diagram.wires if wire.block is block and not isinstance(wire.source, Signal)}
+    constants = {
+        wire.port: wire.source
+        for wire in found.diagram.wires
+        if wire.block is block and not isinstance(wire.source, Signal)
+    }
     left = [name for name in block.inputs if all_ports or name in inputs or name in constants or name in wrong_ports]
     left += [name for name in inputs if name not in block.inputs]
     right = [name for name in block.outputs if all_ports or name in outputs]
     labels = {name: name if isinstance(name, str) else "enabled" for name in left + right}
-    notes = {name: f"= {cards.quantity(value, '1') if not hasattr(value, '__len__') else 'array'}" for name, value in constants.items()}
+    notes = {
+        name: f"= {cards.quantity(value, '1') if not hasattr(value, '__len__') else 'array'}"
+        for name, value in constants.items()
+    }
 
     kind = type(block).__name__
     name = block.path.rpartition("/")[2]
@@ -59,10 +68,17 @@ def plan(block, found, all_ports, links, every):
         details = details[: DETAILS - 1] + [f"and {len(details) - DETAILS + 1} more"]
 
     title, subtitle = (name, kind) if named else (kind, "")
-    sides = [max((text_width(labels[n] + notes.get(n, ""), TEXT) + PADDING * 1.4 for n in names), default=0.0) for names in (left, right)]
+    sides = [
+        max((text_width(labels[n] + notes.get(n, ""), TEXT) + PADDING * 1.4 for n in names), default=0.0)
+        for names in (left, right)
+    ]
     width = max(
-        text_width(title, TITLE, bold=True) + 2 * PADDING, text_width(subtitle, SMALL) + 2 * PADDING, sum(sides) + PADDING,
-        *(text_width(text, SMALL) + 2 * PADDING for text in details), 92.0)
+        text_width(title, TITLE, bold=True) + 2 * PADDING,
+        text_width(subtitle, SMALL) + 2 * PADDING,
+        sum(sides) + PADDING,
+        *(text_width(text, SMALL) + 2 * PADDING for text in details),
+        92.0,
+    )
     width = math.ceil(min(width, max(WIDEST, sum(sides) + PADDING)))
     head = HEAD + (LINE - 2.0 if subtitle else 0.0)
     rows = max(len(left), len(right))
@@ -73,6 +89,16 @@ def plan(block, found, all_ports, links, every):
         return {n: round(head + ROW * (index + 0.5) + 2.0) for index, n in enumerate(names)}
 
     return Plan(
-        block, fit(title, TITLE, room, bold=True), fit(subtitle, SMALL, room), tuple(fit(text, SMALL, room) for text in details),
-        heights(left), heights(right), labels, notes, tuple(dict.fromkeys(d.title + ": " + d.message for d in errors)), wrong_ports,
-        width, round(height))
+        block,
+        fit(title, TITLE, room, bold=True),
+        fit(subtitle, SMALL, room),
+        tuple(fit(text, SMALL, room) for text in details),
+        heights(left),
+        heights(right),
+        labels,
+        notes,
+        tuple(dict.fromkeys(d.title + ": " + d.message for d in errors)),
+        wrong_ports,
+        width,
+        round(height),
+    )

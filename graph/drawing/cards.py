@@ -1,4 +1,6 @@
-"""What a block says of itself, taken from its declarations and from the compiler: plain data that pages show and lists print."""
+"""What a block says of itself, taken from its declarations and from the compiler: plain data that pages show and lists
+print.
+"""
 
 import inspect
 import re
@@ -10,7 +12,14 @@ from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
 from graph.diagram import Signal
 
-ROOMS = {"filters": "filter", "controllers": "controller", "states": "logic", "logic": "logic", "limiters": "limiter", "sources": "source"}
+ROOMS = {
+    "filters": "filter",
+    "controllers": "controller",
+    "states": "logic",
+    "logic": "logic",
+    "limiters": "limiter",
+    "sources": "source",
+}
 
 
 def family(kind):
@@ -25,7 +34,9 @@ def family(kind):
 
 
 def documentation(kind):
-    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it has none."""
+    """Paragraphs of the docstring of a block's class: prose on one line each, what is indented as it stands. () if it
+    has none.
+    """
     inherited = {base.__doc__ for base in kind.__mro__[1:]}
     if not kind.__doc__ or kind.__doc__ in inherited:
         return ()
@@ -40,7 +51,9 @@ def summary(kind):
 
 
 def example(kind):
-    """A block of this class outside any diagram, to ask for the ports that its parameters make; the class where it cannot be had."""
+    """A block of this class outside any diagram, to ask for the ports that its parameters make; the class where it
+    cannot be had.
+    """
     try:
         return kind(**(getattr(kind, "examples", None) or ({},))[0])
     except DiagramError:
@@ -86,15 +99,23 @@ def interval_text(interval, unit):
         return f"{interval.low:g}{sign}"
     if interval.low == -inf:
         return f"at most {interval.high:g}{sign}"
-    return f"at least {interval.low:g}{sign}" if interval.high == inf else f"{interval.low:g} to {interval.high:g}{sign}"
+    return (
+        f"at least {interval.low:g}{sign}" if interval.high == inf else (f"{interval.low:g} to {interval.high:g}{sign}")
+    )
 
 
 def parameter_cards(block):
-    """One dict for each parameter of a block or of its class; a block's own values are under `value`, where they are not the default."""
+    """One dict for each parameter of a block or of its class; a block's own values are under `value`, where they are
+    not the default.
+    """
     cards = []
     for name, param in block.parameters.items():
         card = {
-            "name": name, "unit": param.unit, "description": param.description, "bounds": bounds_text(param), "live": param.live,
+            "name": name,
+            "unit": param.unit,
+            "description": param.description,
+            "bounds": bounds_text(param),
+            "live": param.live,
             "default": "required" if param.required else quantity(param.default, param.unit),
         }
         if isinstance(block, Block):
@@ -111,20 +132,31 @@ def parameter_cards(block):
 def same(value, default):
     try:
         return bool(value == default)
-    except ValueError:                      # arrays
+    except ValueError:  # arrays
         return False
 
 
 def unit_text(card):
-    """Unit, shape and dtype of a port or parameter, as far as they say something: 'rad/s, (3)', 'int', 'any, any shape'."""
+    """Unit, shape and dtype of a port or parameter, as far as they say something: 'rad/s, (3)', 'int', 'any, any
+    shape'.
+    """
     shape = card.get("shape", "")
-    words = ["" if card["unit"] == units.ONE else card["unit"], "any shape" if shape == "any" else f"({shape})" if shape else ""]
+    words = [
+        "" if card["unit"] == units.ONE else card["unit"],
+        "any shape" if shape == "any" else f"({shape})" if shape else "",
+    ]
     return ", ".join(word for word in [*words, "" if card.get("dtype", "float") == "float" else card["dtype"]] if word)
 
 
 def port_card(port):
     """What one port declares."""
-    card = {"name": port.name, "unit": port.unit, "shape": shape_text(port.shape), "dtype": port.dtype, "description": port.description}
+    card = {
+        "name": port.name,
+        "unit": port.unit,
+        "shape": shape_text(port.shape),
+        "dtype": port.dtype,
+        "description": port.description,
+    }
     if getattr(port, "default", None) is not None:
         card["default"] = quantity(port.default, port.unit)
     if getattr(port, "range", None) is not None:
@@ -147,9 +179,15 @@ def class_card(kind):
     """All that a block's class declares."""
     block = example(kind)
     return {
-        "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind),
-        "documentation": documentation(kind), "runs": runs(kind), "variadic": kind.variadic,
-        "inputs": [port_card(port) for port in block.inputs.values()], "outputs": [port_card(port) for port in block.outputs.values()],
+        "type": kind.__name__,
+        "module": kind.__module__,
+        "family": family(kind),
+        "summary": summary(kind),
+        "documentation": documentation(kind),
+        "runs": runs(kind),
+        "variadic": kind.variadic,
+        "inputs": [port_card(port) for port in block.inputs.values()],
+        "outputs": [port_card(port) for port in block.outputs.values()],
         "parameters": parameter_cards(kind),
         "made": block.inputs.keys() != kind.inputs.keys() or block.outputs.keys() != kind.outputs.keys(),
     }
@@ -165,14 +203,21 @@ def block_card(block, found, targets, place):
     kind = type(block)
     rate = found.diagram.rate / block.every
     return {
-        "path": block.path, "type": kind.__name__, "module": kind.__module__, "family": family(kind), "summary": summary(kind),
-        "documentation": documentation(kind), "runs": runs(block), "made": place(block.location) if block.location else "",
+        "path": block.path,
+        "type": kind.__name__,
+        "module": kind.__module__,
+        "family": family(kind),
+        "summary": summary(kind),
+        "documentation": documentation(kind),
+        "runs": runs(block),
+        "made": place(block.location) if block.location else "",
         "rate": f"{rate:g} Hz" + (f", every {block.every} ticks" if block.every != 1 else ""),
         "conditions": [signal.path for signal in block.conditions],
         "inputs": [input_card(block, port, found) for port in block.inputs.values()] + tap_cards(block, found),
         "outputs": [output_card(block, port, found, targets) for port in block.outputs.values()],
         "parameters": parameter_cards(block),
-        "proofs": proof_texts([proof for proof in found.proofs if proof.path == block.path]) + torque_texts(found.torque_bounds.get(block.path)),
+        "proofs": proof_texts([proof for proof in found.proofs if proof.path == block.path])
+        + torque_texts(found.torque_bounds.get(block.path)),
         "bounds": [f"{proof.path}.{proof.port}" for proof in found.proofs if proof.bounded_by == block.path],
         "errors": [diagnostic_text(d) for d in found.errors if d.path == block.path],
         "warnings": [diagnostic_text(d) for d in found.diagnostics if d.path == block.path and d.severity == "warning"],
@@ -187,7 +232,10 @@ def proof_texts(proofs):
             constants.append(f"{proof.port} {interval_text(proof.interval, proof.unit)}")
             continue
         inside = "inside" if proof.holds else "NOT inside"
-        interval, limit = interval_text(proof.interval, proof.unit) or "anything", interval_text(proof.limit, proof.unit)
+        interval, limit = (
+            interval_text(proof.interval, proof.unit) or "anything",
+            interval_text(proof.limit, proof.unit),
+        )
         texts.append(f"{proof.port}: {interval}, {inside} {limit}; bounded by {proof.bounded_by}")
     return texts + (["constant: " + ", ".join(constants)] if constants else [])
 
@@ -198,13 +246,18 @@ def torque_texts(bound):
 
 
 def diagnostic_text(diagnostic):
-    return f"{diagnostic.code} {diagnostic.title}: {diagnostic.message}" + (f"; {diagnostic.hint}" if diagnostic.hint else "")
+    return f"{diagnostic.code} {diagnostic.title}: {diagnostic.message}" + (
+        f"; {diagnostic.hint}" if diagnostic.hint else ""
+    )
 
 
 def input_card(block, port, found):
     """What an input declares, with the unit and shape that its wire gives it."""
     source = found.sources.get((block, port.name))
-    card = port_card(port) | {"unit": found.units[block, port.name], "shape": shape_text(found.shapes[block, port.name])}
+    card = port_card(port) | {
+        "unit": found.units[block, port.name],
+        "shape": shape_text(found.shapes[block, port.name]),
+    }
     if isinstance(source, Signal):
         card["source"] = source.path
     elif (block, port.name) in found.wires:
@@ -215,8 +268,14 @@ def input_card(block, port, found):
 def tap_cards(block, found):
     """The inputs of a sink that takes any number of signals."""
     return [
-        {"name": label, "unit": found.units[signal.block, signal.port], "shape": shape_text(found.shapes[signal.block, signal.port]),
-         "dtype": signal.declaration.dtype, "description": "", "source": signal.path}
+        {
+            "name": label,
+            "unit": found.units[signal.block, signal.port],
+            "shape": shape_text(found.shapes[signal.block, signal.port]),
+            "dtype": signal.declaration.dtype,
+            "description": "",
+            "source": signal.path,
+        }
         for label, signal in (found.taps.get(block, ()) if block.variadic else ())
     ]
 
@@ -225,7 +284,9 @@ def output_card(block, port, found, targets):
     signal = Signal(block, port.name)
     unit = found.units[block, port.name]
     return port_card(port) | {
-        "unit": unit, "shape": shape_text(found.shapes[block, port.name]), "range": interval_text(found.ranges.get(signal), unit),
+        "unit": unit,
+        "shape": shape_text(found.shapes[block, port.name]),
+        "range": interval_text(found.ranges.get(signal), unit),
         "targets": targets.get(signal.path, []),
     }
 
@@ -235,6 +296,11 @@ def signal_text(signal, found):
     unit, shape = found.units[signal.block, signal.port], found.shapes[signal.block, signal.port]
     dtype = signal.declaration.dtype
     sign = "" if unit in (units.ONE, units.ANY) else unit
-    words = [signal.path, sign, f"({shape_text(shape)})" if shape else "", "" if dtype == "float" else dtype,
-             interval_text(found.ranges.get(signal), unit)]
+    words = [
+        signal.path,
+        sign,
+        f"({shape_text(shape)})" if shape else "",
+        "" if dtype == "float" else dtype,
+        interval_text(found.ranges.get(signal), unit),
+    ]
     return "   ".join(word for word in words if word)

@@ -1,9 +1,11 @@
-"""Channels: the ways of lines between columns. A line crosses a channel level, or turns onto an upright track and off it again.
+"""Channels: the ways of lines between columns. A line crosses a channel level, or turns onto an upright track and off
+it again.
 
-Principle: 1. every net has one wire in a channel: heights at which it comes from the left, heights at which it goes to the right; 2. where
-one comes in at the height at which another goes out, the first turns off before the second turns on; where such rules run in a circle, one
-wire takes two tracks; 3. wires are put in the order in which they cross least, and each takes the leftmost track that is free; 4. feedback
-runs below the boxes it goes back under, in a lane of its own.
+Principle: 1. every net has one wire in a channel: heights at which it comes from the left, heights at which it goes to
+the right; 2. where one comes in at the height at which another goes out, the first turns off before the second turns
+on; where such rules run in a circle, one wire takes two tracks; 3. wires are put in the order in which they cross
+least, and each takes the leftmost track that is free; 4. feedback runs below the boxes it goes back under, in a lane of
+its own.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +14,7 @@ import networkx as nx
 
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES
 
-NEAR = 4.0                  # px, closer than this two lines look like one
+NEAR = 4.0  # px, closer than this two lines look like one
 
 
 @dataclass(eq=False)
@@ -24,7 +26,7 @@ class Wire:
     right: set = field(default_factory=set)
     track: int = -1
     x: float = 0.0
-    halves: tuple = ()          # where one track does not do: two wires that meet at a height of their own
+    halves: tuple = ()  # where one track does not do: two wires that meet at a height of their own
 
     @property
     def heights(self):
@@ -65,7 +67,9 @@ def wires_of(columns, nets, hops, lanes):
             begin, end = net.source.layer + 1, min(edge.target.layer for edge in net.edges)
             wire(begin, net).left |= {net.source.y + net.source.right[net.output], lanes[net]}
             for channel in range(end, begin):
-                heights = {edge.target.y + edge.target.left[edge.input] for edge in net.edges if edge.target.layer == channel}
+                heights = {
+                    edge.target.y + edge.target.left[edge.input] for edge in net.edges if edge.target.layer == channel
+                }
                 if heights:
                     wire(channel, net).right |= heights | {lanes[net]}
                     if channel > end:
@@ -81,7 +85,9 @@ def find_lanes(columns, nets):
     for net in back:
         first, last = span(net)
         under = range(first, last + 1)
-        lanes[net] = max(max(lowest[i] + BETWEEN_LINES for i in under), max(floor[i] for i in under) + BETWEEN_BOXES * 0.75)
+        lanes[net] = max(
+            max(lowest[i] + BETWEEN_LINES for i in under), max(floor[i] for i in under) + BETWEEN_BOXES * 0.75
+        )
         for i in under:
             lowest[i] = lanes[net]
     return lanes
@@ -98,7 +104,9 @@ def assign_tracks(wires):
     order = least_crossed(turning)
     order = list(nx.lexicographical_topological_sort(rules(order), key=order.index))
     for at, wire in enumerate(order):
-        wire.track = 1 + max((other.track for other in order[:at] if wire.beside(other) or other.before(wire)), default=-1)
+        wire.track = 1 + max(
+            (other.track for other in order[:at] if wire.beside(other) or other.before(wire)), default=-1
+        )
     return 1 + max((wire.track for wire in order), default=-1)
 
 

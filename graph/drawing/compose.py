@@ -10,21 +10,30 @@ from graph.drawing.layers import Edge, Node
 from graph.drawing.model import Box, Frame, Line, Pin, Port
 from graph.drawing.outline import Level
 from graph.drawing.style import (
-    BETWEEN_BOXES, BETWEEN_LINES, CHANNEL, FRAME_PADDING, FRAME_TITLE, SMALL, TITLE, text_width,
+    BETWEEN_BOXES,
+    BETWEEN_LINES,
+    CHANNEL,
+    FRAME_PADDING,
+    FRAME_TITLE,
+    SMALL,
+    TITLE,
+    text_width,
 )
 from graph.device import Device
 
-ASPECT = 1.6                # of what is packed: width to height
+ASPECT = 1.6  # of what is packed: width to height
 
 
 @dataclass(eq=False)
 class Laid:
-    """A level, or a part of one, with places: nodes at their x and y, and the lines between them, from its own corner."""
+    """A level, or a part of one, with places: nodes at their x and y, and the lines between them, from its own
+    corner.
+    """
 
     width: float = 0.0
     height: float = 0.0
     nodes: list = field(default_factory=list)
-    lines: list = field(default_factory=list)       # (edge, points, joints, whether it goes back)
+    lines: list = field(default_factory=list)  # (edge, points, joints, whether it goes back)
 
     def shift(self, x, y):
         for node in self.nodes:
@@ -47,7 +56,12 @@ def lay_out(level, found, all_ports):
     for key in level.pins:
         if key[0] != "enabled":
             inward = key[0] == "in"
-            pins[key] = Node(key, left={} if inward else {key: 0.0}, right={key: 0.0} if inward else {}, side="first" if inward else "last")
+            pins[key] = Node(
+                key,
+                left={} if inward else {key: 0.0},
+                right={key: 0.0} if inward else {},
+                side="first" if inward else "last",
+            )
 
     def end(thing, key):
         return (pins[key] if thing is None else nodes[thing]), key
@@ -64,7 +78,7 @@ def frame_node(level, found, all_ports):
     inner = lay_out(level, found, all_ports)
     heading = text_width(level.title, TITLE, bold=True) + text_width(note(level), SMALL)
     inner.width = max(inner.width, math.ceil(heading + 4 * FRAME_PADDING))
-    for index, (edge, points, joints, back) in enumerate(inner.lines):          # pins stand on the frame's edge
+    for index, (edge, points, joints, back) in enumerate(inner.lines):  # pins stand on the frame's edge
         if edge.target.side == "last":
             inner.lines[index] = edge, [*points[:-1], (inner.width, points[-1][1])], joints, back
     inner.shift(0.0, FRAME_TITLE + FRAME_PADDING)
@@ -131,7 +145,13 @@ def columns(nodes, edges, framed):
 def routes(net, wires, lanes):
     """(edge, points, joints, back) for each edge of a net."""
     begin = net.source.x + net.source.width, net.source.y + net.source.right[net.output]
-    joints = {joint for channel in wires if net in channel for half in channel[net].halves or (channel[net],) for joint in joints_of(half)}
+    joints = {
+        joint
+        for channel in wires
+        if net in channel
+        for half in channel[net].halves or (channel[net],)
+        for joint in joints_of(half)
+    }
     for edge in net.edges:
         goal = edge.target.x, edge.target.y + edge.target.left[edge.input]
         column = edge.target.layer
@@ -180,7 +200,9 @@ def corners(points):
 
 
 def pack(parts, framed, pinned):
-    """Parts in rows, in about the shape of a page: what holds the pins alone, blocks that are linked to nothing in rows of their own."""
+    """Parts in rows, in about the shape of a page: what holds the pins alone, blocks that are linked to nothing in rows
+    of their own.
+    """
     whole = Laid()
     gap, inset = BETWEEN_BOXES * 1.25, FRAME_PADDING if framed else 0.0
     area = sum((part.width + gap) * (part.height + gap) for part in parts)
@@ -210,8 +232,9 @@ def collect(level, x, y, found, picture):
             inner = node.what
             pins = [Pin(key[1], key[0], left, top + offset) for key, offset in node.left.items()]
             pins += [Pin(key[1], key[0], left + node.width, top + offset) for key, offset in node.right.items()]
-            picture["frames"].append(Frame(
-                inner.path, level.path, inner.title, note(inner), left, top, node.width, node.height, tuple(pins)))
+            picture["frames"].append(
+                Frame(inner.path, level.path, inner.title, note(inner), left, top, node.width, node.height, tuple(pins))
+            )
             collect(inner, left, top, found, picture)
         elif not node.side:
             picture["boxes"].append(box(node, left, top, level))
@@ -219,24 +242,48 @@ def collect(level, x, y, found, picture):
         signal, target = edge.link.signal, edge.target.what
         wide = found.shapes.get((signal.block, signal.port), ()) != ()
         wrong = isinstance(target, boxes.Plan) and edge.input in target.wrong_ports
-        picture["lines"].append(Line(
-            signal.path, level.path, name_of(level, *edge.link.source), name_of(level, *edge.link.target),
-            tuple((a + x, b + y) for a, b in points), tuple(sorted((a + x, b + y) for a, b in joints)), back, wide, wrong))
+        picture["lines"].append(
+            Line(
+                signal.path,
+                level.path,
+                name_of(level, *edge.link.source),
+                name_of(level, *edge.link.target),
+                tuple((a + x, b + y) for a, b in points),
+                tuple(sorted((a + x, b + y) for a, b in joints)),
+                back,
+                wide,
+                wrong,
+            )
+        )
 
 
 def name_of(level, thing, key):
     """How a Line tells where it ends."""
     if thing is None:
         return level.path, *key
-    return (thing.path, *key) if isinstance(thing, Level) else f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
+    return (
+        (thing.path, *key) if isinstance(thing, Level) else f"{thing.path}.{key if isinstance(key, str) else 'enabled'}"
+    )
 
 
 def box(node, x, y, level):
     plan = node.what
     ports = [
-        Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports) for key, offset in plan.left.items()
+        Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports)
+        for key, offset in plan.left.items()
     ]
     ports += [Port(plan.labels[key], "out", x + node.width, y + offset) for key, offset in plan.right.items()]
     return Box(
-        plan.block.path, level.path, cards.family(type(plan.block)), plan.title, plan.subtitle, plan.details, x, y, node.width, node.height,
-        tuple(ports), plan.wrong)
+        plan.block.path,
+        level.path,
+        cards.family(type(plan.block)),
+        plan.title,
+        plan.subtitle,
+        plan.details,
+        x,
+        y,
+        node.width,
+        node.height,
+        tuple(ports),
+        plan.wrong,
+    )

@@ -1,8 +1,10 @@
-"""Columns: which column each box of a level stands in, and in which order. (Sugiyama, Tagawa and Toda 1981; Gansner et al. 1993.)
+"""Columns: which column each box of a level stands in, and in which order. (Sugiyama, Tagawa and Toda 1981; Gansner et
+al. 1993.)
 
-Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2. each box stands as
-far left as the boxes it listens to allow; 3. a link over several columns gets a place in each of them, so that it goes around boxes; 4. the
-order in a column is swept to the mean of the neighbours' until no fewer lines cross.
+Principle: 1. links that close a loop are turned to feedback, first those that a block does not need within the tick; 2.
+each box stands as far left as the boxes it listens to allow; 3. a link over several columns gets a place in each of
+them, so that it goes around boxes; 4. the order in a column is swept to the mean of the neighbours' until no fewer
+lines cross.
 """
 
 from bisect import bisect, insort
@@ -17,7 +19,8 @@ SWEEPS = 12
 
 @dataclass(eq=False)
 class Node:
-    """A box, a frame, a pin, or a place where a line passes through a column. left, right : y of each port, from the top.
+    """A box, a frame, a pin, or a place where a line passes through a column. left, right : y of each port, from the
+    top.
 
     side : "first" or "last" for pins, which stand in the outermost columns
     """
@@ -28,7 +31,7 @@ class Node:
     left: dict = field(default_factory=dict)
     right: dict = field(default_factory=dict)
     side: str = ""
-    eager: bool = False         # a device: where a loop is to be opened, if one can choose
+    eager: bool = False  # a device: where a loop is to be opened, if one can choose
     layer: int = 0
     x: float = 0.0
     y: float = 0.0
@@ -59,7 +62,7 @@ class Net:
     output: object
     back: bool
     edges: list = field(default_factory=list)
-    stops: dict = field(default_factory=dict)       # column: Node
+    stops: dict = field(default_factory=dict)  # column: Node
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,9 @@ class Hop:
 
 
 def arrange(nodes, edges):
-    """(columns of nodes, nets, hops), with every node's `layer` set. The order of `nodes` decides where nothing else does."""
+    """(columns of nodes, nets, hops), with every node's `layer` set. The order of `nodes` decides where nothing else
+    does.
+    """
     back = feedback(nodes, edges)
     find_layers(nodes, [edge for edge in edges if edge not in back])
     back = {edge for edge in back if edge.target.layer <= edge.source.layer}
@@ -118,7 +123,13 @@ def opening(edges, position):
 
     def reluctance(node):
         needed = sum(not edge.delayed for edge in entering[node])
-        return needed == len(entering[node]), needed > 0, not node.eager, len(entering[node]) - leaving[node], position[node]
+        return (
+            needed == len(entering[node]),
+            needed > 0,
+            not node.eager,
+            len(entering[node]) - leaving[node],
+            position[node],
+        )
 
     start = min(entering, key=reluctance)
     delayed = {edge for edge in entering[start] if edge.delayed}
@@ -136,7 +147,7 @@ def find_layers(nodes, edges):
     ready = [node for node in nodes if not waiting[node]]
     for node in nodes:
         node.layer = int(first and node.side != "first")
-    for node in ready:                              # grows while it is walked through
+    for node in ready:  # grows while it is walked through
         for follower in followers[node]:
             follower.layer = max(follower.layer, node.layer + 1)
             waiting[follower] -= 1
@@ -188,7 +199,9 @@ def uncross(columns, hops):
 
 
 def sort_column(order, index, hops, forth):
-    """Each node to the mean place of those it is linked to in the column beside; one without links keeps its share of the way down."""
+    """Each node to the mean place of those it is linked to in the column beside; one without links keeps its share of
+    the way down.
+    """
     beside = places(order[index - 1 if forth else index + 1])
     column = order[index]
 
@@ -209,8 +222,10 @@ def swap_neighbours(order, entering, leaving):
         before = places(order[index - 1]) if index else {}
         behind = places(order[index + 1]) if index + 1 < len(order) else {}
         ends = {
-            node: ([before[hop.source] + share(hop.source.right, hop.output) for hop in entering[node]],
-                   [behind[hop.target] + share(hop.target.left, hop.input) for hop in leaving[node]])
+            node: (
+                [before[hop.source] + share(hop.source.right, hop.output) for hop in entering[node]],
+                [behind[hop.target] + share(hop.target.left, hop.input) for hop in leaving[node]],
+            )
             for node in column
         }
         better = True
@@ -230,8 +245,11 @@ def crossings(order, leaving):
     count = 0
     for column, following in pairwise(order):
         here, there = places(column), places(following)
-        ends = sorted((here[node] + share(node.right, hop.output), there[hop.target] + share(hop.target.left, hop.input))
-                      for node in column for hop in leaving[node])
+        ends = sorted(
+            (here[node] + share(node.right, hop.output), there[hop.target] + share(hop.target.left, hop.input))
+            for node in column
+            for hop in leaving[node]
+        )
         seen = []
         for _, end in ends:
             count += len(seen) - bisect(seen, end)

@@ -1,4 +1,6 @@
-"""A drawing as Mermaid text, for documents that draw it themselves. It says what is wired to what; Mermaid decides where things lie."""
+"""A drawing as Mermaid text, for documents that draw it themselves. It says what is wired to what; Mermaid decides
+where things lie.
+"""
 
 from graph.drawing.style import FAMILIES
 from graph.drawing.svg import used
@@ -17,7 +19,10 @@ def mermaid(drawing):
         else:
             label, end = f"{output} → enabled", frames[target[0]]
         lines.append(f"    {names[block]} {'-.->' if back else '-->'}|{quoted(label)}| {end}")
-    lines += [f"    classDef {name} fill:{FAMILIES[name].head},stroke:{FAMILIES[name].edge},color:#1f2937" for name in used(drawing)]
+    lines += [
+        f"    classDef {name} fill:{FAMILIES[name].head},stroke:{FAMILIES[name].edge},color:#1f2937"
+        for name in used(drawing)
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -35,7 +40,9 @@ def inside(drawing, subsystem, names, indent):
 
 
 def wires(drawing):
-    """(source's port, target's port or the pin that enables a frame, whether it goes back) of every wire, its lines put together."""
+    """(source's port, target's port or the pin that enables a frame, whether it goes back) of every wire, its lines put
+    together.
+    """
     following = {}
     for line in drawing.lines:
         following.setdefault((line.signal, line.source), []).append(line)

@@ -1,11 +1,15 @@
-"""A drawing as data: where every box, frame and line lies. Lengths are pixels, x to the right, y downwards, from the drawing's corner."""
+"""A drawing as data: where every box, frame and line lies. Lengths are pixels, x to the right, y downwards, from the
+drawing's corner.
+"""
 
 from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
 class Port:
-    """One end of lines on the edge of a box. side : "in", on the left, or "out", on the right. note : value of a constant wired to it."""
+    """One end of lines on the edge of a box. side : "in", on the left, or "out", on the right. note : value of a
+    constant wired to it.
+    """
 
     name: str
     side: str
@@ -17,11 +21,13 @@ class Port:
 
 @dataclass(frozen=True)
 class Box:
-    """A block. subsystem : path of the frame it stands in, "" for none. details : parameters worth showing. wrong : its errors."""
+    """A block. subsystem : path of the frame it stands in, "" for none. details : parameters worth showing. wrong : its
+    errors.
+    """
 
     path: str
     subsystem: str
-    family: str                 # a key of style.FAMILIES
+    family: str  # a key of style.FAMILIES
     title: str
     subtitle: str
     details: tuple
@@ -35,7 +41,9 @@ class Box:
 
 @dataclass(frozen=True)
 class Pin:
-    """Where lines of one signal cross the edge of a frame. side : "in", "out", or "enabled" for what switches a subsystem on."""
+    """Where lines of one signal cross the edge of a frame. side : "in", "out", or "enabled" for what switches a
+    subsystem on.
+    """
 
     signal: str
     side: str
@@ -75,7 +83,7 @@ class Line:
     points: tuple
     joints: tuple = ()
     back: bool = False
-    wide: bool = False          # carries more than one number
+    wide: bool = False  # carries more than one number
     wrong: bool = False
 
 

@@ -1,6 +1,8 @@
-"""A diagram as a tree of subsystems, each with what stands in it and the links between those: what a picture is made from.
+"""A diagram as a tree of subsystems, each with what stands in it and the links between those: what a picture is made
+from.
 
-A signal that leaves a subsystem or enters one is cut at its edge, where it has a pin; so every subsystem can be laid out by itself.
+A signal that leaves a subsystem or enters one is cut at its edge, where it has a pin; so every subsystem can be laid
+out by itself.
 """
 
 from dataclasses import dataclass, field
@@ -20,8 +22,8 @@ class Level:
     conditions: tuple = ()
     things: list = field(default_factory=list)
     levels: dict = field(default_factory=dict)
-    links: dict = field(default_factory=dict)       # (source end, target end): Link
-    pins: dict = field(default_factory=dict)        # (side, signal path): whether nothing behind it needs it within the tick
+    links: dict = field(default_factory=dict)  # (source end, target end): Link
+    pins: dict = field(default_factory=dict)  # (side, signal path): whether nothing behind it needs it within the tick
 
     def connect(self, source, target, signal, delayed):
         link = self.links.get((source, target))
@@ -37,7 +39,8 @@ class Level:
 
 @dataclass(eq=False)
 class Link:
-    """From one end to another, inside one level. An end is (block, port), (Level, pin) or, for a pin of the level itself, (None, pin).
+    """From one end to another, inside one level. An end is (block, port), (Level, pin) or, for a pin of the level
+    itself, (None, pin).
 
     delayed : whether the target does not need it within the tick
     """
@@ -51,7 +54,7 @@ class Link:
 def outline(diagram, taps):
     """The diagram's own Level. taps : {sink: [(label, Signal)]} of sinks that take any number of signals."""
     root = Level("", diagram.name)
-    lineage = {}                                    # block: the levels that hold it, from the outermost
+    lineage = {}  # block: the levels that hold it, from the outermost
     for block in diagram:
         level, chain = root, [root]
         parts = block.path.split("/")
@@ -69,10 +72,10 @@ def outline(diagram, taps):
     for source, target, key, delayed in wires(diagram, taps):
         run(source, lineage[source.block], target, key, lineage[target], delayed)
     for level, chain in {chain[i]: chain[:i] for chain in lineage.values() for i in range(1, len(chain))}.items():
-        for signal in level.conditions[len(chain[-1].conditions):]:
+        for signal in level.conditions[len(chain[-1].conditions) :]:
             run(signal, lineage[signal.block], level, ("enabled", signal.path), chain, False)
     for block, chain in lineage.items():
-        for signal in block.conditions[len(chain[-1].conditions):]:
+        for signal in block.conditions[len(chain[-1].conditions) :]:
             run(signal, lineage[signal.block], block, ("enabled", signal.path), chain, False)
     return root
 
@@ -88,10 +91,17 @@ def find_rate_and_condition(level, outer, blocks):
 
 
 def wires(diagram, taps):
-    """(signal, target block, key of its input, whether it is not needed within the tick) of every wire that comes from a port."""
+    """(signal, target block, key of its input, whether it is not needed within the tick) of every wire that comes from
+    a port.
+    """
     for wire in diagram.wires:
         if isinstance(wire.source, Signal) and not wire.block.variadic:
-            yield wire.source, wire.block, wire.port, not isinstance(wire.block, Sink) and wire.port not in wire.block.step_inputs()
+            yield (
+                wire.source,
+                wire.block,
+                wire.port,
+                not isinstance(wire.block, Sink) and wire.port not in wire.block.step_inputs(),
+            )
     for sink in taps:
         if sink.variadic:
             for label, signal in taps[sink]:

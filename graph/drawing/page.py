@@ -1,4 +1,6 @@
-"""A drawing as a page: one HTML file without a network, to pan, zoom, search, fold subsystems, and read what a block says of itself."""
+"""A drawing as a page: one HTML file without a network, to pan, zoom, search, fold subsystems, and read what a block
+says of itself.
+"""
 
 import json
 from dataclasses import asdict

@@ -1,8 +1,8 @@
 """Heights: how far down each box of a column stands, so that as many lines as can be run straight.
 
-In each column the boxes keep their order and their distance, and the sum of what their lines bend by is made smallest: an isotonic
-regression with absolute errors, solved exactly by pooling neighbours to their weighted median (Robertson, Wright and Dykstra 1988). Columns
-take turns.
+In each column the boxes keep their order and their distance, and the sum of what their lines bend by is made smallest:
+an isotonic regression with absolute errors, solved exactly by pooling neighbours to their weighted median (Robertson,
+Wright and Dykstra 1988). Columns take turns.
 """
 
 from collections import defaultdict
@@ -10,13 +10,13 @@ from collections import defaultdict
 from graph.drawing.style import BETWEEN_BOXES, BETWEEN_LINES, ROW
 
 ROUNDS = 6
-FAR = 150.0                 # px, from where on it stands between two wishes
-ANCHOR = 1e-3               # weight of staying where it is, for what no line pulls
+FAR = 150.0  # px, from where on it stands between two wishes
+ANCHOR = 1e-3  # weight of staying where it is, for what no line pulls
 
 
 def place(columns, hops):
     """Set the `y` of every node, the topmost at 0."""
-    pulls = defaultdict(list)                       # node: [(own port's y, other node, other port's y, weight)]
+    pulls = defaultdict(list)  # node: [(own port's y, other node, other port's y, weight)]
     for hop in hops:
         out, into = hop.source.right[hop.output], hop.target.left[hop.input]
         pulls[hop.source].append((out, hop.target, into, hop.weight, False))
@@ -45,7 +45,9 @@ def bend(hop):
 
 
 def settle(column, pulls, only_left):
-    """Move one column to where its lines want it. only_left : heed those from the left only, from the right only, or, with None, all."""
+    """Move one column to where its lines want it. only_left : heed those from the left only, from the right only, or,
+    with None, all.
+    """
     wishes = {}
     for node in column:
         heeded = [pull for pull in pulls[node] if only_left is None or pull[4] == only_left] or pulls[node]
@@ -55,7 +57,7 @@ def settle(column, pulls, only_left):
 
 def stack(column, present, wishes):
     """Heights in order, at least `gap` apart, nearest to what is wished."""
-    pools, offset, above = [], 0.0, None            # a pool: [its wishes less their offsets, how many nodes, where it stands]
+    pools, offset, above = [], 0.0, None  # a pool: [its wishes less their offsets, how many nodes, where it stands]
     offsets = []
     for node in column:
         if above is not None:
@@ -79,11 +81,17 @@ def stack(column, present, wishes):
 def gap(upper, lower):
     if upper.side and lower.side:
         return ROW
-    return BETWEEN_LINES if upper.passes and lower.passes else BETWEEN_BOXES * (0.75 if upper.passes or lower.passes else 1.0)
+    return (
+        BETWEEN_LINES
+        if upper.passes and lower.passes
+        else BETWEEN_BOXES * (0.75 if upper.passes or lower.passes else 1.0)
+    )
 
 
 def median(wishes):
-    """The weighted median; between two, the upper one where they are near, so that one line runs straight, else half way."""
+    """The weighted median; between two, the upper one where they are near, so that one line runs straight, else half
+    way.
+    """
     wishes = sorted(wishes)
     half, passed = sum(weight for _, weight in wishes) / 2.0, 0.0
     for index, (y, weight) in enumerate(wishes):

@@ -30,24 +30,28 @@ WIRE, BACK, WRONG = "#475569", "#a8480f", "#d11a2a"
 FRAME_EDGE, FRAME_FILL, FRAME_HEAD = "#b6bfcc", "#f8fafc", "#e8edf3"
 
 FONT = "Inter, 'Helvetica Neue', Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
-TITLE, TEXT, SMALL = 13.0, 11.0, 10.0           # sizes of fonts
+TITLE, TEXT, SMALL = 13.0, 11.0, 10.0  # sizes of fonts
 
-ROW = 18.0                  # from port to port
-HEAD = 24.0                 # a box's head, with its title
-LINE = 14.0                 # one line of small text
-PADDING = 9.0               # between a box's edge and its text
-FRAME_TITLE = 26.0          # a frame's head
-FRAME_PADDING = 16.0        # between a frame and what it holds
-MARGIN = 24.0               # around the drawing
+ROW = 18.0  # from port to port
+HEAD = 24.0  # a box's head, with its title
+LINE = 14.0  # one line of small text
+PADDING = 9.0  # between a box's edge and its text
+FRAME_TITLE = 26.0  # a frame's head
+FRAME_PADDING = 16.0  # between a frame and what it holds
+MARGIN = 24.0  # around the drawing
 
-BETWEEN_BOXES = 28.0        # from box to box, downwards
-BETWEEN_LINES = 12.0        # from line to line, side by side
-CHANNEL = 34.0              # the least room for lines between two columns
-CORNER = 6.0                # radius
+BETWEEN_BOXES = 28.0  # from box to box, downwards
+BETWEEN_LINES = 12.0  # from line to line, side by side
+CHANNEL = 34.0  # the least room for lines between two columns
+CORNER = 6.0  # radius
 
 # Widths of characters in hundredths of the font's size, of the widest of the fonts above; what is not listed is usual.
 _WIDTHS = {
-    41: "' ijlIJ,.·:;|/\\-f()[]t!r", 56: '"*_`°szcL?', 73: "ABCRVXZKUαφΔ", 84: "NHDGOQw#+<=>^~ωΩ±×÷≤≥→←−&", 100: "W%@…mM",
+    41: "' ijlIJ,.·:;|/\\-f()[]t!r",
+    56: '"*_`°szcL?',
+    73: "ABCRVXZKUαφΔ",
+    84: "NHDGOQw#+<=>^~ωΩ±×÷≤≥→←−&",
+    100: "W%@…mM",
 }
 _WIDTH = {letter: width / 100 for width, letters in _WIDTHS.items() for letter in letters}
 _USUAL, _BOLDER = 0.64, 1.12

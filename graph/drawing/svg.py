@@ -5,8 +5,27 @@ from html import escape
 from itertools import pairwise
 
 from graph.drawing.style import (
-    BACK, CORNER, FAINT, FAMILIES, FONT, FRAME_EDGE, FRAME_FILL, FRAME_HEAD, FRAME_TITLE, HEAD, INK, LINE, MARGIN, PADDING, PAPER, SMALL,
-    TEXT, TITLE, WIRE, WRONG, text_width,
+    BACK,
+    CORNER,
+    FAINT,
+    FAMILIES,
+    FONT,
+    FRAME_EDGE,
+    FRAME_FILL,
+    FRAME_HEAD,
+    FRAME_TITLE,
+    HEAD,
+    INK,
+    LINE,
+    MARGIN,
+    PADDING,
+    PAPER,
+    SMALL,
+    TEXT,
+    TITLE,
+    WIRE,
+    WRONG,
+    text_width,
 )
 
 LEGEND, FEEDBACK = 28.0, "feedback"
@@ -17,11 +36,14 @@ def css():
     rules = [
         f"text {{ font-family: {FONT}; fill: {INK}; }}",
         f".title {{ font-size: {TITLE:g}px; font-weight: 600; }} .type {{ font-size: {SMALL:g}px; fill: {FAINT}; }}",
-        f".port {{ font-size: {TEXT:g}px; }} .detail, .note {{ font-size: {SMALL:g}px; fill: {FAINT}; }} .end {{ text-anchor: end; }}",
+        f".port {{ font-size: {TEXT:g}px; }} .detail, .note {{ font-size: {SMALL:g}px; fill: {FAINT}; }} .end {{ "
+        "text-anchor: end; }",
         f".paper {{ fill: {PAPER}; }} .frame > .edge, .frame > .head {{ stroke: {FRAME_EDGE}; }}",
         f".frame > .edge {{ fill: {FRAME_FILL}; }} .frame > .head {{ fill: {FRAME_HEAD}; }}",
-        f".box > .body {{ fill: {PAPER}; }} .box > .edge {{ fill: none; stroke-width: 1.2; }} .dot, .joint {{ fill: {WIRE}; }}",
-        f".line {{ fill: none; stroke: {WIRE}; stroke-width: 1.4; stroke-linecap: round; }} .wide {{ stroke-width: 2.8; }}",
+        f".box > .body {{ fill: {PAPER}; }} .box > .edge {{ fill: none; stroke-width: 1.2; }} .dot, .joint {{ fill: "
+        f"{WIRE}; }}",
+        f".line {{ fill: none; stroke: {WIRE}; stroke-width: 1.4; stroke-linecap: round; }} .wide {{ stroke-width: "
+        "2.8; }",
         f".back {{ stroke: {BACK}; stroke-dasharray: 7 4; stroke-linecap: butt; }} .joint.back {{ fill: {BACK}; }}",
     ]
     rules += [
@@ -37,11 +59,19 @@ def svg(drawing):
     """The whole picture as text, with a legend below."""
     key = "".join(legend(drawing))
     width, height = number(max(drawing.width, legend_width(drawing))), number(drawing.height + LEGEND)
-    return "\n".join([
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" role="img">',
-        f"<title>{escape(drawing.name)}</title>", f"<style>\n{css()}\n</style>", f'<rect class="paper" width="{width}" height="{height}"/>',
-        *body(drawing), key, "</svg>", "",
-    ])
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
+            'role="img">',
+            f"<title>{escape(drawing.name)}</title>",
+            f"<style>\n{css()}\n</style>",
+            f'<rect class="paper" width="{width}" height="{height}"/>',
+            *body(drawing),
+            key,
+            "</svg>",
+            "",
+        ]
+    )
 
 
 def legend(drawing):
@@ -50,8 +80,14 @@ def legend(drawing):
     yield f'<g class="legend"><text class="title" x="{number(x)}" y="{number(y + 4)}">{escape(heading(drawing))}</text>'
     x += text_width(heading(drawing), TITLE, bold=True) + 2 * MARGIN
     for name in used(drawing):
-        yield f'<g class="box {name}" transform="translate({number(x)} {number(y - 6)})"><rect class="body" width="16" height="12" rx="3"/>'
-        yield '<path class="head" d="M.6 11.4V3Q.6 .6 3 .6H13Q15.4 .6 15.4 3V11.4Z"/><rect class="edge" width="16" height="12" rx="3"/></g>'
+        yield (
+            f'<g class="box {name}" transform="translate({number(x)} {number(y - 6)})"><rect class="body" '
+            'width="16" height="12" rx="3"/>'
+        )
+        yield (
+            '<path class="head" d="M.6 11.4V3Q.6 .6 3 .6H13Q15.4 .6 15.4 3V11.4Z"/><rect class="edge" width="16" '
+            'height="12" rx="3"/></g>'
+        )
         yield f'<text class="type" x="{number(x + 22)}" y="{number(y + 3.6)}">{FAMILIES[name].title}</text>'
         x += legend_item(FAMILIES[name].title)
     if any(line.back for line in drawing.lines):
@@ -91,9 +127,13 @@ def frame(item):
     """A subsystem. Its parts stand at their own places, so that a page can move them apart."""
     left, top, right, bottom = (number(v) for v in (item.x, item.y, item.x + item.width, item.y + item.height))
     inner_left, inner_right, inner_top, inner_bottom, under = (
-        number(v) for v in (item.x + 10, item.x + item.width - 10, item.y + 10, item.y + item.height - 10, item.y + FRAME_TITLE))
+        number(v)
+        for v in (item.x + 10, item.x + item.width - 10, item.y + 10, item.y + item.height - 10, item.y + FRAME_TITLE)
+    )
     upper = f"V{inner_top}Q{left} {top} {inner_left} {top}H{inner_right}Q{right} {top} {right} {inner_top}"
-    lower = f"V{inner_bottom}Q{right} {bottom} {inner_right} {bottom}H{inner_left}Q{left} {bottom} {left} {inner_bottom}"
+    lower = (
+        f"V{inner_bottom}Q{right} {bottom} {inner_right} {bottom}H{inner_left}Q{left} {bottom} {left} {inner_bottom}"
+    )
     parts = [
         f'<g class="frame" data-path="{escape(item.path)}">',
         f'<path class="edge" d="M{left} {inner_bottom}{upper}{lower}Z"/>',
@@ -101,7 +141,10 @@ def frame(item):
         f'<text class="title" x="{number(item.x + 12)}" y="{number(item.y + 18)}">{escape(item.title)}</text>',
     ]
     if item.note:
-        parts.append(f'<text class="note end" x="{number(item.x + item.width - 12)}" y="{number(item.y + 17)}">{escape(item.note)}</text>')
+        parts.append(
+            f'<text class="note end" x="{number(item.x + item.width - 12)}" '
+            f'y="{number(item.y + 17)}">{escape(item.note)}</text>'
+        )
     return "".join(parts) + "</g>"
 
 
@@ -130,7 +173,10 @@ def joints(lines):
 
 def branches(lines):
     """How far each of the lines from one port runs where another has been drawn, px."""
-    return [max((shared(item.points, other.points) for other in lines[:index]), default=0.0) for index, item in enumerate(lines)]
+    return [
+        max((shared(item.points, other.points) for other in lines[:index]), default=0.0)
+        for index, item in enumerate(lines)
+    ]
 
 
 def shared(one, other):
@@ -151,7 +197,10 @@ def rest(points, start):
     for index, (a, b) in enumerate(pairwise(points)):
         length = abs(b[0] - a[0]) + abs(b[1] - a[1])
         if start < length:
-            return [(a[0] + (b[0] - a[0]) * start / length, a[1] + (b[1] - a[1]) * start / length), *points[index + 1 :]]
+            return [
+                (a[0] + (b[0] - a[0]) * start / length, a[1] + (b[1] - a[1]) * start / length),
+                *points[index + 1 :],
+            ]
         start -= length
     return points[-2:]
 
@@ -196,9 +245,14 @@ def box(item, drawing):
         names, x = ("port", PADDING) if inward else ("port end", item.width - PADDING)
         note = f' <tspan class="note">{escape(port.note)}</tspan>' if port.note else ""
         parts.append(f'<circle class="dot{" wrong" * port.wrong}" cx="{"0" if inward else w}" cy="{y}" r="2.8"/>')
-        parts.append(f'<text class="{names}" x="{number(x)}" y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>')
+        parts.append(
+            f'<text class="{names}" x="{number(x)}" '
+            f'y="{number(port.y - item.y + 3.8)}">{escape(port.name)}{note}</text>'
+        )
     for index, text in enumerate(reversed(item.details)):
-        parts.append(f'<text class="detail" x="{PADDING:g}" y="{number(item.height - 8.0 - LINE * index)}">{escape(text)}</text>')
+        parts.append(
+            f'<text class="detail" x="{PADDING:g}" y="{number(item.height - 8.0 - LINE * index)}">{escape(text)}</text>'
+        )
     return "".join(parts) + "</g>"
 
 

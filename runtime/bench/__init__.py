@@ -1,4 +1,5 @@
-"""`python -m runtime bench`: what this machine takes for a tick, a compile and a start, beside the same by hand and in other frameworks.
+"""`python -m runtime bench`: what this machine takes for a tick, a compile and a start, beside the same by hand and in
+other frameworks.
 
 netlists        the diagrams, as data
 by_hand         the same as one straight line of plain Python, and of C

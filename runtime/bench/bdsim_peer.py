@@ -27,7 +27,10 @@ class Wave(SourceBlock):
         self.waves = list(zip(amplitude, frequency, phase))
 
     def output(self, t, u, x):
-        values = [amplitude * math.sin(6.283185307179586 * frequency * (t - H) + phase) for amplitude, frequency, phase in self.waves]
+        values = [
+            amplitude * math.sin(6.283185307179586 * frequency * (t - H) + phase)
+            for amplitude, frequency, phase in self.waves
+        ]
         return values if len(values) == 1 else [np.array(values)]
 
 
@@ -119,11 +122,16 @@ class Bdsim:
 
     def block(self, node, clock, n):
         made = {
-            "sine": lambda: Wave(node.amplitude, node.frequency, node.phase), "constant": lambda: Constant(node.value),
-            "gain": lambda: Gain(node.gain), "sum": lambda: Sum(node.signs),
+            "sine": lambda: Wave(node.amplitude, node.frequency, node.phase),
+            "constant": lambda: Constant(node.value),
+            "gain": lambda: Gain(node.gain),
+            "sum": lambda: Sum(node.signs),
             "saturation": lambda: Clip(node.lower, node.upper) if n == 1 else VectorClip(node.lower, node.upper),
-            "delay": lambda: ZOH(clock, x0=np.zeros(n)), "lowpass": lambda: Lowpass(clock, node.b0, node.b1, node.b2, node.a1, node.a2),
-            "pd": lambda: PD(clock, node.kp, node.kd, node.filter_time, node.start), "rate": lambda: Rate(clock, node.rate), "sink": Sink,
+            "delay": lambda: ZOH(clock, x0=np.zeros(n)),
+            "lowpass": lambda: Lowpass(clock, node.b0, node.b1, node.b2, node.a1, node.a2),
+            "pd": lambda: PD(clock, node.kp, node.kd, node.filter_time, node.start),
+            "rate": lambda: Rate(clock, node.rate),
+            "sink": Sink,
         }
         return made[node.kind]()
 

@@ -1,4 +1,6 @@
-"""What buses cost, and how fast the motors are stopped after kill -9. Measured on sockets of this machine: CAN hardware adds its own."""
+"""What buses cost, and how fast the motors are stopped after kill -9. Measured on sockets of this machine: CAN hardware
+adds its own.
+"""
 
 import os
 import random
@@ -24,12 +26,12 @@ from runtime.realtime import PRIORITY
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
-ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")          # zero torque
+ID, COMMAND = 1, bytes.fromhex("7fff7ff0000007ff")  # zero torque
 DISABLE = bytes.fromhex("fffffffffffffffd")
-PACE = 0.001                    # s between round trips
-PATIENCE = 10.0                 # s for a process to begin
+PACE = 0.001  # s between round trips
+PATIENCE = 10.0  # s for a process to begin
 
-ROBOT = '''
+ROBOT = """
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
@@ -40,11 +42,13 @@ with Diagram("bench", rate=200) as diagram:
     for can_id in (1, 2):
         knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, range=(-1.0, 1.0), wake_shift=0.0, name=f"knee{can_id}")
         knee(torque_command=torque)
-'''
+"""
 
 
 def host_cost(frames=8, rounds=20_000):
-    """(ns of a tick's receive and send through a bus, ns of the two system calls alone), two lists, over UDP on loopback."""
+    """(ns of a tick's receive and send through a bus, ns of the two system calls alone), two lists, over UDP on
+    loopback.
+    """
     with ExitStack() as stack:
         own, other = (stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) for _ in range(2))
         for end in (own, other):
@@ -53,14 +57,18 @@ def host_cost(frames=8, rounds=20_000):
         other.connect(own.getsockname())
         own.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         bus = SocketCan(own)
-        time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds // 10)         # warm
+        time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds // 10)  # warm
         return time_of_ticks(bus.end, own.fileno(), other.fileno(), frames, rounds)
 
 
 @contextmanager
 def drives(channel, *identifiers):
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        [sys.executable, "-m", "runtime.bench.drives", channel, *map(str, identifiers)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     try:
         if process.stdout.readline() != "ready\n":
             raise OSError("the drives did not begin: does this machine have multicast on loopback?")
@@ -77,7 +85,9 @@ def channel():
 
 
 def round_trips(chunks=10, trips=200):
-    """(s of round trips to a drive through python-can alone, s of the same through the guardian), two lists; chunks taken in turn."""
+    """(s of round trips to a drive through python-can alone, s of the same through the guardian), two lists; chunks
+    taken in turn.
+    """
     group = channel()
     direct, carried = [], []
     with drives(group, ID), through_guardian(group) as line, ExitStack() as stack:
@@ -85,10 +95,12 @@ def round_trips(chunks=10, trips=200):
         stack.callback(bus.shutdown)
         for _ in range(chunks):
             direct += [trip(lambda: send(bus), lambda: answered(bus)) for _ in range(trips)]
-            while line.receive():                       # it heard those, too
+            while line.receive():  # it heard those, too
                 pass
-            carried += [trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
-                        for _ in range(trips)]
+            carried += [
+                trip(lambda: line.send(ID, COMMAND), lambda: any(data[0] == ID for _, _, data, _ in line.receive()))
+                for _ in range(trips)
+            ]
             while bus.recv(0) is not None:
                 pass
     return direct, carried
@@ -119,10 +131,27 @@ def through_guardian(group):
     page, lines, bell = Page(1 << 16), Lines(1), os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
     guardian = GuardianProcess(page, lines, bell, [])
     try:
-        guardian.configure({
-            "buses": [{"name": "bench", "interface": "udp_multicast", "channel": group, "bitrate": 1_000_000, "fd": False, "options": {}, "virtual": False,
-                       "line": 0}],
-            "devices": [], "relays": [], "items": [], "limit": 1.0, "priority": PRIORITY + 1})
+        guardian.configure(
+            {
+                "buses": [
+                    {
+                        "name": "bench",
+                        "interface": "udp_multicast",
+                        "channel": group,
+                        "bitrate": 1_000_000,
+                        "fd": False,
+                        "options": {},
+                        "virtual": False,
+                        "line": 0,
+                    }
+                ],
+                "devices": [],
+                "relays": [],
+                "items": [],
+                "limit": 1.0,
+                "priority": PRIORITY + 1,
+            }
+        )
         yield Line(lines, 0, bell).end
         guardian.finish()
     finally:
@@ -131,7 +160,9 @@ def through_guardian(group):
 
 
 def kills(count=100):
-    """s from kill -9 of a run until both its drives had their last first stop frame, of every kill; inf where one had none."""
+    """s from kill -9 of a run until both its drives had their last first stop frame, of every kill; inf where one had
+    none.
+    """
     found = []
     with tempfile.TemporaryDirectory() as folder:
         robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
@@ -148,12 +179,16 @@ def kills(count=100):
 
 def one_kill(bus, robot, rig):
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"], cwd=ROOT, stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     try:
         if not listen(bus, PATIENCE, under_torque):
             raise OSError("the run that was to be killed did not begin")
-        time.sleep(random.uniform(0.02, 0.06))              # somewhere in a period
+        time.sleep(random.uniform(0.02, 0.06))  # somewhere in a period
         while bus.recv(0) is not None:
             pass
         killed = time.time()
@@ -168,7 +203,7 @@ def one_kill(bus, robot, rig):
     finally:
         process.kill()
         process.wait()
-        time.sleep(0.3)                                     # its guardian lets the bus go
+        time.sleep(0.3)  # its guardian lets the bus go
 
 
 def listen(bus, seconds, wanted):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from runtime.bench.netlists import RATE
 
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-falign-loops=32")         # as our own native code is built
+FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-falign-loops=32")  # as our own native code is built
 
 # The body of a tick, in words that both languages have; {y} is the node's own name, {u}, {v}, {w} what it hears.
 _STEPS = {
@@ -21,21 +21,32 @@ _STEPS = {
     "constant": ("{y} = {value!r}",),
     "gain": ("{y} = {gain!r} * {u}",),
     "lowpass": (
-        "{y} = {b0!r} * {u} + {y}_s0", "{y}_s0 = {b1!r} * {u} - {a1!r} * {y} + {y}_s1", "{y}_s1 = {b2!r} * {u} - {a2!r} * {y}"),
+        "{y} = {b0!r} * {u} + {y}_s0",
+        "{y}_s0 = {b1!r} * {u} - {a1!r} * {y} + {y}_s1",
+        "{y}_s1 = {b2!r} * {u} - {a2!r} * {y}",
+    ),
     "pd": ("slope = ({u} - {y}_f) / {span!r}", "{y}_f = {y}_f + {h!r} * slope", "{y} = {kp!r} * {u} + {kd!r} * slope"),
 }
 _PYTHON = {
     "saturation": ("{y} = {lower!r} if {u} < {lower!r} else {upper!r} if {u} > {upper!r} else {u}",),
-    "rate": ("change = {u} - {y}", "{y} = {y} + {most!r} if change > {most!r} else {y} - {most!r} if change < -{most!r} else {u}"),
+    "rate": (
+        "change = {u} - {y}",
+        "{y} = {y} + {most!r} if change > {most!r} else {y} - {most!r} if change < -{most!r} else {u}",
+    ),
 }
 _C = {
     "saturation": ("{y} = {u} < {lower!r} ? {lower!r} : {u} > {upper!r} ? {upper!r} : {u}",),
-    "rate": ("change = {u} - {y}", "{y} = change > {most!r} ? {y} + {most!r} : change < -{most!r} ? {y} - {most!r} : {u}"),
+    "rate": (
+        "change = {u} - {y}",
+        "{y} = change > {most!r} ? {y} + {most!r} : change < -{most!r} ? {y} - {most!r} : {u}",
+    ),
 }
 
 
 def lines(netlist, language):
-    """(state, body): variables with their first values, and the statements of a tick, element by element. language : "python" or "c"."""
+    """(state, body): variables with their first values, and the statements of a tick, element by element. language :
+    "python" or "c".
+    """
     state, body, updates = {}, [], []
     steps = _STEPS | (_C if language == "c" else _PYTHON)
     number = 0
@@ -52,7 +63,9 @@ def lines(netlist, language):
                 terms = " ".join(f"{sign} {name}" for sign, name in zip(node.signs, heard))
                 body.append(f"{y} = {terms.removeprefix('+ ')}")
             else:
-                values = {key: value[element] if isinstance(value, tuple) else value for key, value in node.parameters.items()}
+                values = {
+                    key: value[element] if isinstance(value, tuple) else value for key, value in node.parameters.items()
+                }
                 values |= {"y": y, "h": 1.0 / RATE} | dict(zip("uvw", heard))
                 if node.kind == "pd":
                     values["span"] = node.filter_time + 1.0 / RATE
@@ -108,16 +121,26 @@ class StraightC:
         assigned = {line.split(" = ")[0] for line in body}
         numbers = sorted(name for name in assigned - set(state) if not name.startswith("sinks["))
         text = [
-            "#include <math.h>", "#include <time.h>", "",
-            "double run(long first, long ticks, double *memory, volatile double *sinks)", "{",
-            "    struct timespec began, ended;", "    long k;", "    double t, change, slope;",
+            "#include <math.h>",
+            "#include <time.h>",
+            "",
+            "double run(long first, long ticks, double *memory, volatile double *sinks)",
+            "{",
+            "    struct timespec began, ended;",
+            "    long k;",
+            "    double t, change, slope;",
             *(f"    double {name} = memory[{place}];" for place, name in enumerate(state)),
             *(f"    double {name};" for name in numbers if name not in ("change", "slope")),
-            "    (void)change; (void)slope;", "    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &began);",
-            "    for (k = first; k < first + ticks; k++) {", f"        t = k / {RATE!r};", *(f"        {line};" for line in body), "    }",
+            "    (void)change; (void)slope;",
+            "    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &began);",
+            "    for (k = first; k < first + ticks; k++) {",
+            f"        t = k / {RATE!r};",
+            *(f"        {line};" for line in body),
+            "    }",
             "    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &ended);",
             *(f"    memory[{place}] = {name};" for place, name in enumerate(state)),
-            "    return (ended.tv_sec - began.tv_sec) + 1e-9 * (ended.tv_nsec - began.tv_nsec);", "}",
+            "    return (ended.tv_sec - began.tv_sec) + 1e-9 * (ended.tv_nsec - began.tv_nsec);",
+            "}",
         ]
         self.initial = list(state.values())
         self.run = build("\n".join(text) + "\n")
@@ -142,10 +165,15 @@ def build(text):
         source, library = Path(folder, "straight.c"), Path(folder, "straight.so")
         source.write_text(text)
         done = subprocess.run(
-            [*shlex.split(compiler), *FLAGS, "-shared", "-fPIC", "-o", str(library), str(source), "-lm"], capture_output=True, text=True)
+            [*shlex.split(compiler), *FLAGS, "-shared", "-fPIC", "-o", str(library), str(source), "-lm"],
+            capture_output=True,
+            text=True,
+        )
         if done.returncode != 0:
-            raise NoCompiler(f"{compiler} fails: {done.stderr.strip().splitlines()[-1] if done.stderr.strip() else done.returncode}")
-        run = ctypes.CDLL(str(library)).run         # stays mapped without its file
+            raise NoCompiler(
+                f"{compiler} fails: {done.stderr.strip().splitlines()[-1] if done.stderr.strip() else done.returncode}"
+            )
+        run = ctypes.CDLL(str(library)).run  # stays mapped without its file
     run.restype = ctypes.c_double
     run.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double)]
     return run

@@ -1,4 +1,6 @@
-"""What eight drives cost a tick, beside a program on python-can; and eight motors at 1000 Hz on two buses, beside a loop in C."""
+"""What eight drives cost a tick, beside a program on python-can; and eight motors at 1000 Hz on two buses, beside a
+loop in C.
+"""
 
 import ctypes
 import signal
@@ -27,12 +29,14 @@ from runtime.telling.progress import rounds
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35
 DRIVES = 8
-ANSWERS = [(can_id, bytes([can_id]) + bytes.fromhex("7fff7ff7ff4600")) for can_id in range(1, DRIVES + 1)]      # at rest
+ANSWERS = [(can_id, bytes([can_id]) + bytes.fromhex("7fff7ff7ff4600")) for can_id in range(1, DRIVES + 1)]  # at rest
 RATE, BUSES = 1000.0, 2
-STEPS = 4                       # of the motors' process in a period
-STARTING = 20                   # ticks that are not counted
+STEPS = 4  # of the motors' process in a period
+STARTING = 20  # ticks that are not counted
 
-C_LOOP = C_GRID + r"""
+C_LOOP = (
+    C_GRID
+    + r"""
 #include <stdint.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -73,6 +77,7 @@ double run(long period, long ticks, double *room, double *unused)
     return (double)missed;
 }
 """
+)
 
 
 @contextmanager
@@ -127,8 +132,12 @@ def motors(count):
         pairs = [stack.enter_context(ends()) for _ in range(BUSES)]
         numbers = [pair[1].fileno() for pair in pairs]
         process = subprocess.Popen(
-            [sys.executable, "-m", "runtime.bench.motors", str(STEPS * RATE), str(count), *map(str, numbers)], cwd=ROOT, pass_fds=numbers,
-            stdout=subprocess.PIPE, text=True)
+            [sys.executable, "-m", "runtime.bench.motors", str(STEPS * RATE), str(count), *map(str, numbers)],
+            cwd=ROOT,
+            pass_fds=numbers,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         try:
             if process.stdout.readline() != "ready\n":
                 raise OSError("the motors did not begin")
@@ -140,7 +149,8 @@ def motors(count):
 
 
 def fast_motors(seconds, repeats):
-    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn, both with what `--realtime try` gets.
+    """[(answers missed, grid points missed, commands) of Tickwork, the same of C], chunks in turn, both with what
+    `--realtime try` gets.
 
     NoCompiler where there is none.
     """
@@ -151,7 +161,9 @@ def fast_motors(seconds, repeats):
     found = [[0, 0, 0], [0, 0, 0]]
     with motors(count) as sockets, Realtime("try"):
         for _ in rounds("measuring", repeats):
-            for which, chunk in enumerate((lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))):
+            for which, chunk in enumerate(
+                (lambda: our_chunk(schedule, sockets, ticks), lambda: c_chunk(loop, sockets, count, ticks))
+            ):
                 for place, value in enumerate((*chunk(), DRIVES * (ticks - STARTING))):
                     found[which][place] += value
     return found

@@ -1,4 +1,6 @@
-"""How well the executor keeps its clock, beside a loop in C that only sleeps, built here and now: chunks in turn, samples pooled."""
+"""How well the executor keeps its clock, beside a loop in C that only sleeps, built here and now: chunks in turn,
+samples pooled.
+"""
 
 import ctypes
 import os
@@ -24,11 +26,13 @@ from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
 from runtime.telling.progress import rounds
 
-SIGNALS = 60                    # that are recorded
+SIGNALS = 60  # that are recorded
 PYTHON_BLOCKS = 10
 C, NATIVE, PYTHON = "C, clock_nanosleep", "Tickwork, native blocks", "Tickwork, ten Python blocks"
 
-C_LOOP = C_GRID + """
+C_LOOP = (
+    C_GRID
+    + """
 /* Wake-ups behind the grid, in ns; -1 where a grid point was missed. */
 double run(long period, long ticks, double *late, double *unused)
 {
@@ -45,6 +49,7 @@ double run(long period, long ticks, double *late, double *unused)
     return 0.0;
 }
 """
+)
 
 
 @dataclass
@@ -109,7 +114,9 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
 
 
 def c_chunk(loop, rate, seconds, realtime):
-    """Run the C loop. Returns what the executor counts of itself: lateness and |period - T| of its ticks, in ns, and the grid points missed."""
+    """Run the C loop. Returns what the executor counts of itself: lateness and |period - T| of its ticks, in ns, and
+    the grid points missed.
+    """
     ticks = round(seconds * rate)
     late, unused = (ctypes.c_double * ticks)(), (ctypes.c_double * 1)()
     with Realtime(realtime):
@@ -118,7 +125,9 @@ def c_chunk(loop, rate, seconds, realtime):
 
 
 def kept_time(late, period):
-    """(lateness behind the grid point that was awaited, |period - T|, grid points missed). late : ns, of every grid point, -1 where it was missed"""
+    """(lateness behind the grid point that was awaited, |period - T|, grid points missed). late : ns, of every grid
+    point, -1 where it was missed
+    """
     ran = np.flatnonzero(late >= 0)
     missed = np.diff(ran, prepend=-1) - 1
     behind = late[ran] + missed * period

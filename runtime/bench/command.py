@@ -11,12 +11,18 @@ from runtime.errors import OK, BadInput
 
 DIAGRAMS = {"knee": netlists.knee, "wide": netlists.wide, "wide6": netlists.wide6, "chain": netlists.chain}
 PARTS = (*DIAGRAMS, "compile")
-PEERS = {                       # module: its contenders, and what pip calls it
+PEERS = {  # module: its contenders, and what pip calls it
     "drake_peer": (("DrakeCpp", "DrakePython"), "drake"),
     "pathsim_peer": (("PathSim",), "pathsim"),
     "bdsim_peer": (("Bdsim",), "bdsim"),
 }
-COMMANDS = {"bus": bus_command, "can": can_command, "clock": clock_command, "sensors": sensors_command, "views": views_command}
+COMMANDS = {
+    "bus": bus_command,
+    "can": can_command,
+    "clock": clock_command,
+    "sensors": sensors_command,
+    "views": views_command,
+}
 KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
 
 
@@ -26,20 +32,39 @@ def main(arguments):
         return start_command(arguments[1:])
     if arguments and arguments[0] in COMMANDS:
         return COMMANDS[arguments[0]].main(arguments[1:])
-    parser = Parser("bench", "Measure ticks and compiles on this machine, beside the same by hand and in other frameworks.",
-                    "`bench start [FILE]` measures start-up and memory, `bench clock` how well the clock is kept, `bench bus` what\n"
-                    "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, beside python-can,\n"
-                    "`bench sensors` what eight inertial sensors on serial lines cost, and what their parser does a second, and\n"
-                    "`bench views` how late the loop is with every recorder and viewer on.")
+    parser = Parser(
+        "bench",
+        "Measure ticks and compiles on this machine, beside the same by hand and in other frameworks.",
+        "`bench start [FILE]` measures start-up and memory, `bench clock` how well the clock is kept, "
+        "`bench bus` what\n"
+        "buses cost and how soon motors stop after kill -9, `bench can` what eight drives cost a tick, "
+        "beside python-can,\n"
+        "`bench sensors` what eight inertial sensors on serial lines cost, and what their parser does a "
+        "second, and\n"
+        "`bench views` how late the loop is with every recorder and viewer on.",
+    )
     parser.add_argument("--only", type=parts, default=PARTS, metavar="PART,...", help=f"of {', '.join(PARTS)}")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=0.05, metavar="S",
-                        help="of each measurement (default 0.05)")
-    parser.add_argument("--repeats", type=count("--repeats"), default=15, metavar="N",
-                        help="measurements of each row, taken in turn (default 15)")
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 60.0),
+        default=0.05,
+        metavar="S",
+        help="of each measurement (default 0.05)",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=count("--repeats"),
+        default=15,
+        metavar="N",
+        help="measurements of each row, taken in turn (default 15)",
+    )
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     report = Report(options.json)
-    how = f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row, taken in turn"
+    how = (
+        f"processor time of one thread; {options.repeats} measurements of {options.seconds:g} s of each row, taken "
+        "in turn"
+    )
     report.say([how, *words()], **machine())
     for part in options.only:
         if part == "compile":
@@ -62,6 +87,7 @@ def parts(text):
 
 
 # Ticks
+
 
 def contenders_of(netlist, with_peers):
     """(contenders, reference first; {name: why it is left out})"""
@@ -88,7 +114,7 @@ def contenders_of(netlist, with_peers):
                 peer = getattr(peers, kind)(netlist)
                 check(peer, reference)
                 found.append(peer)
-            except Exception as error:              # another version of it may do anything
+            except Exception as error:  # another version of it may do anything
                 left_out[getattr(peers, kind).name] = f"{type(error).__name__}: {error}"
     return found, left_out
 
@@ -99,7 +125,10 @@ def tick_part(report, netlist, seconds, repeats):
     native = times["Tickwork, native blocks"]
     rows = {
         name: {
-            "min": row.least, "median": row.median, "max": row.most, "ns_a_block": row.median * 1e3 / netlist.blocks,
+            "min": row.least,
+            "median": row.median,
+            "max": row.most,
+            "ns_a_block": row.median * 1e3 / netlist.blocks,
             "times_native": row.over(native),
         }
         for name, row in times.items()
@@ -108,13 +137,18 @@ def tick_part(report, netlist, seconds, repeats):
     lines = ["", f"{title:38}{'µs a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>13}{'x native':>11}"]
     for name, row in rows.items():
         lines.append(
-            f"  {name:36}{row['min']:16.4g}{row['median']:12.4g}{row['max']:12.4g}{row['ns_a_block']:13.3g}{row['times_native']:11.3g}")
+            f"  {name:36}{row['min']:16.4g}{row['median']:12.4g}{row['max']:12.4g}{row['ns_a_block']:13.3g}{row['times_native']:11.3g}"
+        )
     lines += [f"  {name:36}left out: {why}" for name, why in left_out.items()]
-    report.say(lines, **{netlist.name: {"blocks": netlist.blocks, "width": netlist.width, "us_a_tick": rows, "left_out": left_out}})
+    report.say(
+        lines,
+        **{netlist.name: {"blocks": netlist.blocks, "width": netlist.width, "us_a_tick": rows, "left_out": left_out}},
+    )
     report.goals += goals.of_ticks(netlist, times)
 
 
 # Compiles
+
 
 def compile_part(report):
     from runtime.bench import compiling
@@ -123,10 +157,14 @@ def compile_part(report):
     grown, wanted = compiling.exponent(*found[-2:]), compiling.n_log_n(*found[-2:])
     lines = ["", f"{'compile':38}{'ms: min':>16}{'median':>12}{'max':>12}{'µs a block':>13}"]
     for row in found:
-        lines.append(f"  {f'{row.blocks} blocks':36}{row.compile.least:16.4g}{row.compile.median:12.4g}{row.compile.most:12.4g}"
-                     f"{row.compile.median * 1e3 / row.blocks:13.3g}")
-        lines.append(f"  {'  making and wiring them':36}{row.build.least:16.4g}{row.build.median:12.4g}{row.build.most:12.4g}"
-                     f"{row.build.median * 1e3 / row.blocks:13.3g}")
+        lines.append(
+            f"  {f'{row.blocks} blocks':36}{row.compile.least:16.4g}{row.compile.median:12.4g}{row.compile.most:12.4g}"
+            f"{row.compile.median * 1e3 / row.blocks:13.3g}"
+        )
+        lines.append(
+            f"  {'  making and wiring them':36}{row.build.least:16.4g}{row.build.median:12.4g}{row.build.most:12.4g}"
+            f"{row.build.median * 1e3 / row.blocks:13.3g}"
+        )
     lines.append(f"  it grows as blocks^{grown:.2f}; n log n would be blocks^{wanted:.2f} here")
     rows = [
         {
@@ -144,12 +182,21 @@ def compile_part(report):
 
 # Starts
 
+
 def start_command(arguments):
     from runtime.bench import starting
 
     parser = Parser("bench start", "Measure the time from the start of a process to its first tick, and its memory.")
-    parser.add_argument("file", type=Path, nargs="?", default=KNEE_EXO, help="a diagram file (default: the knee exoskeleton of a clone)")
-    parser.add_argument("--repeats", type=count("--repeats"), default=7, metavar="N", help="starts of each kind, taken in turn (default 7)")
+    parser.add_argument(
+        "file", type=Path, nargs="?", default=KNEE_EXO, help="a diagram file (default: the knee exoskeleton of a clone)"
+    )
+    parser.add_argument(
+        "--repeats",
+        type=count("--repeats"),
+        default=7,
+        metavar="N",
+        help="starts of each kind, taken in turn (default 7)",
+    )
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     if not options.file.exists():
@@ -161,7 +208,10 @@ def start_command(arguments):
     for what, (times, memory) in found.items():
         name = f"{options.file.name}, to the first tick" if what == "run" else what
         lines.append(f"  {name:36}{times.least:16.4g}{times.median:12.4g}{times.most:12.4g}{memory.median:13.3g}")
-    rows = {what: {"ms": {"min": t.least, "median": t.median, "max": t.most}, "resident_mb": m.median} for what, (t, m) in found.items()}
+    rows = {
+        what: {"ms": {"min": t.least, "median": t.median, "max": t.most}, "resident_mb": m.median}
+        for what, (t, m) in found.items()
+    }
     report.say(lines, start=rows)
     report.goals += goals.of_start(found)
     report.finish()

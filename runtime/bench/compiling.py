@@ -9,7 +9,7 @@ from runtime.bench.netlists import wide
 from runtime.bench.ours import diagram_of, native_block
 from runtime.telling.progress import rounds
 
-LANES = {8: 9, 41: 5, 416: 3}           # of the wide diagram: 200, 992 and 9992 blocks; and how often each is compiled
+LANES = {8: 9, 41: 5, 416: 3}  # of the wide diagram: 200, 992 and 9992 blocks; and how often each is compiled
 
 
 class Compiles:
@@ -29,7 +29,9 @@ class Compiles:
 
 
 def measure():
-    """[Compiles] from the smallest diagram to the largest. The first round is the first compile of this process, if there was none before."""
+    """[Compiles] from the smallest diagram to the largest. The first round is the first compile of this process, if
+    there was none before.
+    """
     return [Compiles(lanes, repeats) for lanes, repeats in LANES.items()]
 
 

@@ -22,12 +22,13 @@ from runtime.bench.clock import SIGNALS, diagram
 from runtime.run import Request, prepare, run
 
 KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
-RATES = ("200", "1000", "3000", "333.3", "0.7")                    # Hz
+RATES = ("200", "1000", "3000", "333.3", "0.7")  # Hz
 POINTS = 10**9
 
 
 def recording(rounds=7, ticks=10_000):
     """s that a tick takes longer when 60 signals are recorded than when none are."""
+
     def recorded(signals):
         with Diagram("recorded", 1000) as made:
             for index in range(SIGNALS // 2):
@@ -67,7 +68,9 @@ def drift():
 
 
 def growth(few=10_000, many=10_000_000):
-    """Bytes of resident memory after many fast ticks beyond those after few, in one process, with a page that nobody reads."""
+    """Bytes of resident memory after many fast ticks beyond those after few, in one process, with a page that nobody
+    reads.
+    """
     schedule = compile(diagram(1000, 3, 12))
     executor = Executor(Program(schedule), 1000, page=Page(1 << 20), virtual=True)
     executor.run(few)

@@ -6,7 +6,16 @@ import time
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain, LinearSystem, LogVectorOutput, Saturation, Sine, ZeroOrderHold
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Gain,
+    LinearSystem,
+    LogVectorOutput,
+    Saturation,
+    Sine,
+    ZeroOrderHold,
+)
 
 from runtime.bench.netlists import RATE
 
@@ -45,7 +54,7 @@ class Drake:
             simulator.AdvanceTo(k * H) if k else simulator.Initialize()
         took = time.thread_time() - began
         self.k = first + ticks
-        if self.k > 100_000:                        # the logs grow for ever
+        if self.k > 100_000:  # the logs grow for ever
             self.restart()
         return took
 
@@ -60,7 +69,9 @@ class DrakeCpp(Drake):
     def add(self, builder, node, n):
         """Add what a node needs; (its input ports, its output port)."""
         if node.kind == "sine":
-            wave = builder.AddSystem(Sine(np.array(node.amplitude), 2.0 * np.pi * np.array(node.frequency), np.array(node.phase), True))
+            wave = builder.AddSystem(
+                Sine(np.array(node.amplitude), 2.0 * np.pi * np.array(node.frequency), np.array(node.phase), True)
+            )
             return [], wave.get_output_port(0)
         if node.kind == "constant":
             return [], builder.AddSystem(ConstantVectorSource(np.full(n, node.value))).get_output_port()
@@ -68,12 +79,14 @@ class DrakeCpp(Drake):
             return self.add_sum(builder, node.signs, n)
         if node.kind == "rate":
             return self.add_rate(builder, node.rate * H, n)
-        if node.kind == "lowpass":                  # direct form II transposed: y = b0 u + s0
+        if node.kind == "lowpass":  # direct form II transposed: y = b0 u + s0
             b0, b1, b2, a1, a2 = node.b0, node.b1, node.b2, node.a1, node.a2
             system = LinearSystem([[-a1, 1.0], [-a2, 0.0]], [[b1 - a1 * b0], [b2 - a2 * b0]], [[1.0, 0.0]], [[b0]], H)
         elif node.kind == "pd":
             span = node.filter_time + H
-            system = LinearSystem([[1.0 - H / span]], [[H / span]], [[-node.kd / span]], [[node.kp + node.kd / span]], H)
+            system = LinearSystem(
+                [[1.0 - H / span]], [[H / span]], [[-node.kd / span]], [[node.kp + node.kd / span]], H
+            )
             self.starts.append((system, [node.start]))
         elif node.kind == "gain":
             system = Gain(node.gain, n)
@@ -144,7 +157,9 @@ class PythonSystem(LeafSystem):
 class PySine(PythonSystem):
     def compute(self, context, output):
         t = context.get_time()
-        for i, (amplitude, frequency, phase) in enumerate(zip(self.node.amplitude, self.node.frequency, self.node.phase)):
+        for i, (amplitude, frequency, phase) in enumerate(
+            zip(self.node.amplitude, self.node.frequency, self.node.phase)
+        ):
             output.SetAtIndex(i, amplitude * math.sin(6.283185307179586 * frequency * t + phase))
 
 
@@ -188,7 +203,9 @@ class PyLowpass(PythonSystem):
     def after(self, context, state):
         node, u, s = self.node, self.hear(context), context.get_discrete_state(self.state)
         y = node.b0 * u + s.GetAtIndex(0)
-        state.get_mutable_vector(self.state).SetFromVector([node.b1 * u - node.a1 * y + s.GetAtIndex(1), node.b2 * u - node.a2 * y])
+        state.get_mutable_vector(self.state).SetFromVector(
+            [node.b1 * u - node.a1 * y + s.GetAtIndex(1), node.b2 * u - node.a2 * y]
+        )
 
 
 class PyPD(PythonSystem):
@@ -221,9 +238,15 @@ class PyRate(PythonSystem):
 
 
 SYSTEMS = {
-    "sine": PySine, "constant": PyConstant, "gain": PyGain, "sum": PySum, "saturation": PySaturation, "delay": PyDelay,
+    "sine": PySine,
+    "constant": PyConstant,
+    "gain": PyGain,
+    "sum": PySum,
+    "saturation": PySaturation,
+    "delay": PyDelay,
     "lowpass": PyLowpass,
-    "pd": PyPD, "rate": PyRate,
+    "pd": PyPD,
+    "rate": PyRate,
 }
 
 

@@ -1,6 +1,8 @@
-"""Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL ID...`.
+"""Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL
+ID...`.
 
-Each answers every frame to its id as a CubeMars AK in MIT mode does, and at once: who waits for it spins, perhaps on the same processor.
+Each answers every frame to its id as a CubeMars AK in MIT mode does, and at once: who waits for it spins, perhaps on
+the same processor.
 """
 
 import sys
@@ -11,7 +13,7 @@ import can
 from runtime.guardian.wires import keep_apart
 from runtime.realtime import Realtime
 
-NO_TORQUE = 0x7FF               # code
+NO_TORQUE = 0x7FF  # code
 
 
 def node(channel):
@@ -35,7 +37,7 @@ def main(channel, *identifiers):
     while True:
         heard = bus.recv()
         frame = heard.arbitration_id, bytes(heard.data)
-        if own[frame]:                                          # it hands us our own, too
+        if own[frame]:  # it hands us our own, too
             own[frame] -= 1
         elif heard.arbitration_id in motors and heard.dlc == 8:
             answer = reply(heard.arbitration_id, heard.data)

@@ -2,30 +2,30 @@
 
 from dataclasses import dataclass
 
-NATIVE = {"knee": 0.15, "wide": 0.8, "wide6": 1.8}          # µs a tick
+NATIVE = {"knee": 0.15, "wide": 0.8, "wide6": 1.8}  # µs a tick
 OVER_DRAKE = {"knee": 90.0, "wide": 200.0, "wide6": 100.0}
-OVER_C = 1.5                                                # for fused schedules, which are to come
-PYTHON_BLOCK = 90.0                                         # ns
-CHAIN = {"native": 5.0, "python": 150.0}                    # ns a block
-COMPILE = 20.0                                              # ms, 200 blocks
-START = 450.0                                               # ms
-MEMORY = 60.0                                               # MB
-CLOCK = {"native": 1.3, "python": 2.0, "disturbed": 2.0}    # times the C loop
-RECORDED = 0.2                                              # µs a tick, 60 signals
-ADD = 5.0                                                   # ns
-DRIFT = 1.0                                                 # ns
-GROWTH = 1.0                                                # MiB
-KNEE_MINUTE = 0.2                                           # s
-BUS = 1.0                                                   # µs a tick beyond two system calls
-GUARDIAN = 100.0                                            # µs of a round trip, p99
-DRIVES = 5.0                                                # µs a tick of eight drives, beyond the system calls
-PYTHON_CAN = 0.1                                            # of what python-can takes
-STOP = 20.0                                                 # ms from kill -9, p99
-SENSORS = 0.1                                               # of one processor: eight at 500 Hz
-BESIDE = 1.5                                                # times the lateness of the loop alone
-PARSER = 200.0                                              # MB/s
+OVER_C = 1.5  # for fused schedules, which are to come
+PYTHON_BLOCK = 90.0  # ns
+CHAIN = {"native": 5.0, "python": 150.0}  # ns a block
+COMPILE = 20.0  # ms, 200 blocks
+START = 450.0  # ms
+MEMORY = 60.0  # MB
+CLOCK = {"native": 1.3, "python": 2.0, "disturbed": 2.0}  # times the C loop
+RECORDED = 0.2  # µs a tick, 60 signals
+ADD = 5.0  # ns
+DRIFT = 1.0  # ns
+GROWTH = 1.0  # MiB
+KNEE_MINUTE = 0.2  # s
+BUS = 1.0  # µs a tick beyond two system calls
+GUARDIAN = 100.0  # µs of a round trip, p99
+DRIVES = 5.0  # µs a tick of eight drives, beyond the system calls
+PYTHON_CAN = 0.1  # of what python-can takes
+STOP = 20.0  # ms from kill -9, p99
+SENSORS = 0.1  # of one processor: eight at 500 Hz
+BESIDE = 1.5  # times the lateness of the loop alone
+PARSER = 200.0  # MB/s
 OVER_PYTHON = 10.0
-VIEWS = 1.5                                                 # times the lateness without any, p99
+VIEWS = 1.5  # times the lateness without any, p99
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,13 @@ def of_ticks(netlist, times):
         goals.append(Goal(f"{netlist.name}, a Python block", a_block, PYTHON_BLOCK, "ns"))
     if "Drake, C++ systems" in times:
         faster = times["Drake, C++ systems"].over(native)
-        goals.append(Goal(f"{netlist.name}, faster than Drake's C++ systems", faster, OVER_DRAKE[netlist.name], "times", True))
+        goals.append(
+            Goal(f"{netlist.name}, faster than Drake's C++ systems", faster, OVER_DRAKE[netlist.name], "times", True)
+        )
     if "C, one straight line" in times:
-        goals.append(Goal(f"{netlist.name}, slower than straight C", native.over(times["C, one straight line"]), OVER_C, "times"))
+        goals.append(
+            Goal(f"{netlist.name}, slower than straight C", native.over(times["C, one straight line"]), OVER_C, "times")
+        )
     return goals
 
 
@@ -86,7 +90,9 @@ def of_clock(found, disturbed):
         bound = CLOCK["disturbed" if disturbed else "native"]
         goals.append(Goal(f"{rate} Hz, |period-T| p99 over C", native.off(0.99) / reference.off(0.99), bound, "times"))
         if disturbed:
-            goals.append(Goal(f"{rate} Hz, ticks lost beyond the C loop's", max(0, native.missed - reference.missed), 0, ""))
+            goals.append(
+                Goal(f"{rate} Hz, ticks lost beyond the C loop's", max(0, native.missed - reference.missed), 0, "")
+            )
         else:
             goals.append(Goal(f"{rate} Hz, late p50 over C", native.late(0.5) / reference.late(0.5), bound, "times"))
             slower = python.off(0.99) / reference.off(0.99)
@@ -117,8 +123,12 @@ def of_can(found):
     return [
         Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES, "µs a tick"),
         Goal("the same over a socket, of python-can's time", found["share"], PYTHON_CAN, "times"),
-        Goal("answers missed beyond those of the C loop",
-             max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]), 0, ""),
+        Goal(
+            "answers missed beyond those of the C loop",
+            max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]),
+            0,
+            "",
+        ),
     ]
 
 
@@ -126,9 +136,20 @@ def of_sensors(found):
     return [
         Goal("eight sensors, of one processor", found["processor"], SENSORS, ""),
         Goal("packets lost or corrupt", found["lost"] + found["corrupt"] + found["overflows"], 0, ""),
-        Goal("late p99 beside them, over the loop alone", found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"], BESIDE, "times"),
+        Goal(
+            "late p99 beside them, over the loop alone",
+            found["late_p99_us"]["beside"] / found["late_p99_us"]["alone"],
+            BESIDE,
+            "times",
+        ),
         Goal("MIP, parsed natively", found["native_mb_s"], PARSER, "MB/s", True),
-        Goal("the same, over the parser in Python", found["native_mb_s"] / found["python_mb_s"], OVER_PYTHON, "times", True),
+        Goal(
+            "the same, over the parser in Python",
+            found["native_mb_s"] / found["python_mb_s"],
+            OVER_PYTHON,
+            "times",
+            True,
+        ),
     ]
 
 

@@ -1,4 +1,6 @@
-"""What the thread of an I2C bus costs by itself: three IMUs behind a multiplexer, on chips in memory, so that no adapter's driver is in it."""
+"""What the thread of an I2C bus costs by itself: three IMUs behind a multiplexer, on chips in memory, so that no
+adapter's driver is in it.
+"""
 
 import time
 from dataclasses import dataclass
@@ -10,13 +12,15 @@ from cext.i2c_memory import MemoryI2c
 from graph import Diagram
 from runtime.rig.i2c import exchange
 
-SENSORS, RATE = 3, 200.0        # how many; Hz, of each, its magnetometer at 100
+SENSORS, RATE = 3, 200.0  # how many; Hz, of each, its magnetometer at 100
 THREAD = "tickwork-i2c"
 
 
 @dataclass(frozen=True)
 class Cost:
-    """processor : share of one; exchanges : a second, switches of the multiplexer among them; each : s of one; answers : a second"""
+    """processor : share of one; exchanges : a second, switches of the multiplexer among them; each : s of one; answers
+    : a second
+    """
 
     processor: float
     exchanges: float
@@ -28,11 +32,16 @@ def measure(seconds):
     wires = MemoryI2c((0x70,))
     bus = I2cBus(wires)
     with Diagram("bench", rate=RATE):
-        sensors = [MPU9250(name=f"imu{number}", bus="imus", mux=0x70, channel=number, rate=RATE) for number in range(SENSORS)]
+        sensors = [
+            MPU9250(name=f"imu{number}", bus="imus", mux=0x70, channel=number, rate=RATE) for number in range(SENSORS)
+        ]
     for sensor in sensors:
         wires.add(sensor.mag_address, sensor.place)
         wires.write(wires.add(sensor.address, sensor.place), *sensor.check())
-        rounds = tuple((one.period, one.settle, tuple(exchange(transfer, sensor.address) for transfer in one.transfers)) for one in sensor.rounds())
+        rounds = tuple(
+            (one.period, one.settle, tuple(exchange(transfer, sensor.address) for transfer in one.transfers))
+            for one in sensor.rounds()
+        )
         bus.add(sensor.place, sensor.address, (), sensor.check(), rounds)
     bus.start(0)
     try:

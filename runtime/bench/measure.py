@@ -2,10 +2,9 @@
 
 A contender is made from a netlist and has
 
-    name
-    restart()           back to before the first tick
-    advance(ticks)      so many ticks further; returns the processor time they took, in s. Some begin anew whenever they advance
-    sinks               what the last tick gave every sink, element by element
+    name restart()           back to before the first tick advance(ticks)      so many ticks further; returns the
+    processor time they took, in s. Some begin anew whenever they advance sinks               what the last tick gave
+    every sink, element by element
 """
 
 import gc
@@ -13,8 +12,8 @@ import statistics
 
 from runtime.telling.progress import rounds
 
-CHECKED = (1, 2, 3, 257)        # ticks after which the sinks must agree with the reference
-TOLERANCE = 1e-9                # of the largest value: other frameworks add up time, and some sums, in another order
+CHECKED = (1, 2, 3, 257)  # ticks after which the sinks must agree with the reference
+TOLERANCE = 1e-9  # of the largest value: other frameworks add up time, and some sums, in another order
 
 
 class Disagreement(Exception):
@@ -40,7 +39,9 @@ class Times:
         return max(self.rounds)
 
     def over(self, other):
-        """How many times as long as another contender, by the median of the rounds, each against its own neighbour in time."""
+        """How many times as long as another contender, by the median of the rounds, each against its own neighbour in
+        time.
+        """
         return statistics.median(mine / theirs for mine, theirs in zip(self.rounds, other.rounds))
 
 

@@ -1,4 +1,5 @@
-"""Emulated motors as a process of their own, at the far ends of sockets: `python -m runtime.bench.motors RATE COUNT DESCRIPTOR...`.
+"""Emulated motors as a process of their own, at the far ends of sockets: `python -m runtime.bench.motors RATE COUNT
+DESCRIPTOR...`.
 
 On each bus COUNT drives with ids from 1 on, held still, at so many steps a second, until SIGTERM.
 """
@@ -21,7 +22,7 @@ def main(rate, count, *descriptors):
                 EmulatedCubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id)(position=0.0, velocity=0.0)
     ends = [SocketCan(socket.socket(fileno=int(descriptor)), shared=True) for descriptor in descriptors]
     executor = Executor(Program(compile(motors), [end.end for end in ends]), float(rate))
-    with Realtime("try"):           # a motor is not kept waiting by other programs
+    with Realtime("try"):  # a motor is not kept waiting by other programs
         print("ready", flush=True)
         executor.run()
 

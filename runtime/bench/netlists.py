@@ -1,14 +1,14 @@
 """The diagrams that are measured, as data: every contender builds the same one from here.
 
-knee    two joints: sine -> 2nd-order low-pass -> gain -> sum with a reference -> PD -> saturation -> rate limiter -> sink, and a total
-wide    4 sines, lanes of 6 groups of gain, 3-input sum, saturation and a unit delay that closes a loop, 4 sinks
-chain   one sine, then gain, saturation and sum, 33 times
+knee    two joints: sine -> 2nd-order low-pass -> gain -> sum with a reference -> PD -> saturation -> rate limiter ->
+sink, and a total wide    4 sines, lanes of 6 groups of gain, 3-input sum, saturation and a unit delay that closes a
+loop, 4 sinks chain   one sine, then gain, saturation and sum, 33 times
 """
 
 import math
 from dataclasses import dataclass, field
 
-RATE = 1000.0               # Hz
+RATE = 1000.0  # Hz
 
 # What every kind computes, from inputs u, v, w and parameters, y being its output and h the sampling period:
 #
@@ -64,6 +64,7 @@ def knee():
     nodes, limited = [], []
     cutoff, reference = 20.0, 0.3
     for side, frequency in (("left", 0.9), ("right", 1.0)):
+
         def add(kind, *inputs, **parameters):
             nodes.append(Node(f"{side}_{kind}", kind, inputs, parameters))
             return nodes[-1].name
@@ -81,9 +82,16 @@ def knee():
 def wide(lanes=8, width=1, name="wide"):
     """24 blocks a lane, and 8."""
     nodes = [
-        Node(f"sine_{i}", "sine", (), {
-            "amplitude": (1.0,) * width, "frequency": tuple(0.5 + 0.3 * i + 0.1 * j for j in range(width)),
-            "phase": tuple(0.2 * j for j in range(width))})
+        Node(
+            f"sine_{i}",
+            "sine",
+            (),
+            {
+                "amplitude": (1.0,) * width,
+                "frequency": tuple(0.5 + 0.3 * i + 0.1 * j for j in range(width)),
+                "phase": tuple(0.2 * j for j in range(width)),
+            },
+        )
         for i in range(4)
     ]
     ends = []
@@ -126,6 +134,9 @@ def lowpass(cutoff):
     k = math.tan(math.pi * cutoff / RATE)
     norm = 1.0 / (1.0 + math.sqrt(2.0) * k + k * k)
     return {
-        "b0": k * k * norm, "b1": 2.0 * k * k * norm, "b2": k * k * norm,
-        "a1": 2.0 * (k * k - 1.0) * norm, "a2": (1.0 - math.sqrt(2.0) * k + k * k) * norm,
+        "b0": k * k * norm,
+        "b1": 2.0 * k * k * norm,
+        "b2": k * k * norm,
+        "a1": 2.0 * (k * k - 1.0) * norm,
+        "a2": (1.0 - math.sqrt(2.0) * k + k * k) * norm,
     }

@@ -178,7 +178,13 @@ class PyDelays(Block):
 
 
 PYTHON = {
-    "sine": PySine, "constant": PyConstant, "gain": PyGain, "saturation": PySaturation, "lowpass": PyLowpass, "pd": PyPD, "rate": PyRate,
+    "sine": PySine,
+    "constant": PyConstant,
+    "gain": PyGain,
+    "saturation": PySaturation,
+    "lowpass": PyLowpass,
+    "pd": PyPD,
+    "rate": PyRate,
     "delay": PyDelay,
 }
 PYTHON_VECTORS = PYTHON | {"sine": PySines, "saturation": PySaturations, "delay": PyDelays}
@@ -186,7 +192,9 @@ PYTHON_SUMS = {"++": PyAdd, "+-": PySubtract, "+++": PyAddThree}
 
 
 def native_block(node, width):
-    """A block of the library: a callable that takes the signals it hears and gives its output. A vector of sines is a stack of them."""
+    """A block of the library: a callable that takes the signals it hears and gives its output. A vector of sines is a
+    stack of them.
+    """
     if node.kind == "sine":
         waves = [Sine(*wave)() for wave in zip(node.amplitude, node.frequency, node.phase)]
         return lambda: waves[0] if width == 1 else Stack(width)(*waves)
@@ -194,9 +202,14 @@ def native_block(node, width):
         controller = PD(node.kp, node.kd, node.filter_time, c=1.0)
         return lambda error: controller(error, 0.0)
     made = {
-        "constant": lambda: Constant(node.value), "gain": lambda: Gain(node.gain), "sum": lambda: Sum(node.signs),
-        "saturation": lambda: Saturation(node.lower, node.upper), "lowpass": lambda: Butterworth(2, node.cutoff),
-        "rate": lambda: SlewRate(node.rate), "delay": UnitDelay, "sink": lambda: Tap(name=node.name),
+        "constant": lambda: Constant(node.value),
+        "gain": lambda: Gain(node.gain),
+        "sum": lambda: Sum(node.signs),
+        "saturation": lambda: Saturation(node.lower, node.upper),
+        "lowpass": lambda: Butterworth(2, node.cutoff),
+        "rate": lambda: SlewRate(node.rate),
+        "delay": UnitDelay,
+        "sink": lambda: Tap(name=node.name),
     }
     return made[node.kind]()
 
@@ -207,7 +220,9 @@ def python_block(node, width):
     if node.kind == "sum":
         return PYTHON_SUMS[node.signs]()
     kind = (PYTHON if width == 1 else PYTHON_VECTORS)[node.kind]
-    values = {key: value[0] if width == 1 and isinstance(value, tuple) else value for key, value in node.parameters.items()}
+    values = {
+        key: value[0] if width == 1 and isinstance(value, tuple) else value for key, value in node.parameters.items()
+    }
     return kind(**values)
 
 
@@ -232,7 +247,9 @@ class Blocks:
 
     def __init__(self, netlist, make):
         schedule = compile(diagram_of(netlist, make))
-        taken = {sink.block.path: [schedule.columns[column.index] for column in sink.columns] for sink in schedule.sinks}
+        taken = {
+            sink.block.path: [schedule.columns[column.index] for column in sink.columns] for sink in schedule.sinks
+        }
         self.slots = [slot for node in netlist.sinks for slot in taken[node.name]]
         self.program = Program(schedule)
         self.executor = Executor(self.program, RATE)

@@ -17,7 +17,11 @@ class VectorSine(Block):
 
     def __init__(self, amplitude, frequency, phase):
         super().__init__()
-        self.amplitude, self.pulsation, self.phase = np.array(amplitude), 2.0 * np.pi * np.array(frequency), np.array(phase)
+        self.amplitude, self.pulsation, self.phase = (
+            np.array(amplitude),
+            2.0 * np.pi * np.array(frequency),
+            np.array(phase),
+        )
 
     def update(self, t):
         self.outputs.update_from_array(self.amplitude * np.sin(self.pulsation * t + self.phase))
@@ -35,7 +39,9 @@ class VectorSum(Block):
 
 
 class Sampled(Block):
-    """A block with state: `output` from state and inputs while the graph is evaluated, `after` at the end of the step."""
+    """A block with state: `output` from state and inputs while the graph is evaluated, `after` at the end of the
+    step.
+    """
 
     def update(self, t):
         self.outputs.update_from_array(self.output(self.inputs.to_array()))
@@ -52,7 +58,7 @@ class UnitDelay(Sampled):
         self.held = np.zeros(n)
 
     def __len__(self):
-        return 0                                    # nothing feeds through
+        return 0  # nothing feeds through
 
     def output(self, u):
         return self.held
@@ -123,10 +129,11 @@ class PathSim:
         blocks = {node.name: self.block(node, n) for node in self.netlist.nodes}
         connections = [
             Connection(blocks[name][0:n], blocks[node.name][place * n : (place + 1) * n])
-            for node in self.netlist.nodes for place, name in enumerate(node.inputs)
+            for node in self.netlist.nodes
+            for place, name in enumerate(node.inputs)
         ]
         self.simulation = Simulation(list(blocks.values()), connections, dt=H, log=False)
-        self.simulation.time = -H                   # a step evaluates the graph at its end
+        self.simulation.time = -H  # a step evaluates the graph at its end
         self.taken = [blocks[node.name] for node in self.netlist.sinks]
 
     def block(self, node, n):
@@ -137,10 +144,14 @@ class PathSim:
         if node.kind == "sum":
             return Adder() if n == 1 else VectorSum(len(node.inputs))
         made = {
-            "constant": lambda: Constant(node.value), "gain": lambda: Amplifier(node.gain),
+            "constant": lambda: Constant(node.value),
+            "gain": lambda: Amplifier(node.gain),
             "saturation": lambda: Clip(node.lower, node.upper),
-            "delay": lambda: UnitDelay(n), "lowpass": lambda: Lowpass(node.b0, node.b1, node.b2, node.a1, node.a2),
-            "pd": lambda: PD(node.kp, node.kd, node.filter_time, node.start), "rate": lambda: Rate(node.rate), "sink": Sink,
+            "delay": lambda: UnitDelay(n),
+            "lowpass": lambda: Lowpass(node.b0, node.b1, node.b2, node.a1, node.a2),
+            "pd": lambda: PD(node.kp, node.kd, node.filter_time, node.start),
+            "rate": lambda: Rate(node.rate),
+            "sink": Sink,
         }
         return made[node.kind]()
 

@@ -1,6 +1,8 @@
-"""A tick of drives as a program on python-can has it: a Message object a frame, a Notifier thread that takes the answers.
+"""A tick of drives as a program on python-can has it: a Message object a frame, a Notifier thread that takes the
+answers.
 
-The bus is python-can's SocketcanBus with its own code for sending and receiving, over a datagram socket in place of a CAN interface.
+The bus is python-can's SocketcanBus with its own code for sending and receiving, over a datagram socket in place of a
+CAN interface.
 """
 
 import math
@@ -10,9 +12,9 @@ import time
 from can import BusABC, Listener, Message, Notifier
 from can.interfaces.socketcan.socketcan import SocketcanBus
 
-POSITION, VELOCITY, TORQUE = 12.5, 50.0, 18.0           # half ranges of an AK80-9's wire
-LIMIT = 5.0                                             # N·m
-PATIENCE = 1.0                                          # s
+POSITION, VELOCITY, TORQUE = 12.5, 50.0, 18.0  # half ranges of an AK80-9's wire
+LIMIT = 5.0  # N·m
+PATIENCE = 1.0  # s
 
 
 class DatagramBus(SocketcanBus):
@@ -24,7 +26,7 @@ class DatagramBus(SocketcanBus):
         BusABC.__init__(self, channel="bench")
 
     def _apply_filters(self, filters):
-        pass                                            # there is nobody else on it
+        pass  # there is nobody else on it
 
 
 def code(x, low, high, bits):
@@ -51,8 +53,13 @@ class Feedback(Listener):
         data = message.data
         if len(data) == 8:
             self.newest[data[0]] = (
-                value(data[1] << 8 | data[2], -POSITION, POSITION, 16), value(data[3] << 4 | data[4] >> 4, -VELOCITY, VELOCITY, 12),
-                value((data[4] & 15) << 8 | data[5], -TORQUE, TORQUE, 12), data[6] - 40, data[7], message.timestamp)
+                value(data[1] << 8 | data[2], -POSITION, POSITION, 16),
+                value(data[3] << 4 | data[4] >> 4, -VELOCITY, VELOCITY, 12),
+                value((data[4] & 15) << 8 | data[5], -TORQUE, TORQUE, 12),
+                data[6] - 40,
+                data[7],
+                message.timestamp,
+            )
         self.count += 1
 
 
@@ -77,7 +84,9 @@ def time_of_ticks(socket, other, answers, ticks):
                     raise OSError("a drive is silent or has a fault")
                 if not math.isfinite(torque):
                     raise OSError("no torque")
-                bus.send(Message(arbitration_id=can_id, is_extended_id=False, data=pack(min(max(torque, -LIMIT), LIMIT))))
+                bus.send(
+                    Message(arbitration_id=can_id, is_extended_id=False, data=pack(min(max(torque, -LIMIT), LIMIT)))
+                )
             spent = time.thread_time() - began
             for can_id, data in answers:
                 other.send(can_id, data)

@@ -31,7 +31,14 @@ class Report:
     def finish(self):
         if self.for_machines:
             found = [
-                {"what": g.what, "value": g.value, "goal": g.bound, "unit": g.unit, "at_least": g.at_least, "reached": g.reached}
+                {
+                    "what": g.what,
+                    "value": g.value,
+                    "goal": g.bound,
+                    "unit": g.unit,
+                    "at_least": g.at_least,
+                    "reached": g.reached,
+                }
                 for g in self.goals
             ]
             tell([json.dumps({**self.data, "goals": found}, indent=1, ensure_ascii=False)])
@@ -39,5 +46,8 @@ class Report:
         lines = ["", f"{'goals':46}{'found':>12}{'wanted':>18}"]
         for goal in self.goals:
             bound = f"{'at least' if goal.at_least else 'at most'} {goal.bound:.3g}"
-            lines.append(f"  {goal.what:44}{goal.value:12.3g}{bound:>18} {goal.unit:10}{'' if goal.reached else 'not reached'}".rstrip())
+            lines.append(
+                f"  {goal.what:44}{goal.value:12.3g}{bound:>18} "
+                f"{goal.unit:10}{'' if goal.reached else 'not reached'}".rstrip()
+            )
         tell(lines)

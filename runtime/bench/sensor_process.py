@@ -1,4 +1,6 @@
-"""A process with emulated MicroStrain sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE SERIAL...`."""
+"""A process with emulated MicroStrain sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE
+SERIAL...`.
+"""
 
 import sys
 
@@ -9,7 +11,9 @@ from runtime.emulation.serving import Service
 
 
 def main(folder, rate, *serials):
-    """Each has a link in the folder, tty and its serial number; a line says that they are there. It ends when it is killed."""
+    """Each has a link in the folder, tty and its serial number; a line says that they are there. It ends when it is
+    killed.
+    """
     with Diagram("sensors", rate=float(rate)) as plant:
         for serial in serials:
             EmulatedMicroStrain(bus=serial, serial=serial, streaming_at_start=False, name=f"imu_{serial}")

@@ -1,4 +1,6 @@
-"""What inertial sensors on serial lines cost: eight MicroStrains on pseudo-terminals beside a loop, and their parser by itself."""
+"""What inertial sensors on serial lines cost: eight MicroStrains on pseudo-terminals beside a loop, and their parser by
+itself.
+"""
 
 import os
 import random
@@ -27,9 +29,9 @@ from runtime.realtime import PRIORITY, Realtime
 from runtime.rig.streams import StreamLines
 from runtime.telling.progress import rounds
 
-SENSORS, RATE, LOOP = 8, 500.0, 200.0       # how many; Hz
+SENSORS, RATE, LOOP = 8, 500.0, 200.0  # how many; Hz
 SERIALS = [str(700001 + number) for number in range(SENSORS)]
-PACKETS = 4000                  # pairs, of the parser's stream
+PACKETS = 4000  # pairs, of the parser's stream
 
 
 @contextmanager
@@ -37,8 +39,14 @@ def plugged_in():
     """Eight emulated sensors in a process of their own: the folder of their ports."""
     with tempfile.TemporaryDirectory() as folder:
         process = subprocess.Popen(
-            [sys.executable, "-m", "runtime.bench.sensor_process", folder, str(RATE), *SERIALS], stdout=subprocess.PIPE, text=True,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])})
+            [sys.executable, "-m", "runtime.bench.sensor_process", folder, str(RATE), *SERIALS],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]),
+            },
+        )
         try:
             process.stdout.readline()
             yield Path(folder)
@@ -53,9 +61,14 @@ def loop(sensors):
     with Diagram("bench", rate=LOOP) as made:
         for index in range(5):
             Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
-        devices = [
-            MicroStrain(port=str(sensors / f"tty{serial}"), rate=RATE, name=f"imu{serial}", timeout=0.0)
-            for serial in SERIALS] if sensors is not None else []
+        devices = (
+            [
+                MicroStrain(port=str(sensors / f"tty{serial}"), rate=RATE, name=f"imu{serial}", timeout=0.0)
+                for serial in SERIALS
+            ]
+            if sensors is not None
+            else []
+        )
     return made, devices
 
 
@@ -74,7 +87,9 @@ class Beside:
 
 
 def chunk(found, seconds, sensors=None, realtime="off"):
-    """One run, added to what was found. sensors : folder of the ports, None for the loop alone. OSError where they do not answer"""
+    """One run, added to what was found. sensors : folder of the ports, None for the loop alone. OSError where they do
+    not answer
+    """
     made, devices = loop(sensors)
     schedule = compile(made)
     lines = StreamLines(devices)
@@ -92,6 +107,7 @@ def chunk(found, seconds, sensors=None, realtime="off"):
     found.lateness = found.lateness + page.counts("lateness")
     found.missed += page.statistics()["missed"]
     for device in devices:
+
         def told(name):
             return int(control.final[schedule.signals[f"{device.path}.{name}"].slot])
 
@@ -106,7 +122,7 @@ def measure(seconds, repeats, realtime="off"):
     """(the loop alone, the loop beside eight sensors), each a Beside, chunks taken in turn"""
     alone, beside = Beside(), Beside()
     with plugged_in() as folder:
-        chunk(Beside(), 0.2, folder, realtime)                     # set up once
+        chunk(Beside(), 0.2, folder, realtime)  # set up once
         for _ in rounds("measuring", repeats):
             chunk(alone, seconds, None, realtime)
             chunk(beside, seconds, folder, realtime)
@@ -114,6 +130,7 @@ def measure(seconds, repeats, realtime="off"):
 
 
 # The parser
+
 
 def stream():
     """Bytes as such a sensor sends them: a packet of its sensors and one of its filter, again and again."""
@@ -125,13 +142,17 @@ def stream():
     packets = []
     for number in range(PACKETS):
         when = struct.pack(">dHH", 1000.0 + number / RATE, 0, 1)
-        packets.append(mip.packet(0x80, (0x12, when), (0x04, floats(3)), (0x05, floats(3)), (0x06, floats(3)), (0x14, floats(3))))
+        packets.append(
+            mip.packet(0x80, (0x12, when), (0x04, floats(3)), (0x05, floats(3)), (0x06, floats(3)), (0x14, floats(3)))
+        )
         packets.append(mip.packet(0x82, (0x11, when), (0x03, floats(4) + b"\0\1")))
     return b"".join(packets)
 
 
 def parsed(repeats):
-    """(MB/s natively, in frames of 64 bytes as a run has them; MB/s in Python), the best of so many chunks taken in turn"""
+    """(MB/s natively, in frames of 64 bytes as a run has them; MB/s in Python), the best of so many chunks taken in
+    turn
+    """
     data = stream()
     with Diagram("bench", rate=LOOP):
         block = MicroStrain(name="imu")
@@ -161,9 +182,19 @@ def in_python(data):
 def summary(alone, beside, native, python):
     """Numbers of a report."""
     return {
-        "processor": beside.processor / beside.wall, "processor_alone": alone.processor / alone.wall, "packets": beside.packets,
-        "lost": beside.lost, "corrupt": beside.corrupt, "overflows": beside.overflows, "missed": {"alone": alone.missed, "beside": beside.missed},
-        "late_p50_us": {name: percentile(row.lateness, 0.5) * 1e6 for name, row in (("alone", alone), ("beside", beside))},
-        "late_p99_us": {name: percentile(row.lateness, 0.99) * 1e6 for name, row in (("alone", alone), ("beside", beside))},
-        "native_mb_s": native, "python_mb_s": python,
+        "processor": beside.processor / beside.wall,
+        "processor_alone": alone.processor / alone.wall,
+        "packets": beside.packets,
+        "lost": beside.lost,
+        "corrupt": beside.corrupt,
+        "overflows": beside.overflows,
+        "missed": {"alone": alone.missed, "beside": beside.missed},
+        "late_p50_us": {
+            name: percentile(row.lateness, 0.5) * 1e6 for name, row in (("alone", alone), ("beside", beside))
+        },
+        "late_p99_us": {
+            name: percentile(row.lateness, 0.99) * 1e6 for name, row in (("alone", alone), ("beside", beside))
+        },
+        "native_mb_s": native,
+        "python_mb_s": python,
     }

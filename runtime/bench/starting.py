@@ -1,4 +1,6 @@
-"""From the start of a process to its first tick, and what memory it then has: the real command line, looked at from outside."""
+"""From the start of a process to its first tick, and what memory it then has: the real command line, looked at from
+outside.
+"""
 
 import subprocess
 import sys
@@ -13,14 +15,16 @@ from runtime.telling.progress import rounds
 
 IMPORTS = "numpy, networkx, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}
-TIMEOUT = 60.0              # s
+TIMEOUT = 60.0  # s
 
 # The peak of this program alone: what wait4 tells has the memory of the parent in it, as it was before exec.
 TELL_MEMORY = "print(next(line.split()[1] for line in open('/proc/self/status') if line.startswith('VmHWM:')))"
 
 
 def measure(file, repeats):
-    """{what: (Times in ms, Times of resident memory in MB)} of bare imports and of a run of a diagram file, taken in turn."""
+    """{what: (Times in ms, Times of resident memory in MB)} of bare imports and of a run of a diagram file, taken in
+    turn.
+    """
     found = {what: ([], []) for what in (*BARE, "run")}
     for _ in rounds("starting", repeats):
         for what, (times, memory) in found.items():
@@ -31,7 +35,9 @@ def measure(file, repeats):
 
 
 def bare(program):
-    """(s from start to end, largest resident memory in kB) of a Python that runs a short program and tells its own memory at the end."""
+    """(s from start to end, largest resident memory in kB) of a Python that runs a short program and tells its own
+    memory at the end.
+    """
     began = time.monotonic()
     child = subprocess.run([sys.executable, "-c", f"{program}\n{TELL_MEMORY}"], stdout=subprocess.PIPE, text=True)
     took = time.monotonic() - began
@@ -45,8 +51,11 @@ def first_tick(file):
     with tempfile.TemporaryDirectory() as folder:
         began = time.time_ns()
         child = subprocess.Popen(
-            [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder], stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE, cwd=Path(__file__).parents[2])
+            [sys.executable, "-m", "runtime", str(file), "--duration", "0.5", "--record", folder],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            cwd=Path(__file__).parents[2],
+        )
         try:
             page = wait_for(child, lambda: page_of(child.pid))
             wait_for(child, lambda: page.statistics()["ticks"] > 0)

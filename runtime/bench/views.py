@@ -26,13 +26,18 @@ from runtime.run import Prepared, Request, run
 from runtime.simulation import Simulation
 from runtime.telling.progress import rounds
 
-RATE, SIGNALS = 1000, 100       # Hz
+RATE, SIGNALS = 1000, 100  # Hz
 NONE, ALL = "none", "all"
 
 
 def views():
     """What is on, in words; Rerun only where it is installed."""
-    return ["CSV", "MCAP", "PlotJuggler", *(["Rerun's file", "Rerun's server"] if find_spec("rerun") is not None else [])]
+    return [
+        "CSV",
+        "MCAP",
+        "PlotJuggler",
+        *(["Rerun's file", "Rerun's server"] if find_spec("rerun") is not None else []),
+    ]
 
 
 def diagram(looked_at, folder, port):
@@ -57,7 +62,13 @@ def chunk(looked_at, seconds, realtime, folder, port):
     """One run. Returns the Result."""
     made = diagram(looked_at, folder, port)
     schedule = compile(made)
-    request = Request(Path(__file__), duration=seconds, record=Path(folder) if looked_at else None, no_record=not looked_at, realtime=realtime)
+    request = Request(
+        Path(__file__),
+        duration=seconds,
+        record=Path(folder) if looked_at else None,
+        no_record=not looked_at,
+        realtime=realtime,
+    )
     return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * RATE)))
 
 
@@ -65,9 +76,13 @@ def elsewhere(name, seconds, realtime, folder, port):
     """What runtime.bench.views_process tells of a chunk. BadInput"""
     words = [sys.executable, "-m", "runtime.bench.views_process", name, str(seconds), realtime, str(folder), str(port)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path})
+    done = subprocess.run(
+        words, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
+    )
     if done.returncode:
-        raise BadInput(f"a chunk with {name} ended with code {done.returncode}: {(done.stderr.splitlines() or ['no word'])[-1]}")
+        raise BadInput(
+            f"a chunk with {name} ended with code {done.returncode}: {(done.stderr.splitlines() or ['no word'])[-1]}"
+        )
     told = json.loads(done.stdout)
     if "refused" in told:
         raise BadInput(told["refused"])
@@ -84,7 +99,11 @@ def measure(seconds, repeats, realtime="off"):
             for name, kept in found.items():
                 with tempfile.TemporaryDirectory() as folder:
                     told = elsewhere(name, seconds, realtime, folder, listener.getsockname()[1])
-                kept.add(*(np.array(told[what], dtype=np.uint64) for what in ("lateness", "period")), told["ticks"], told["missed"])
+                kept.add(
+                    *(np.array(told[what], dtype=np.uint64) for what in ("lateness", "period")),
+                    told["ticks"],
+                    told["missed"],
+                )
                 problems += told["problems"]
                 dropped += told["dropped"]
     return found, problems, dropped

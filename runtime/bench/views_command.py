@@ -9,15 +9,32 @@ from runtime.errors import OK
 def main(arguments):
     """Returns the exit code."""
     parser = Parser("bench views", "Measure how late the loop is with every recorder and viewer on, and with none.")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 60.0), default=5.0, metavar="S", help="of each chunk (default 5)")
-    parser.add_argument("--repeats", type=count("--repeats"), default=6, metavar="N", help="chunks of each row, taken in turn (default 6)")
-    parser.add_argument("--realtime", choices=("off", "try", "require"), default="off", help="as of `run` (default: off)")
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 60.0),
+        default=5.0,
+        metavar="S",
+        help="of each chunk (default 5)",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=count("--repeats"),
+        default=6,
+        metavar="N",
+        help="chunks of each row, taken in turn (default 6)",
+    )
+    parser.add_argument(
+        "--realtime", choices=("off", "try", "require"), default="off", help="as of `run` (default: off)"
+    )
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     from runtime.bench import views
 
     report = Report(options.json)
-    what = f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn, each in a process of its own; --realtime {options.realtime}"
+    what = (
+        f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn, each in a process of its "
+        f"own; --realtime {options.realtime}"
+    )
     report.say([what, *words()], **machine())
     found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
     title = f"{views.SIGNALS} signals, {views.RATE} Hz"

@@ -1,4 +1,6 @@
-"""One chunk of `bench views`, in a process of its own, so that it shares no interpreter with another: `python -m runtime.bench.views_process ...`."""
+"""One chunk of `bench views`, in a process of its own, so that it shares no interpreter with another: `python -m
+runtime.bench.views_process ...`.
+"""
 
 import json
 import sys
@@ -9,14 +11,18 @@ from runtime.recorder import RecorderError
 
 
 def main(name, seconds, realtime, folder, port):
-    """A line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`, and why."""
+    """A line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`, and
+    why.
+    """
     try:
         result = views.chunk(name == views.ALL, float(seconds), realtime, folder, int(port))
     except (RealtimeRefused, RecorderError) as error:
         told = {"refused": str(error)}
     else:
         told = {what: result.page.counts(what).tolist() for what in ("lateness", "period")}
-        told |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")} | {"problems": result.recording["problems"]}
+        told |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")} | {
+            "problems": result.recording["problems"]
+        }
     print(json.dumps(told))
 
 

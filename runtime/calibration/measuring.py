@@ -1,4 +1,6 @@
-"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing else is armed."""
+"""The readings of one IMU: in a simulation, whose plant turns it, or over the real bus, where a person does. Nothing
+else is armed.
+"""
 
 import math
 import struct
@@ -17,9 +19,9 @@ from runtime.rig.buses import RigBuses
 from runtime.simulation import Simulation
 
 PORTS = ("accel", "gyro", "mag")
-LONGEST = 1200.0                # s
-PAUSE = 0.05                    # s between two readings, about: each arms anew
-FRAME_BYTES = 96                # of a frame in the page, and what is around it
+LONGEST = 1200.0  # s
+PAUSE = 0.05  # s between two readings, about: each arms anew
+FRAME_BYTES = 96  # of a frame in the page, and what is around it
 
 FAILURES = {"no answer": "it does not answer", "silent": "it has fallen silent"}
 
@@ -29,13 +31,19 @@ class Readings:
 
     def __init__(self, time, accel, gyro, mag):
         self.time, self.accel, self.gyro = time, accel, gyro
-        fresh = np.any(np.diff(mag, axis=0, prepend=np.nan) != 0.0, axis=1) & np.any(mag != 0.0, axis=1) if len(mag) else []
+        fresh = (
+            np.any(np.diff(mag, axis=0, prepend=np.nan) != 0.0, axis=1) & np.any(mag != 0.0, axis=1) if len(mag) else []
+        )
         self.mag = mag[fresh]
 
     def plus(self, later):
         start = self.time[-1] + PAUSE if len(self.time) else 0.0
-        joined = Readings(np.concatenate([self.time, start + later.time]), np.concatenate([self.accel, later.accel]),
-                          np.concatenate([self.gyro, later.gyro]), np.zeros((0, 3)))
+        joined = Readings(
+            np.concatenate([self.time, start + later.time]),
+            np.concatenate([self.accel, later.accel]),
+            np.concatenate([self.gyro, later.gyro]),
+            np.zeros((0, 3)),
+        )
         joined.mag = np.concatenate([self.mag, later.mag])
         return joined
 
@@ -50,8 +58,11 @@ def sensor_of(diagram, path=None):
         return next(iter(there.values()))
     listed = ", ".join(there) or "none"
     if path is None:
-        raise BadInput(f"{diagram.name} has {listed} that can be calibrated; name one" if there
-                       else f"{diagram.name} has no sensor that can be calibrated: one whose block has the parameter `calibration`")
+        raise BadInput(
+            f"{diagram.name} has {listed} that can be calibrated; name one"
+            if there
+            else f"{diagram.name} has no sensor that can be calibrated: one whose block has the parameter `calibration`"
+        )
     if path not in there:
         raise BadInput(f"{path} is no sensor that can be calibrated; there is {listed}")
     return there[path]
@@ -63,7 +74,9 @@ def simulated(file, diagram, sensor, seconds):
     schedule = compiled(file.path, diagram)
     simulation = Simulation(file, diagram, schedule)
     control = Program(schedule, simulation.ends())
-    return read(schedule, recorder, control, seconds, plant=simulation.program, substeps=simulation.substeps, virtual=True)
+    return read(
+        schedule, recorder, control, seconds, plant=simulation.program, substeps=simulation.substeps, virtual=True
+    )
 
 
 class OnRig:
@@ -74,7 +87,10 @@ class OnRig:
 
     def __init__(self, rig, sensor):
         parameters = {name: getattr(sensor, name) for name in sensor.parameters}
-        with Diagram("calibration", rate=max(sensor.rate, 1.0) if hasattr(sensor, "rate") else 200.0) as diagram, ExitStack() as inside:
+        with (
+            Diagram("calibration", rate=max(sensor.rate, 1.0) if hasattr(sensor, "rate") else 200.0) as diagram,
+            ExitStack() as inside,
+        ):
             *rooms, name = sensor.path.split("/")
             for room in rooms:
                 inside.enter_context(subsystem(room))

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 BEFORE, AFTER = "#D55E00", "#0072B2"
 INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
 PLANES = ((0, 1), (0, 2), (1, 2))
-MOST = 4000                     # points of a plane
+MOST = 4000  # points of a plane
 
 
 def draw(name, found, file):
@@ -23,7 +23,10 @@ def draw(name, found, file):
     for axis, plane in zip(bottom.subplots(1, 3), PLANES):
         magnetometer(axis, found, plane)
     figure.suptitle(f"{name}: before and after calibration", fontsize=13, fontweight="bold", color=INK)
-    marks = [rest.scatter([], [], color=BEFORE, label="before", s=24), rest.scatter([], [], color=AFTER, label="after", s=24)]
+    marks = [
+        rest.scatter([], [], color=BEFORE, label="before", s=24),
+        rest.scatter([], [], color=AFTER, label="after", s=24),
+    ]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
     figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
 
@@ -41,7 +44,9 @@ def dress(axis, title, x, y):
 
 
 def nothing(axis, why):
-    axis.annotate(why, xy=(0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9, wrap=True)
+    axis.annotate(
+        why, xy=(0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9, wrap=True
+    )
 
 
 def gyroscope(axis, found):
@@ -51,7 +56,9 @@ def gyroscope(axis, found):
     axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
     for rates, colour, shift in ((found.rates, BEFORE, -0.12), (found.rates_after, AFTER, 0.12)):
         for number in range(3) if rates is not None and len(rates) else ():
-            axis.scatter(np.full(len(rates), number + shift), np.degrees(rates[:, number]), color=colour, s=18, zorder=3)
+            axis.scatter(
+                np.full(len(rates), number + shift), np.degrees(rates[:, number]), color=colour, s=18, zorder=3
+            )
     if found.rates_after is None:
         nothing(axis, "not calibrated")
 
@@ -73,7 +80,9 @@ def magnetometer(axis, found, plane):
     for field, colour in ((found.field, BEFORE), (found.field_after, AFTER)):
         if field is not None and len(field):
             step = max(1, len(field) // MOST)
-            axis.scatter(field[::step, plane[0]], field[::step, plane[1]], color=colour, s=2, alpha=0.5, linewidths=0, zorder=3)
+            axis.scatter(
+                field[::step, plane[0]], field[::step, plane[1]], color=colour, s=2, alpha=0.5, linewidths=0, zorder=3
+            )
     if found.field_after is None:
         nothing(axis, "not calibrated")
     else:

@@ -10,10 +10,8 @@ from runtime.calibration import fits, stillness
 
 @dataclass
 class Found:
-    """
-    calibration : with the parts that were found; parts : their names
-    missing : {part: why it was not found}
-    rates, gravity, field : before, rad/s of each rest, m/s² of each rest, µT; the same `_after`, None where it was not found
+    """calibration : with the parts that were found; parts : their names missing : {part: why it was not found} rates,
+    gravity, field : before, rad/s of each rest, m/s² of each rest, µT; the same `_after`, None where it was not found
     """
 
     calibration: Calibration
@@ -42,7 +40,10 @@ class Found:
             said.append(f"  gyroscope      bias {bias} deg/s; at rest {before:.3f} before, {after:.3f} deg/s after")
         if self.gravity_after is not None:
             before, after = (np.abs(gravity - fits.G).max() for gravity in (self.gravity, self.gravity_after))
-            said.append(f"  accelerometer  {len(self.gravity)} positions; |a| off by up to {before:.3f} before, {after:.4f} m/s² after")
+            said.append(
+                f"  accelerometer  {len(self.gravity)} positions; |a| off by up to {before:.3f} before, "
+                f"{after:.4f} m/s² after"
+            )
         if self.field_after is not None:
             before, after = (spread(field) for field in (self.field, self.field_after))
             offset = ", ".join(f"{value:+.1f}" for value in self.calibration.mag_offset)

@@ -1,16 +1,18 @@
-"""When an IMU lay still: pieces of time in which neither rate nor acceleration changes, and the positions that they are."""
+"""When an IMU lay still: pieces of time in which neither rate nor acceleration changes, and the positions that they
+are.
+"""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-PIECE = 0.5                     # s that are looked at together
-TURNING = 0.03                  # rad/s of standard deviation, above which it moves
-SHAKING = 0.2                   # m/s², likewise
-FASTEST_BIAS = 0.4              # rad/s: what turns faster is no bias, however even it is
-ALIKE = 0.03                    # rad/s from the median of all, beyond which a piece is an even turn
-APART = 0.15                    # rad between directions of two positions that are not the same
-NEAR = np.cos(np.radians(30.0)) # of an axis to the vertical, for one of the six positions
+PIECE = 0.5  # s that are looked at together
+TURNING = 0.03  # rad/s of standard deviation, above which it moves
+SHAKING = 0.2  # m/s², likewise
+FASTEST_BIAS = 0.4  # rad/s: what turns faster is no bias, however even it is
+ALIKE = 0.03  # rad/s from the median of all, beyond which a piece is an even turn
+APART = 0.15  # rad between directions of two positions that are not the same
+NEAR = np.cos(np.radians(30.0))  # of an axis to the vertical, for one of the six positions
 FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -35,8 +37,11 @@ def rests(time, accel, gyro):
         if end >= len(time):
             break
         part = slice(start, end)
-        still = (gyro[part].std(axis=0).max() < TURNING and accel[part].std(axis=0).max() < SHAKING
-                 and np.abs(gyro[part].mean(axis=0)).max() < FASTEST_BIAS)
+        still = (
+            gyro[part].std(axis=0).max() < TURNING
+            and accel[part].std(axis=0).max() < SHAKING
+            and np.abs(gyro[part].mean(axis=0)).max() < FASTEST_BIAS
+        )
         if still and end - start >= 5:
             pieces.append(Rest(accel[part].mean(axis=0), gyro[part].mean(axis=0), time[end] - time[start]))
         start = end
@@ -58,8 +63,15 @@ def joined(pieces):
     found = []
     for group in groups:
         weights = np.array([piece.seconds for piece in group])
-        found.append(Rest(*(np.average([getattr(piece, name) for piece in group], axis=0, weights=weights) for name in ("accel", "gyro")),
-                          float(weights.sum())))
+        found.append(
+            Rest(
+                *(
+                    np.average([getattr(piece, name) for piece in group], axis=0, weights=weights)
+                    for name in ("accel", "gyro")
+                ),
+                float(weights.sum()),
+            )
+        )
     return found
 
 

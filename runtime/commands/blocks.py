@@ -8,9 +8,18 @@ from runtime.telling.terminal import tell
 
 def main(arguments):
     parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
-    parser.add_argument("name", nargs="?", metavar="NAME", help="a block, such as TorqueLimiter, or a family of blocks, such as limiters")
-    parser.add_argument("--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it")
-    parser.add_argument("--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques")
+    parser.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="a block, such as TorqueLimiter, or a family of blocks, such as limiters",
+    )
+    parser.add_argument(
+        "--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it"
+    )
+    parser.add_argument(
+        "--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques"
+    )
     options = parser.parse_args(arguments)
     tell(catalog(options.name, options.library, options.actuators))
     return OK

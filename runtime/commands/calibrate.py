@@ -17,26 +17,45 @@ sides, away from iron. What has been seen is told meanwhile; it ends when that i
 a rig the plant of the file turns an emulated sensor.
 """
 PARTS = ("gyroscope", "accelerometer", "magnetometer")
-LONGEST = 600.0                 # s
-ROUND = 2.0                     # s of readings after which is told what is missing
+LONGEST = 600.0  # s
+ROUND = 2.0  # s of readings after which is told what is missing
 
 
 def main(arguments):
-    parser = Parser("calibrate", "Find bias, offset and scale of an IMU, and keep them in a TOML file that its block reads.", EPILOG)
+    parser = Parser(
+        "calibrate", "Find bias, offset and scale of an IMU, and keep them in a TOML file that its block reads.", EPILOG
+    )
     add_diagram(parser)
     parser.add_argument("sensor", nargs="?", metavar="SENSOR", help="path of its block, where the diagram has several")
     add_rig(parser)
-    parser.add_argument("--only", type=parts, default=PARTS, metavar="PARTS", help="some of gyroscope,accelerometer,magnetometer")
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
-                        help="for how long it is read (default: until all is seen on a rig, 120 at most; 60 in simulation)")
-    parser.add_argument("--out", type=Path, default=Path("calibration"), metavar="DIR", help="folder of the files (default: calibration)")
+    parser.add_argument(
+        "--only", type=parts, default=PARTS, metavar="PARTS", help="some of gyroscope,accelerometer,magnetometer"
+    )
+    parser.add_argument(
+        "--duration",
+        type=number("--duration", "seconds", LONGEST),
+        metavar="S",
+        help="for how long it is read (default: until all is seen on a rig, 120 at most; 60 in simulation)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("calibration"),
+        metavar="DIR",
+        help="folder of the files (default: calibration)",
+    )
     options = parser.parse_args(arguments)
     from runtime.calibration.result import find
 
     sensor, readings = measured(options)
     found = find(readings, options.only)
-    tell([f"{sensor.path}: {readings.time[-1]:.0f} s, {len(found.rates)} positions at rest"
-          + (f" ({', '.join(found.faces)} up)" if found.faces else ""), *found.lines()])
+    tell(
+        [
+            f"{sensor.path}: {readings.time[-1]:.0f} s, {len(found.rates)} positions at rest"
+            + (f" ({', '.join(found.faces)} up)" if found.faces else ""),
+            *found.lines(),
+        ]
+    )
     if not found.parts:
         complain(["tickwork: nothing could be calibrated, and nothing is written"])
         return CHECK_FAILED
@@ -65,7 +84,7 @@ def measured(options):
     if options.rate is not None:
         diagram.rate = options.rate
     sensor = sensor_of(diagram, options.sensor)
-    sensor.set("calibration", "")                           # what it measures by itself
+    sensor.set("calibration", "")  # what it measures by itself
     if rig is None:
         return sensor, simulated(file, diagram, sensor, options.duration or 60.0)
     with OnRig(rig, sensor) as there:
@@ -122,4 +141,5 @@ def written(folder, sensor, found):
         raise BadInput(f"{error}; it is left as it is") from None
     return [
         f"written: {path}, {picture}" + (f"; kept from before: {', '.join(kept)}" if kept else ""),
-        f'in the rig: [device."{sensor.path}"] calibration = "{path}"']
+        f'in the rig: [device."{sensor.path}"] calibration = "{path}"',
+    ]

@@ -7,7 +7,9 @@ from runtime.telling.terminal import tell
 
 
 def main(arguments):
-    parser = Parser("check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS)
+    parser = Parser(
+        "check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS
+    )
     add_diagram(parser)
     add_rig(parser)
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")

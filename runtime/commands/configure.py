@@ -32,15 +32,27 @@ with the power. A CyberGear cannot save: to it that frame means another baud rat
 
 
 def main(arguments):
-    parser = Parser("configure", "Set up a RobStride drive or a CyberGear, the zero of a CubeMars, or find how a motor sits at its joint.", EPILOG)
+    parser = Parser(
+        "configure",
+        "Set up a RobStride drive or a CyberGear, the zero of a CubeMars, or find how a motor sits at its joint.",
+        EPILOG,
+    )
     parser.add_argument("what", nargs="?", metavar="ID", help="id of a drive; with --joint the diagram file")
     add_bus(parser)
-    parser.add_argument("--set-id", type=drive_id, metavar="N", help="its new id, 1 to 127, which nobody on the bus may have")
+    parser.add_argument(
+        "--set-id", type=drive_id, metavar="N", help="its new id, 1 to 127, which nobody on the bus may have"
+    )
     parser.add_argument("--zero", action="store_true", help="its position is zero where it is")
-    parser.add_argument("--protocol", type=protocol, metavar="NAME", help="private, mit or canopen, from its next power on")
+    parser.add_argument(
+        "--protocol", type=protocol, metavar="NAME", help="private, mit or canopen, from its next power on"
+    )
     parser.add_argument("--read", nargs="+", default=[], metavar="NAME", help="parameters to tell; all for every one")
     parser.add_argument("--write", nargs="+", default=[], metavar="NAME=VALUE", help="parameters to change")
-    parser.add_argument("--save", action="store_true", help="keep what was set when the power goes; of a RobStride, and the zero in servo mode")
+    parser.add_argument(
+        "--save",
+        action="store_true",
+        help="keep what was set when the power goes; of a RobStride, and the zero in servo mode",
+    )
     parser.add_argument("--joint", metavar="PATH", help="block of an actuator in the diagram, as in left/knee")
     parser.add_argument("--yes", action="store_true", help="change without asking, for scripts")
     options = parser.parse_args(arguments)
@@ -49,16 +61,27 @@ def main(arguments):
 
 def drive(options):
     if options.what is None:
-        raise BadInput("which drive? name its id, as in configure 127 --channel can0 --set-id 3; `scan` tells the ids of a bus")
+        raise BadInput(
+            "which drive? name its id, as in configure 127 --channel can0 --set-id 3; `scan` tells the ids of a bus"
+        )
     can_id = drive_id(options.what)
     reads = list(PARAMETERS.values()) if "all" in options.read else [named(name, "--read") for name in options.read]
     wanted = SimpleNamespace(
-        can_id=can_id, reads=reads, writes=settings_of(options.write), zero=options.zero, protocol=options.protocol, new_id=options.set_id,
-        save=options.save, yes=options.yes)
+        can_id=can_id,
+        reads=reads,
+        writes=settings_of(options.write),
+        zero=options.zero,
+        protocol=options.protocol,
+        new_id=options.set_id,
+        save=options.save,
+        yes=options.yes,
+    )
     if wanted.new_id == can_id:
         raise BadInput(f"--set-id {can_id}: that is its id already")
     if not (reads or wanted.writes or wanted.zero or wanted.protocol or wanted.new_id or wanted.save):
-        raise BadInput("what shall be done? --read, --write, --set-id, --zero, --protocol or --save (--help tells of them)")
+        raise BadInput(
+            "what shall be done? --read, --write, --set-id, --zero, --protocol or --save (--help tells of them)"
+        )
     with opened(single_bus(options)) as bus:
         return OK if drive_changes.carry_out(bus, wanted) else CHECK_FAILED
 
@@ -82,7 +105,7 @@ def joint(options):
     text = rig_edit.changed(options.rig, rig.text, block.path, found)
     _, again = load(Path(options.what), ())
     override(parse(options.rig, text), again)
-    compiled(Path(options.what), again)                       # what it would break is told before it is written
+    compiled(Path(options.what), again)  # what it would break is told before it is written
     tell([f'[device."{block.path}"] of {options.rig}:'])
     tell([f"  {name}: {before.get(name, 'not said')} -> {value}" for name, value in found.items()])
     if not sure(f"write that into {options.rig}", options.yes):

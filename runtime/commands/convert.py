@@ -14,21 +14,41 @@ from runtime.telling.progress import Progress
 from runtime.telling.suggestion import suggestion
 from runtime.telling.terminal import complain, tell
 
-READING = 0.5                   # share of the time that goes into reading, about
+READING = 0.5  # share of the time that goes into reading, about
 
 
 def main(arguments):
-    parser = Parser("convert", "Write recordings in other formats: every sample of every signal, in order. "
-                    "To mcap: what a recorder that was killed has left, as one file that every viewer opens.")
+    parser = Parser(
+        "convert",
+        "Write recordings in other formats: every sample of every signal, in order. "
+        "To mcap: what a recorder that was killed has left, as one file that every viewer opens.",
+    )
     parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING", help="the .mcap file of a recording")
     parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
-    parser.add_argument("--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles")
-    parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="at this rate, between samples as each kind of signal goes on")
-    parser.add_argument("--names", type=Path, metavar="FILE",
-                        help="for sto and mot: a TOML file of OpenSim coordinates, with lines such as \"left/knee.position\" = \"knee_angle_l\"")
-    parser.add_argument("--in-place", action="store_true",
-                        help="with --to mcap: finish the files themselves, where a second copy would not fit")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)")
+    parser.add_argument(
+        "--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles"
+    )
+    parser.add_argument(
+        "--rate",
+        type=number("--rate", "Hz"),
+        metavar="HZ",
+        help="at this rate, between samples as each kind of signal goes on",
+    )
+    parser.add_argument(
+        "--names",
+        type=Path,
+        metavar="FILE",
+        help="for sto and mot: a TOML file of OpenSim coordinates, with lines such as "
+        '"left/knee.position" = "knee_angle_l"',
+    )
+    parser.add_argument(
+        "--in-place",
+        action="store_true",
+        help="with --to mcap: finish the files themselves, where a second copy would not fit",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)"
+    )
     options = parser.parse_args(arguments)
     kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
     if not kinds:
@@ -41,8 +61,11 @@ def main(arguments):
         raise BadInput("--names is for OpenSim: add --to sto, --to mot or --opensim")
     names = None if options.names is None else (opensim.read_names(options.names), options.names)
     for recording in heads(options.recordings):
-        for path in finished(recording) if options.in_place else converted(
-                recording, dict.fromkeys(kinds), options.rate, options.output, names):
+        for path in (
+            finished(recording)
+            if options.in_place
+            else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
+        ):
             tell([path])
     return OK
 
@@ -57,7 +80,9 @@ def formats(text):
 
 
 def converted(recording, kinds, rate, folder, names):
-    """Paths of what one recording becomes, as they are written. names : of coordinates and the path of their file, or None"""
+    """Paths of what one recording becomes, as they are written. names : of coordinates and the path of their file, or
+    None
+    """
     with Progress(f"converting {recording.name}") as progress:
         trial = read(recording, progress, 0.0, READING)
         if rate is not None:
@@ -75,7 +100,12 @@ def converted(recording, kinds, rate, folder, names):
                 raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
             progress.terminal.erase()
             if kind in OPENSIM and opensim.missed(trial):
-                complain([f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in, as OpenSim needs even times"])
+                complain(
+                    [
+                        f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in, as "
+                        "OpenSim needs even times"
+                    ]
+                )
             yield path
 
 

@@ -17,7 +17,9 @@ def main(arguments):
     parser = Parser("diff", "Compare two recordings, tick by tick.")
     parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
     parser.add_argument("second", type=Path, metavar="B", help="and of another")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)"
+    )
     options = parser.parse_args(arguments)
     drawing.check(options.output)
     with Progress("comparing") as progress:
@@ -26,5 +28,9 @@ def main(arguments):
     tell(diff.table(here, there, comparison))
     if comparison.differences:
         need("matplotlib.figure", "a picture")
-        tell([f"  {drawing.write(lambda file, kind: diff.draw(file, kind, here, there, comparison), options.output, 'diff')}"])
+        tell(
+            [
+                f"  {drawing.write(lambda file, kind: diff.draw(file, kind, here, there, comparison), options.output, 'diff')}"
+            ]
+        )
     return OK if comparison.identical else CHECK_FAILED

@@ -17,8 +17,8 @@ def check(output):
 def write(draw, output, stem, suffix=".png"):
     """Returns the path.
 
-    draw : called with a file that is open for writing bytes, and "png" or "svg"
-    output : Path that a person has named, and is replaced; None for a new one: `stem` and `suffix`, or with a number in between where that exists
+    draw : called with a file that is open for writing bytes, and "png" or "svg" output : Path that a person has named,
+    and is replaced; None for a new one: `stem` and `suffix`, or with a number in between where that exists
     """
     try:
         path, descriptor = (str(output), str(output)) if output is not None else create(stem, suffix)

@@ -1,4 +1,6 @@
-"""Words of the command line: options that several commands have, and what their texts become. BadInput says in one line what is wrong."""
+"""Words of the command line: options that several commands have, and what their texts become. BadInput says in one line
+what is wrong.
+"""
 
 import argparse
 import math
@@ -11,15 +13,22 @@ from runtime.errors import BadInput
 from runtime.telling.suggestion import suggestion
 from runtime.telling.terminal import program
 
-LONGEST = 1e9                   # s: 30 years
+LONGEST = 1e9  # s: 30 years
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's name tomorrow."""
+    """Wrong options raise BadInput, in one line. They are not completed: what is short for one today may be another's
+    name tomorrow.
+    """
 
     def __init__(self, name, description, epilog=None):
-        super().__init__(prog=f"{program()} {name}", description=description, epilog=epilog, allow_abbrev=False,
-                         formatter_class=argparse.RawDescriptionHelpFormatter)
+        super().__init__(
+            prog=f"{program()} {name}",
+            description=description,
+            epilog=epilog,
+            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         self.name = name
 
     def parse_args(self, arguments, mixed=False):
@@ -39,22 +48,37 @@ class Parser(argparse.ArgumentParser):
         if message.endswith("required: FILE"):
             message = "which file? name a diagram file, such as diagrams/knee_exo.py"
         elif "required: RECORDING" in message:
-            message = "which recording? name the .mcap file of a run, as in recordings/knee_exo_2026-11-21_10-00-00.mcap"
+            message = (
+                "which recording? name the .mcap file of a run, as in recordings/knee_exo_2026-11-21_10-00-00.mcap"
+            )
         raise BadInput(f"{message} ({program()} {self.name} --help lists the options)")
 
 
 def add_diagram(parser):
     """The diagram, and what changes it before it is compiled."""
     parser.add_argument("file", type=Path, metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
-    parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings",
-                        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'; "
-                             "@FILE reads such settings, one a line")
+    parser.add_argument(
+        "--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        dest="settings",
+        help="a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, "
+        "angle='60 deg'; "
+        "@FILE reads such settings, one a line",
+    )
 
 
 def add_rig(parser):
-    parser.add_argument("--rig", type=Path, metavar="FILE",
-                        help="a rig file, such as lab.toml: the interface of each bus, and how this robot's devices are mounted")
+    parser.add_argument(
+        "--rig",
+        type=Path,
+        metavar="FILE",
+        help="a rig file, such as lab.toml: the interface of each bus, and how this robot's devices are mounted",
+    )
 
 
 def add_bitrate(parser, help):
@@ -64,11 +88,22 @@ def add_bitrate(parser, help):
 def add_pace(parser):
     from runtime.telling.timing import overrun_policy, spin_window
 
-    parser.add_argument("--overrun", type=overrun_policy, default="skip", metavar="POLICY",
-                        help="of a tick that comes too late: skip (default), catch-up:N ticks run late at most, fault:N missed in a row, "
-                             "fault:N/WINDOW; or several, with commas")
-    parser.add_argument("--spin", type=spin_window, default=0.0, metavar="TIME",
-                        help="spin instead of sleeping this long before a deadline: 50us")
+    parser.add_argument(
+        "--overrun",
+        type=overrun_policy,
+        default="skip",
+        metavar="POLICY",
+        help="of a tick that comes too late: skip (default), catch-up:N ticks run late at most, "
+        "fault:N missed in a row, "
+        "fault:N/WINDOW; or several, with commas",
+    )
+    parser.add_argument(
+        "--spin",
+        type=spin_window,
+        default=0.0,
+        metavar="TIME",
+        help="spin instead of sleeping this long before a deadline: 50us",
+    )
 
 
 def number(option, unit, most=math.inf):
@@ -124,7 +159,9 @@ def trial(texts):
 
 
 def settings(words, option="--set "):
-    """Pairs (name, text) of NAME=VALUE words; @FILE stands for the lines of a file, in which `#` and a space begin a remark."""
+    """Pairs (name, text) of NAME=VALUE words; @FILE stands for the lines of a file, in which `#` and a space begin a
+    remark.
+    """
     found = []
     for word in words:
         if not word.startswith("@"):
@@ -133,10 +170,14 @@ def settings(words, option="--set "):
         try:
             lines = Path(word[1:]).expanduser().read_text(encoding="utf-8").splitlines()
         except (OSError, UnicodeDecodeError) as error:
-            raise BadInput(f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}") from None
+            raise BadInput(
+                f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}"
+            ) from None
         found += [
-            setting(line, f"{word[1:]}:{number}: {line}", option) for number, line in enumerate(map(str.strip, lines), 1)
-            if line and line != "#" and not line.startswith("# ")]
+            setting(line, f"{word[1:]}:{number}: {line}", option)
+            for number, line in enumerate(map(str.strip, lines), 1)
+            if line and line != "#" and not line.startswith("# ")
+        ]
     return found
 
 

@@ -21,14 +21,26 @@ EPILOG = """\
 
 
 def main(arguments):
-    parser = Parser("plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG)
+    parser = Parser(
+        "plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG
+    )
     parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
-    parser.add_argument("signals", nargs="*", metavar="SIGNAL",
-                        help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)")
+    parser.add_argument(
+        "signals",
+        nargs="*",
+        metavar="SIGNAL",
+        help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)",
+    )
     parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
-    parser.add_argument("--events", metavar="SIGNAL", help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)")
+    parser.add_argument(
+        "--events",
+        metavar="SIGNAL",
+        help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)",
+    )
     parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="where to draw (default: beside the recording)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="where to draw (default: beside the recording)"
+    )
     options = parser.parse_args(arguments, mixed=True)
     if options.events is not None and not options.strides:
         raise BadInput("--events needs --strides")
@@ -53,7 +65,9 @@ def pictures(trial, options):
     from runtime.recordings import pictures
 
     if options.strides and options.signals:
-        return [("strides", lambda file, kind: pictures.over_the_stride(trial, options.signals, options.events, file, kind))]
+        return [
+            ("strides", lambda file, kind: pictures.over_the_stride(trial, options.signals, options.events, file, kind))
+        ]
     if options.strides:
         return [("strides", lambda file, kind: pictures.average_stride(trial, options.events, file, kind))]
     if not len(trial):
@@ -64,14 +78,23 @@ def pictures(trial, options):
         rows = pictures.rows_of(trial, options.signals)
         return [("plot", lambda file, kind: pictures.over_time(trial, rows, trial.path.stem, file, kind))]
     return [
-        (title, lambda file, kind, rows=rows, title=title, told=f", {share}" * bool(share): pictures.over_time(
-            trial, rows, f"{trial.path.stem}: {title}{told}", file, kind, title))
-        for title, (rows, share) in pictures.overview(trial).items()]
+        (
+            title,
+            lambda file, kind, rows=rows, title=title, told=f", {share}" * bool(share): pictures.over_time(
+                trial, rows, f"{trial.path.stem}: {title}{told}", file, kind, title
+            ),
+        )
+        for title, (rows, share) in pictures.overview(trial).items()
+    ]
 
 
 def write(options, name, draw):
     """Returns the path. A file that was not named is never overwritten."""
     name = re.sub(r"[^\w.-]+", "_", name)
-    output = options.output if options.output is None or not name else options.output.with_stem(f"{options.output.stem}_{name}")
+    output = (
+        options.output
+        if options.output is None or not name
+        else options.output.with_stem(f"{options.output.stem}_{name}")
+    )
     stem = options.recording.parent / f"{options.recording.stem}_{name}"
     return drawing.write(draw, output, str(stem), ".svg" if options.svg else ".png")

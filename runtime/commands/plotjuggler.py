@@ -9,9 +9,12 @@ from runtime.errors import OK, BadInput
 from runtime.recorder.files import create
 from runtime.telling.terminal import program, tell
 
-DUMMY = [{"path": f"{side}/{signal}", "dtype": "float", "unit": unit} for side in ("left", "right") for signal, unit in (
-    ("knee.position", "rad"), ("knee.torque", "N·m"))]
-RATE = 200.0                    # Hz of a stream without a diagram
+DUMMY = [
+    {"path": f"{side}/{signal}", "dtype": "float", "unit": unit}
+    for side in ("left", "right")
+    for signal, unit in (("knee.position", "rad"), ("knee.torque", "N·m"))
+]
+RATE = 200.0  # Hz of a stream without a diagram
 EPILOG = """\
   plotjuggler diagrams/knee_exo.py                      writes knee_exo.xml: in PlotJuggler, File, Load Layout
   plotjuggler diagrams/knee_exo.py --dummy              sends waves under the names of its signals, to 127.0.0.1 port 9870
@@ -20,23 +23,37 @@ EPILOG = """\
 
 
 def main(arguments):
-    parser = Parser("plotjuggler", "Make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with.", EPILOG)
-    parser.add_argument("file", type=Path, nargs="?", metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
+    parser = Parser(
+        "plotjuggler", "Make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with.", EPILOG
+    )
+    parser.add_argument(
+        "file", type=Path, nargs="?", metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py"
+    )
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`")
-    parser.add_argument("--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="of the layout (default: the diagram's name and .xml)")
-    parser.add_argument("--dummy", nargs="?", const="", metavar="HOST:PORT", help="send waves until Ctrl-C (default: to 127.0.0.1:9870)")
+    parser.add_argument(
+        "--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="of the layout (default: the diagram's name and .xml)"
+    )
+    parser.add_argument(
+        "--dummy", nargs="?", const="", metavar="HOST:PORT", help="send waves until Ctrl-C (default: to 127.0.0.1:9870)"
+    )
     parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="of the waves")
     options = parser.parse_args(arguments)
     if options.file is None and options.dummy is None:
-        raise BadInput(f"which file? name a diagram file, such as diagrams/knee_exo.py, or say --dummy ({program()} plotjuggler --help)")
+        raise BadInput(
+            f"which file? name a diagram file, such as diagrams/knee_exo.py, or say --dummy ({program()} "
+            "plotjuggler --help)"
+        )
     if options.file is None:
         name, rate, signals, parameters = "dummy", options.rate or RATE, DUMMY, {"host": "127.0.0.1", "port": 9870}
     else:
         from runtime.layout import columns
 
         name, rate, signals, block = columns(options.file, settings(options.settings), options.rate)
-        parameters = {name: getattr(block, name) for name in block.parameters} | {"signals": ""}        # they are chosen already
+        # they are chosen already
+        parameters = {name: getattr(block, name) for name in block.parameters} | {"signals": ""}
     if options.dummy is None:
         return write(name, signals, parameters, options.output)
     if options.dummy:
@@ -57,8 +74,13 @@ def write(name, signals, parameters, output):
             output.write_text(text, encoding="utf-8")
     except OSError as error:
         raise BadInput(f"cannot write {output or name + '.xml'}: {error.strerror}") from None
-    tell([f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address {address(parameters['host'])}, port {parameters['port']}, "
-          "protocol json, 'use field as timestamp': timestamp"])
+    tell(
+        [
+            f"{output}: {len(signals)} signals; in PlotJuggler: File, Load Layout; start the stream, address "
+            f"{address(parameters['host'])}, port {parameters['port']}, "
+            "protocol json, 'use field as timestamp': timestamp"
+        ]
+    )
     return OK
 
 
@@ -66,7 +88,9 @@ def stream(name, rate, signals, parameters, duration):
     """Waves: each signal its own frequency, so that one can tell them apart."""
     from runtime.recorder.plotjuggler import PlotJugglerSender
 
-    sender = PlotJugglerSender({"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals})
+    sender = PlotJugglerSender(
+        {"name": name, "rate": rate}, {"path": "--dummy", "parameters": parameters, "columns": signals}
+    )
     sender.say = lambda line: tell([line])
     try:
         sender.open()
@@ -83,7 +107,12 @@ def stream(name, rate, signals, parameters, duration):
     except KeyboardInterrupt:
         pass
     told = sender.close()
-    tell([f"{told['datagrams']} datagrams sent, {told['lost']} not taken" + (f" ({told['trouble']})" if told["trouble"] else "")])
+    tell(
+        [
+            f"{told['datagrams']} datagrams sent, {told['lost']} not taken"
+            + (f" ({told['trouble']})" if told["trouble"] else "")
+        ]
+    )
     return OK
 
 

@@ -13,15 +13,32 @@ from runtime.telling.terminal import tell
 def main(arguments):
     parser = Parser("profile", "Run a diagram in simulation, and tell where the time of a tick goes, block by block.")
     add_diagram(parser)
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S",
-                        help="stop after S seconds (default: 5)")
+    parser.add_argument(
+        "--duration",
+        type=number("--duration", "seconds", LONGEST),
+        default=5.0,
+        metavar="S",
+        help="stop after S seconds (default: 5)",
+    )
     parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can")
-    parser.add_argument("-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)"
+    )
     add_pace(parser)
     options = parser.parse_args(arguments)
-    result = carried_out(Request(
-        file=options.file, rate=options.rate, duration=options.duration, fast=options.fast, settings=settings(options.settings),
-        no_record=True, overrun=options.overrun, spin=options.spin, profile=True))
+    result = carried_out(
+        Request(
+            file=options.file,
+            rate=options.rate,
+            duration=options.duration,
+            fast=options.fast,
+            settings=settings(options.settings),
+            no_record=True,
+            overrun=options.overrun,
+            spin=options.spin,
+            profile=True,
+        )
+    )
     tell(report.summary(result))
     tell(profiled(result))
     tell([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])

@@ -1,11 +1,15 @@
-"""Recordings as commands read them: how far that is shows on the terminal, and what is the matter with a file is told."""
+"""Recordings as commands read them: how far that is shows on the terminal, and what is the matter with a file is
+told.
+"""
 
 from runtime.recordings.trial import Trial
 from runtime.telling.terminal import complain
 
 
 def read(path, progress, first, last):
-    """A Trial. progress : runtime.telling.progress.Progress; first, last : the shares of the whole that it goes from and to. BadInput"""
+    """A Trial. progress : runtime.telling.progress.Progress; first, last : the shares of the whole that it goes from
+    and to. BadInput
+    """
     trial = Trial(path, progress.part(first, last))
     if trial.trouble:
         progress.terminal.erase()

@@ -18,16 +18,32 @@ HIGHEST = 255
 
 def main(arguments):
     parser = Parser(
-        "scan", "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces and serial ports here.",
-        "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and leaves them without\n"
-        "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be looked at, nobody\n"
-        "answers, or something is wrong. Other serial ports, such as those of microcontrollers, are listed and not opened, since that restarts\n"
-        "many a board; so are chips of GPIO lines. What sends over a network, as insoles do, cannot be listed: its program says to which port.")
+        "scan",
+        "Tell every drive and sensor that answers, on the buses of a rig, on one, or on all CAN interfaces "
+        "and serial ports here.",
+        "Nothing is armed: no enable is sent, and drives in MIT mode are asked with disable, which is answered and "
+        "leaves them without\n"
+        "torque. Where somebody else commands drives nothing is asked. The exit code is 1 where a bus could not be "
+        "looked at, nobody\n"
+        "answers, or something is wrong. Other serial ports, such as those of microcontrollers, are listed and not "
+        "opened, since that restarts\n"
+        "many a board; so are chips of GPIO lines. What sends over a network, as insoles do, cannot be listed: its "
+        "program says to which port.",
+    )
     add_bus(parser)
-    parser.add_argument("--ids", type=ids, default="1-127", metavar="IDS", help="ids that are asked: 1-127 (default), 1-255, 3,4,10-20")
-    parser.add_argument("--listen", type=number("--listen", "seconds", LONGEST), default=1.0, metavar="S",
-                        help="how long to listen before anything is asked (default: 1, which a drive in servo mode may need)")
-    parser.add_argument("--write-rig", type=Path, metavar="FILE", help="write a rig file with the buses, and what was found as remarks")
+    parser.add_argument(
+        "--ids", type=ids, default="1-127", metavar="IDS", help="ids that are asked: 1-127 (default), 1-255, 3,4,10-20"
+    )
+    parser.add_argument(
+        "--listen",
+        type=number("--listen", "seconds", LONGEST),
+        default=1.0,
+        metavar="S",
+        help="how long to listen before anything is asked (default: 1, which a drive in servo mode may need)",
+    )
+    parser.add_argument(
+        "--write-rig", type=Path, metavar="FILE", help="write a rig file with the buses, and what was found as remarks"
+    )
     parser.add_argument("--verbose", action="store_true", help="tell every frame that was sent")
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object")
     options = parser.parse_args(arguments)
@@ -57,17 +73,28 @@ def main(arguments):
     complain([*map(str, refused), *unasked])
     if options.json:
         troubles = [{"code": trouble.code, "message": trouble.message, "hint": trouble.hint} for trouble in refused]
-        told = {"buses": [plain(report) for report in reports], "sensors": [imus.plain(each) for each in sensors], **plugged.plain(others),
-                "troubles": troubles}
+        told = {
+            "buses": [plain(report) for report in reports],
+            "sensors": [imus.plain(each) for each in sensors],
+            **plugged.plain(others),
+            "troubles": troubles,
+        }
         tell([json.dumps(told, indent=2, ensure_ascii=False)])
     else:
-        tell([*(line for report in reports for line in scan_text.text(report, options.verbose)), *imus.text(sensors),
-              *plugged.text(others)])
+        tell(
+            [
+                *(line for report in reports for line in scan_text.text(report, options.verbose)),
+                *imus.text(sensors),
+                *plugged.text(others),
+            ]
+        )
     if options.write_rig is not None and reports:
         write(options.write_rig, scan_text.rig(reports, buses, clock()))
         complain([f"written: {options.write_rig}"])
     found = all(report.drives or report.nodes or report.chips for report in reports)
-    strange = any(report.remarks or any(found.remarks for found in [*report.drives, *report.nodes]) for report in reports)
+    strange = any(
+        report.remarks or any(found.remarks for found in [*report.drives, *report.nodes]) for report in reports
+    )
     return OK if (reports or sensors) and found and not (refused or strange or unasked) else CHECK_FAILED
 
 

@@ -1,11 +1,11 @@
 """Recordings in other formats: every sample of every signal, in order, to the bit where the format has doubles.
 
-    mcap        finished, with an index, and in one file, whatever became of its recorder
-    csv         as the recorder writes it
-    parquet     a column a number, in its own type, units as metadata
-    mat         MATLAB: a nested struct with units and time
-    rrd         Rerun, with a blueprint made from the recording
-    sto, mot    OpenSim: all signals; joint angles
+mcap        finished, with an index, and in one file, whatever became of its recorder
+csv         as the recorder writes it
+parquet     a column a number, in its own type, units as metadata
+mat         MATLAB: a nested struct with units and time
+rrd         Rerun, with a blueprint made from the recording
+sto, mot    OpenSim: all signals; joint angles
 """
 
 import os
@@ -16,13 +16,19 @@ from runtime.recorder.files import create
 
 FORMATS = {
     "mcap": "runtime.conversion.mcap",
-    "csv": "runtime.conversion.csv", "parquet": "runtime.conversion.parquet", "mat": "runtime.conversion.matlab",
-    "rrd": "runtime.rerun.conversion", "sto": "runtime.conversion.opensim", "mot": "runtime.conversion.opensim"}
+    "csv": "runtime.conversion.csv",
+    "parquet": "runtime.conversion.parquet",
+    "mat": "runtime.conversion.matlab",
+    "rrd": "runtime.rerun.conversion",
+    "sto": "runtime.conversion.opensim",
+    "mot": "runtime.conversion.opensim",
+}
 OPENSIM = ("sto", "mot")
 
 
 def convert(trial, kind, stem, progress=lambda share: None):
-    """Write a Trial as `stem` and the ending of its kind, or with a number in between where that exists. Returns the path.
+    """Write a Trial as `stem` and the ending of its kind, or with a number in between where that exists. Returns the
+    path.
 
     The file has its name once it is whole: who finds one, after a power cut too, has every sample.
 

@@ -3,7 +3,7 @@
 from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.csv import Lines, header
 
-CHUNK = 1000                    # rows
+CHUNK = 1000  # rows
 
 
 def check(trial, kind):

@@ -1,6 +1,8 @@
-"""MATLAB: `trial.left.knee.position` is a column, `trial.time` its time in s, `trial.units.left.knee.position` its unit.
+"""MATLAB: `trial.left.knee.position` is a column, `trial.time` its time in s, `trial.units.left.knee.position` its
+unit.
 
-Names that MATLAB would not take are made legal, and kept apart; `trial.paths` has what they were. Vectors are (ticks, elements).
+Names that MATLAB would not take are made legal, and kept apart; `trial.paths` has what they were. Vectors are (ticks,
+elements).
 """
 
 import re
@@ -11,16 +13,21 @@ from runtime.recorder.ascii_units import ascii_name
 
 VARIABLE = "trial"
 OWN = ("time", "tick", "units", "paths", "fields", "rate")
-LONGEST = 63                    # characters of a name
+LONGEST = 63  # characters of a name
 KEYWORDS = frozenset(
-    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return spmd switch try while".split())
-LARGEST = 2**31 - 1             # bytes of a variable in this format
+    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return "
+    "spmd switch try while".split()
+)
+LARGEST = 2**31 - 1  # bytes of a variable in this format
 
 
 def check(trial, kind):
     need("scipy.io", "a MATLAB file")
     if trial.rows.nbytes > LARGEST:
-        raise BadInput(f"{trial.path} has {trial.rows.nbytes} bytes of samples, and a .mat file of this kind holds 2 GiB: convert it to Parquet, which MATLAB reads")
+        raise BadInput(
+            f"{trial.path} has {trial.rows.nbytes} bytes of samples, and a .mat file of this kind holds 2 "
+            "GiB: convert it to Parquet, which MATLAB reads"
+        )
 
 
 def write(trial, path, progress):
@@ -31,8 +38,14 @@ def write(trial, path, progress):
         for tree, leaf in ((values, trial[name]), (units, ascii_name(trial.unit(name))), (paths, name)):
             tree.put(re.split(r"[/.]", name), leaf)
     made = {
-        **values.content, "time": trial.time, "tick": trial.tick, "rate": trial.about["rate"], "units": units.content, "paths": paths.content,
-        "fields": fields.content}
+        **values.content,
+        "time": trial.time,
+        "tick": trial.tick,
+        "rate": trial.about["rate"],
+        "units": units.content,
+        "paths": paths.content,
+        "fields": fields.content,
+    }
     need("scipy.io", "a MATLAB file").savemat(path, {VARIABLE: filled(made)}, long_field_names=True, oned_as="column")
 
 
@@ -41,7 +54,7 @@ class Struct:
 
     def __init__(self, taken=()):
         self.content, self.taken = {}, set(taken)
-        self.names, self.inside = {}, {}            # of what was put in: {(name, is a leaf): legal name}, {legal name: Struct}
+        self.names, self.inside = {}, {}  # of what was put in: {(name, is a leaf): legal name}, {legal name: Struct}
 
     def put(self, names, leaf):
         """names : from the outermost to the signal's own"""
@@ -69,7 +82,7 @@ def legal(name, taken):
     chosen, number = name, 1
     while chosen in taken:
         number += 1
-        chosen = f"{name[:LONGEST - len(str(number)) - 1]}_{number}"
+        chosen = f"{name[: LONGEST - len(str(number)) - 1]}_{number}"
     return chosen
 
 

@@ -1,6 +1,8 @@
-"""MCAP, finished: what a recorder that was killed has left, and the parts in which others went on, as one file with an index.
+"""MCAP, finished: what a recorder that was killed has left, and the parts in which others went on, as one file with an
+index.
 
-Every message stands there as it was recorded. Of a recording that was finished, and not damaged, it is a copy to the byte.
+Every message stands there as it was recorded. Of a recording that was finished, and not damaged, it is a copy to the
+byte.
 """
 
 import io
@@ -14,7 +16,7 @@ from runtime.recordings import messages
 from runtime.recordings.chunks import Expander, compressed
 from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
-FLUSH = 1 << 20                 # bytes that wait in memory
+FLUSH = 1 << 20  # bytes that wait in memory
 
 
 def check(trial, kind):
@@ -38,15 +40,18 @@ class Copy:
     def __init__(self, trial, file):
         self.trial, self.writer = trial, McapFile(file)
         self.writer.begin(LIBRARY)
-        self.numbers = {}                       # {topic: number of its channel}
+        self.numbers = {}  # {topic: number of its channel}
 
     def part(self, number, progress):
         from mcap.exceptions import McapError
 
         path, seams = self.trial.parts[number], self.trial.seams
-        self.seam, self.following = seams[number - 1] if number else None, seams[number] if number < len(seams) else None
+        self.seam, self.following = (
+            seams[number - 1] if number else None,
+            seams[number] if number < len(seams) else None,
+        )
         self.rows = self.seam.rows if self.seam else 0
-        schemas, topics = {}, {}                # of the part: {number: ...}
+        schemas, topics = {}, {}  # of the part: {number: ...}
         size = path.stat().st_size
         self.expander = Expander(size)
         with open(path, "rb", buffering=0) as stream:
@@ -54,7 +59,7 @@ class Copy:
             for at, kind, data in walk(stream, len(MAGIC)):
                 try:
                     self.record(kind, data, schemas, topics)
-                except (McapError, *DAMAGE):    # as our reader has told
+                except (McapError, *DAMAGE):  # as our reader has told
                     return
                 if kind == DATA_END:
                     return
@@ -63,7 +68,7 @@ class Copy:
                     progress(at / size)
 
     def record(self, kind, data, schemas, topics):
-        body = data[HEAD.size:]
+        body = data[HEAD.size :]
         if kind == A_CHUNK and compressed(data):
             for _, inside, record in walk(io.BytesIO(self.expander.expand(read("Chunk", body))), 0):
                 if inside in (SCHEMA, CHANNEL, A_MESSAGE):
@@ -87,16 +92,18 @@ class Copy:
         if self.seam and attachment.name != "end.json" or self.following and attachment.name == "end.json":
             return
         data = attachment.data
-        if attachment.name == "about.json" and json.loads(data) != self.trial.about:       # its first part was empty
+        if attachment.name == "about.json" and json.loads(data) != self.trial.about:  # its first part was empty
             data = json.dumps(self.trial.about, ensure_ascii=False).encode()
         self.writer.attach(attachment.name, attachment.media_type, data)
 
     def message(self, topic, data):
         """A message, if it counts; its drain of the buses counted on from the part before."""
         _, _, _, sequence, log_time, publish_time = MESSAGE.unpack_from(data)
-        body, limit = data[MESSAGE.size:], self.following.rows if self.following else None
+        body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
         if topic.startswith(messages.BUS):
-            if self.following and (self.rows > limit or self.following.since is not None and log_time >= self.following.since):
+            if self.following and (
+                self.rows > limit or self.following.since is not None and log_time >= self.following.since
+            ):
                 return
             if self.seam:
                 sequence, publish_time = sequence + self.seam.drains, publish_time if sequence else self.seam.drained

@@ -1,9 +1,9 @@
 """OpenSim: .sto with every signal, .mot with the joint angles alone, in rad.
 
-Both are text: a header, then `time` and a column a number, named by its path, or as --names has it, between tabs. Rows are evenly spaced, as
-OpenSim's filters and tools require. Units stand in the header. OpenSim's older reader
-parts names at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's documentation, Storage
-(.sto) Files)
+Both are text: a header, then `time` and a column a number, named by its path, or as --names has it, between tabs. Rows
+are evenly spaced, as OpenSim's filters and tools require. Units stand in the header. OpenSim's older reader parts names
+at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's
+documentation, Storage (.sto) Files)
 """
 
 import copy
@@ -16,10 +16,10 @@ from runtime.telling.suggestion import suggestion
 
 try:
     import tomllib
-except ModuleNotFoundError:     # Python 3.10
+except ModuleNotFoundError:  # Python 3.10
     import tomli as tomllib
 
-CHUNK = 1000                    # rows
+CHUNK = 1000  # rows
 EXAMPLE = '"left/knee.position" = "knee_angle_l"'
 
 
@@ -40,7 +40,10 @@ def read_names(path):
         if not isinstance(name, str):
             raise BadInput(f"--names {path}: {signal!r} has no name of a coordinate; write {EXAMPLE}, both in quotes")
         if not name.isprintable() or not re.fullmatch(r"[^\s=]+", name):
-            raise BadInput(f"--names {path}: {signal!r}: {name!r} is not a name of a column: it needs letters, and no space, = or control character")
+            raise BadInput(
+                f"--names {path}: {signal!r}: {name!r} is not a name of a column: it needs letters, and "
+                "no space, = or control character"
+            )
         if name in taken:
             raise BadInput(f"--names {path}: {signal!r}: {name!r} is already the name of {taken[name]}")
         taken[name] = repr(signal)
@@ -48,13 +51,20 @@ def read_names(path):
 
 
 def named(trial, names, path):
-    """A Trial like this one, whose signals have the names of coordinates. names : as of `read_names`, which read them from `path`. BadInput"""
+    """A Trial like this one, whose signals have the names of coordinates. names : as of `read_names`, which read them
+    from `path`. BadInput
+    """
     for signal in names:
         if signal not in trial.signals:
             hint = suggestion(signal, trial.signals)
-            raise BadInput(f"--names {path}: {trial.path.name} has no signal {signal!r}" + (f": {hint}" if hint else ""))
+            raise BadInput(
+                f"--names {path}: {trial.path.name} has no signal {signal!r}" + (f": {hint}" if hint else "")
+            )
     made = copy.copy(trial)
-    made.signals = {signal: entry | ({"coordinate": names[signal]} if signal in names else {}) for signal, entry in trial.signals.items()}
+    made.signals = {
+        signal: entry | ({"coordinate": names[signal]} if signal in names else {})
+        for signal, entry in trial.signals.items()
+    }
     return made
 
 
@@ -65,17 +75,25 @@ def missed(trial):
 
 def check(trial, kind):
     if kind == "mot" and not coordinates(trial):
-        raise BadInput(f"{trial.path} has no joint angle: .mot holds signals called `position` or `angle`, in rad, or those that --names names; "
-                       ".sto holds all")
+        raise BadInput(
+            f"{trial.path} has no joint angle: .mot holds signals called `position` or `angle`, in rad, "
+            "or those that --names names; "
+            ".sto holds all"
+        )
     for path in coordinates(trial) if kind == "mot" else ():
         if trial.unit(path) not in ("rad", "m"):
-            raise BadInput(f"{path} is in {trial.unit(path)}: .mot holds coordinates, in rad or m; .sto holds all signals")
+            raise BadInput(
+                f"{path} is in {trial.unit(path)}: .mot holds coordinates, in rad or m; .sto holds all signals"
+            )
 
 
 def coordinates(trial):
     """Signals of a .mot file: those that were named, else every joint angle."""
     return [path for path, signal in trial.signals.items() if "coordinate" in signal] or [
-        path for path, signal in trial.signals.items() if signal["unit"] == "rad" and path.rpartition(".")[2] in ("position", "angle")]
+        path
+        for path, signal in trial.signals.items()
+        if signal["unit"] == "rad" and path.rpartition(".")[2] in ("position", "angle")
+    ]
 
 
 def write(trial, path, progress):
@@ -89,12 +107,15 @@ def write(trial, path, progress):
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(
             f"{trial.about['name'].replace('=', '_')}\nversion=1\nnRows={len(trial)}\nnColumns={1 + len(paths)}\ninDegrees=no\nDataType=double\n"
-            f"units=s\t{units}\nendheader\n")
+            f"units=s\t{units}\nendheader\n"
+        )
         file.write("\t".join(["time", *labels(trial.signals[path].get("coordinate", path) for path in paths)]) + "\n")
         for first in range(0, len(trial), CHUNK):
             rows = slice(first, first + CHUNK)
             for time, values in zip(trial.time[rows].tolist(), trial.rows[rows, places].tolist()):
-                file.write("\t".join([repr(time), *(text(value, is_whole) for value, is_whole in zip(values, whole))]) + "\n")
+                file.write(
+                    "\t".join([repr(time), *(text(value, is_whole) for value, is_whole in zip(values, whole))]) + "\n"
+                )
             progress(first / len(trial))
 
 

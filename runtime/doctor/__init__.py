@@ -23,6 +23,8 @@ def examine(machine, wants):
         try:
             found = check(machine, wants)
         except Exception as error:
-            found = Finding(check.__name__.replace("_", " "), UNKNOWN, f"cannot be told: {type(error).__name__}: {error}")
+            found = Finding(
+                check.__name__.replace("_", " "), UNKNOWN, f"cannot be told: {type(error).__name__}: {error}"
+            )
         findings += found if isinstance(found, list) else [found] if found else []
     return findings

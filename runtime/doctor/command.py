@@ -16,29 +16,57 @@ from runtime.errors import CHECK_FAILED, BadInput
 from runtime.errors import OK as FIT
 from runtime.telling.terminal import program, tell
 
-WIDTH = 110                     # characters of a line of reasons
+WIDTH = 110  # characters of a line of reasons
 MARKS = {UNKNOWN: "?"}
-FASTEST_CAN = 1_000_000         # bit/s, without a second, faster bitrate
+FASTEST_CAN = 1_000_000  # bit/s, without a second, faster bitrate
 
 
 def main(arguments):
     """Returns the exit code: 0, or 1 where something is bad."""
-    parser = Parser("doctor", "Look whether this machine is fit to run a robot, and what to change. Nothing is changed.",
-                    "ok; worse: a robot runs, but less well; bad: it does not run, or must not; ?: cannot be told.\n"
-                    "The exit code is 1 where something is bad. Ask as the user who runs the robot.")
+    parser = Parser(
+        "doctor",
+        "Look whether this machine is fit to run a robot, and what to change. Nothing is changed.",
+        "ok; worse: a robot runs, but less well; bad: it does not run, or must not; ?: cannot be told.\n"
+        "The exit code is 1 where something is bad. Ask as the user who runs the robot.",
+    )
     how = parser.add_mutually_exclusive_group()
     how.add_argument("--json", action="store_true", help="for machines: one JSON object with the findings")
-    how.add_argument("--script", action="store_true",
-                     help="print a shell script that sets right what a script can; read it, then run it with sudo")
-    parser.add_argument("--bitrate", type=count("--bitrate", FASTEST_CAN), default=FASTEST_CAN, metavar="BPS",
-                        help="of the CAN buses, in bit/s (default: 1000000)")
-    parser.add_argument("--overlay", type=overlay, action="append", default=[], dest="overlays", metavar="TEXT",
-                        help="what the script puts into a Raspberry Pi's config.txt: mcp251xfd,spi0-0,interrupt=25")
+    how.add_argument(
+        "--script",
+        action="store_true",
+        help="print a shell script that sets right what a script can; read it, then run it with sudo",
+    )
+    parser.add_argument(
+        "--bitrate",
+        type=count("--bitrate", FASTEST_CAN),
+        default=FASTEST_CAN,
+        metavar="BPS",
+        help="of the CAN buses, in bit/s (default: 1000000)",
+    )
+    parser.add_argument(
+        "--overlay",
+        type=overlay,
+        action="append",
+        default=[],
+        dest="overlays",
+        metavar="TEXT",
+        help="what the script puts into a Raspberry Pi's config.txt: mcp251xfd,spi0-0,interrupt=25",
+    )
     parser.add_argument("--user", type=name, help="who runs the robot, for the script (default: who asks)")
-    parser.add_argument("--record", default="recordings", dest="folder", metavar="DIR",
-                        help="folder of the recordings (default: recordings)")
-    parser.add_argument("--root", type=folder, default="/", metavar="DIR",
-                        help="look at another machine: a folder with its files, and the outputs of its commands in DIR/commands")
+    parser.add_argument(
+        "--record",
+        default="recordings",
+        dest="folder",
+        metavar="DIR",
+        help="folder of the recordings (default: recordings)",
+    )
+    parser.add_argument(
+        "--root",
+        type=folder,
+        default="/",
+        metavar="DIR",
+        help="look at another machine: a folder with its files, and the outputs of its commands in DIR/commands",
+    )
     options = parser.parse_args(arguments)
     machine = Machine(options.root)
     user = options.user or (os.environ.get("SUDO_USER") if machine.here else None)
@@ -62,7 +90,8 @@ def report(machine, findings):
             if verdict != OK:
                 indent = " " * (9 + width)
                 lines += [f"{indent}{line}" for line in textwrap.wrap(finding.why, WIDTH - len(indent))]
-                lines += [f"{indent}→ {finding.cure}"] if finding.cure else []         # not wrapped: it may be a command to copy
+                # not wrapped: it may be a command to copy
+                lines += [f"{indent}→ {finding.cure}"] if finding.cure else []
         if chosen and verdict != OK:
             lines.append("")
     return [*lines, "", summary(findings)]
@@ -82,16 +111,27 @@ def summary(findings):
 
 
 def for_machines(machine, findings):
-    return json.dumps({
-        "ok": not any(finding.verdict == BAD for finding in findings),
-        "machine": machine.model, "kind": machine.kind, "system": machine.system, "kernel": machine.kernel, "user": machine.user,
-        "findings": [asdict(finding) for finding in findings],
-    }, indent=2, ensure_ascii=False)
+    return json.dumps(
+        {
+            "ok": not any(finding.verdict == BAD for finding in findings),
+            "machine": machine.model,
+            "kind": machine.kind,
+            "system": machine.system,
+            "kernel": machine.kernel,
+            "user": machine.user,
+            "findings": [asdict(finding) for finding in findings],
+        },
+        indent=2,
+        ensure_ascii=False,
+    )
 
 
 def overlay(text):
     if not re.fullmatch(r"[\w.-]+(,[\w.-]+(=[\w.-]+)?)*", text):
-        raise BadInput(f"--overlay {text}: expected what stands behind dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25")
+        raise BadInput(
+            f"--overlay {text}: expected what stands behind dtoverlay=, as in "
+            "mcp2515-can0,oscillator=12000000,interrupt=25"
+        )
     return text
 
 

@@ -7,7 +7,7 @@ from runtime.doctor.machine import JETSON, PI
 from runtime.system import processors
 
 FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource"}
-SMALLEST_SHARE = 0.9            # of a period, that real-time threads may run
+SMALLEST_SHARE = 0.9  # of a period, that real-time threads may run
 
 
 def preemption(machine, wants):
@@ -23,7 +23,9 @@ def preemption(machine, wants):
         if model:
             cure = "add preempt=full to the kernel's command line, or better: " + patient(machine)
             return Finding(name, WORSE, f"{model} (PREEMPT_DYNAMIC)", why, cure)
-        return Finding(name, UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model", why, "run the doctor with sudo")
+        return Finding(
+            name, UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model", why, "run the doctor with sudo"
+        )
     if "PREEMPT" in version:
         return Finding(name, OK, "preemptible (PREEMPT), not PREEMPT_RT")
     if version:
@@ -67,8 +69,14 @@ def real_time_share(machine, wants):
         return Finding(name, BAD, "none", "no thread may have real-time priority", cure, "share", "950000")
     verdict = OK if share >= SMALLEST_SHARE else WORSE
     return Finding(
-        name, verdict, f"{100 * share:.3g} % of the time", "a loop that has used up its share is stopped for the rest of the second",
-        cure, "share" if verdict == WORSE else "", "950000")
+        name,
+        verdict,
+        f"{100 * share:.3g} % of the time",
+        "a loop that has used up its share is stopped for the rest of the second",
+        cure,
+        "share" if verdict == WORSE else "",
+        "950000",
+    )
 
 
 def clock_source(machine, wants):
@@ -79,8 +87,14 @@ def clock_source(machine, wants):
     if now in FAST_CLOCKS:
         return Finding("clock source", OK, now)
     better = next((other for other in others if other in FAST_CLOCKS), None)
-    cure = f"add clocksource={better} to the kernel's command line" if better else "`dmesg | grep -i clocksource` says why it is this one"
-    return Finding("clock source", WORSE, now, "every look at the clock is a system call, and takes a microsecond or more", cure)
+    cure = (
+        f"add clocksource={better} to the kernel's command line"
+        if better
+        else ("`dmesg | grep -i clocksource` says why it is this one")
+    )
+    return Finding(
+        "clock source", WORSE, now, "every look at the clock is a system call, and takes a microsecond or more", cure
+    )
 
 
 def word_size(machine, wants):
@@ -91,7 +105,9 @@ def word_size(machine, wants):
         return Finding("word size", OK, f"64 bits ({kernel})")
     under = " on a 64-bit kernel" if kernel in ("aarch64", "x86_64") else ""
     cure = "install the 64-bit Raspberry Pi OS" if machine.kind == PI else "install a 64-bit system"
-    return Finding("word size", BAD, f"{bits}-bit programs{under} ({kernel})", "what Tickwork needs is not built for 32 bits", cure)
+    return Finding(
+        "word size", BAD, f"{bits}-bit programs{under} ({kernel})", "what Tickwork needs is not built for 32 bits", cure
+    )
 
 
 def processors_there(machine, wants):
@@ -101,7 +117,12 @@ def processors_there(machine, wants):
         return Finding("processors", UNKNOWN, "cannot be counted")
     if online == 1:
         return Finding(
-            "processors", WORSE, "1", "the loop shares it with the recorder and everything else", "use a machine with two or more")
+            "processors",
+            WORSE,
+            "1",
+            "the loop shares it with the recorder and everything else",
+            "use a machine with two or more",
+        )
     which = ", ".join(map(str, isolated))
     return Finding("processors", OK, f"{online}, " + (f"isolated: {which}" if isolated else "none isolated"))
 
@@ -113,8 +134,12 @@ def hardware(machine, wants):
         virtual = "WSL"
     if virtual:
         return Finding(
-            "hardware", WORSE, virtual, "its host takes processors away for milliseconds, whatever the priority",
-            "fine for simulation; drive a robot from a machine of its own")
+            "hardware",
+            WORSE,
+            virtual,
+            "its host takes processors away for milliseconds, whatever the priority",
+            "fine for simulation; drive a robot from a machine of its own",
+        )
     return Finding("hardware", OK, machine.model or "not a virtual machine")
 
 

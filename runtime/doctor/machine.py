@@ -1,7 +1,8 @@
 """Where checks look: this machine, or a folder that holds another's files and the outputs of its commands.
 
-Such a folder has the files at their places (proc/version, sys/class/net/can0/type) and in `commands/` a file for each command that a check
-may run, with the words as its name and slashes as underscores: `commands/ip -details -json link`, `commands/id`, `commands/ls -l _dev`.
+Such a folder has the files at their places (proc/version, sys/class/net/can0/type) and in `commands/` a file for each
+command that a check may run, with the words as its name and slashes as underscores: `commands/ip -details -json link`,
+`commands/id`, `commands/ls -l _dev`.
 """
 
 import fnmatch
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-COMMAND_TIMEOUT = 5.0           # s
+COMMAND_TIMEOUT = 5.0  # s
 PI, JETSON, OTHER = "pi", "jetson", "other"
 
 
@@ -51,7 +52,9 @@ class Machine:
     def glob(self, pattern):
         """Names of files that match, with a slash in front, in the order of their numbers."""
         found = [f"/{path.relative_to(self.root)}" for path in self.root.glob(pattern.lstrip("/"))]
-        return sorted(found, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)])
+        return sorted(
+            found, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+        )
 
     def target(self, name):
         """The last part of what a link leads to, or ""."""
@@ -67,19 +70,32 @@ class Machine:
         environment = {**os.environ, "LC_ALL": "C", "PATH": f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"}
         try:
             done = subprocess.run(
-                words, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", timeout=COMMAND_TIMEOUT, env=environment)
+                words,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=COMMAND_TIMEOUT,
+                env=environment,
+            )
         except (OSError, subprocess.TimeoutExpired):
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""
 
     def devices(self, *patterns):
         """Devices in /dev whose names match."""
-        names = [(name, device) for name, device in self._devices.items() if any(fnmatch.fnmatch(name, pattern) for pattern in patterns)]
+        names = [
+            (name, device)
+            for name, device in self._devices.items()
+            if any(fnmatch.fnmatch(name, pattern) for pattern in patterns)
+        ]
         return [device for _, device in names]
 
     @cached_property
     def _devices(self):
-        """Devices by name, from what `ls -l /dev` prints. On this machine permission is asked for: it may be more than the mode says."""
+        """Devices by name, from what `ls -l /dev` prints. On this machine permission is asked for: it may be more than
+        the mode says.
+        """
         found = {}
         for line in self.output("ls", "-l", "/dev").splitlines():
             match = re.match(r"c([rwxsStT-]{9})\S* +\d+ +(\S+) +(\S+) +\d+, +\d+ .* (\S+)$", line)
@@ -159,10 +175,12 @@ class Machine:
         return any(self.read(name) == program for name in self.glob("proc/[0-9]*/comm"))
 
     def limit(self, title):
-        """The hard limit of this session, as /proc/self/limits calls it: a number, None for unlimited. KeyError if it is not there."""
+        """The hard limit of this session, as /proc/self/limits calls it: a number, None for unlimited. KeyError if it
+        is not there.
+        """
         for line in self.read("/proc/self/limits").splitlines():
             if line.startswith(title):
-                hard = line[len(title):].split()[1]
+                hard = line[len(title) :].split()[1]
                 return None if hard == "unlimited" else int(hard)
         raise KeyError(title)
 

@@ -3,12 +3,12 @@
 from runtime.doctor.finding import BAD, OK, WORSE, Finding
 from runtime.doctor.machine import PI
 
-SLOWEST_I2C = 400_000           # Hz, that IMUs expect
+SLOWEST_I2C = 400_000  # Hz, that IMUs expect
 SERIAL = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 
 
 def serial_ports(machine, wants):
-    ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]          # those are consoles
+    ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # those are consoles
     if not ports:
         return Finding("serial ports", OK, "none")
     return permission(machine, "serial ports", ports, "serial")
@@ -16,7 +16,9 @@ def serial_ports(machine, wants):
 
 def serial_latency(machine, wants):
     """Only FTDI chips have the timer; it is in ms."""
-    timers = {name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")}
+    timers = {
+        name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")
+    }
     slow = {port: timer for port, timer in timers.items() if timer.isdigit() and int(timer) > 1}
     if not timers:
         return None
@@ -24,17 +26,26 @@ def serial_latency(machine, wants):
         return Finding("serial latency", OK, f"1 ms on {', '.join(timers)}")
     port = next(iter(slow))
     return Finding(
-        "serial latency", WORSE, ", ".join(f"{timer} ms on {port}" for port, timer in slow.items()),
+        "serial latency",
+        WORSE,
+        ", ".join(f"{timer} ms on {port}" for port, timer in slow.items()),
         "an FTDI chip keeps what it has received for so long before it hands it over",
-        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port}/latency_timer", "ftdi")
+        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port}/latency_timer",
+        "ftdi",
+    )
 
 
 def modem_manager(machine, wants):
     if not machine.devices("ttyACM*", "ttyUSB*") or not machine.runs("ModemManager"):
         return None
     return Finding(
-        "modem manager", WORSE, "ModemManager runs", "it opens every new serial port and writes modem commands to it",
-        "sudo systemctl disable --now ModemManager, if no modem is needed", "modems")
+        "modem manager",
+        WORSE,
+        "ModemManager runs",
+        "it opens every new serial port and writes modem commands to it",
+        "sudo systemctl disable --now ModemManager, if no modem is needed",
+        "modems",
+    )
 
 
 def i2c_buses(machine, wants):
@@ -45,7 +56,9 @@ def i2c_buses(machine, wants):
 
 
 def i2c_speed(machine, wants):
-    """The device tree has the clock as four bytes, the highest first. Only on a Pi is it known which bus is on the header: 1."""
+    """The device tree has the clock as four bytes, the highest first. Only on a Pi is it known which bus is on the
+    header: 1.
+    """
     clock = machine.raw("/sys/class/i2c-adapter/i2c-1/of_node/clock-frequency")
     if machine.kind != PI or len(clock) != 4:
         return None
@@ -53,8 +66,13 @@ def i2c_speed(machine, wants):
     if rate >= SLOWEST_I2C:
         return Finding("I2C speed", OK, f"{rate / 1e3:g} kHz")
     return Finding(
-        "I2C speed", WORSE, f"{rate / 1e3:g} kHz", "a sample of an IMU takes four times as long as it could",
-        "dtparam=i2c_arm_baudrate=400000 in config.txt", "i2c speed")
+        "I2C speed",
+        WORSE,
+        f"{rate / 1e3:g} kHz",
+        "a sample of an IMU takes four times as long as it could",
+        "dtparam=i2c_arm_baudrate=400000 in config.txt",
+        "i2c speed",
+    )
 
 
 def permission(machine, name, devices, part):

@@ -7,11 +7,14 @@ from runtime.doctor.machine import JETSON, PI
 from runtime.realtime import IDLE_DEVICE
 from runtime.system import CAP_IPC_LOCK, processors
 
-LONGEST_WAKE = 20               # µs that a processor may take to wake
+LONGEST_WAKE = 20  # µs that a processor may take to wake
 CPU = "/sys/devices/system/cpu"
 GET_THROTTLED = "/sys/devices/platform/soc/soc:firmware/get_throttled"
-THROTTLED = {                   # bit of get_throttled: what it means; 16 bits further up: that it has happened since the start
-    0: "too little voltage", 1: "frequency capped", 2: "throttled", 3: "too hot",
+THROTTLED = {  # bit of get_throttled: what it means; 16 bits further up: that it has happened since the start
+    0: "too little voltage",
+    1: "frequency capped",
+    2: "throttled",
+    3: "too hot",
 }
 
 
@@ -23,9 +26,13 @@ def governor(machine, wants):
     if not others:
         return Finding("governor", OK, f"performance on {len(governors)} processors")
     return Finding(
-        "governor", WORSE, f"{', '.join(others)} on {len([name for name in governors if name in others])} of {len(governors)} processors",
+        "governor",
+        WORSE,
+        f"{', '.join(others)} on {len([name for name in governors if name in others])} of {len(governors)} processors",
         "a processor that has slowed down while the loop slept takes longer over the next tick",
-        f"echo performance | sudo tee {CPU}/cpu*/cpufreq/scaling_governor", "governor")
+        f"echo performance | sudo tee {CPU}/cpu*/cpufreq/scaling_governor",
+        "governor",
+    )
 
 
 def idle_states(machine, wants):
@@ -46,10 +53,20 @@ def idle_states(machine, wants):
         return Finding("idle states", OK, f"{found}; --realtime keeps processors out of it")
     if not device:
         return Finding(
-            "idle states", WORSE, f"{found}, and there is no {IDLE_DEVICE}", "the loop wakes late by so much", "boot with cpuidle.off=1")
+            "idle states",
+            WORSE,
+            f"{found}, and there is no {IDLE_DEVICE}",
+            "the loop wakes late by so much",
+            "boot with cpuidle.off=1",
+        )
     return Finding(
-        "idle states", WORSE, f"{found}, and {machine.user} may not open {IDLE_DEVICE}", "the loop wakes late by so much",
-        'a group that may: udev rule KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"', "limits")
+        "idle states",
+        WORSE,
+        f"{found}, and {machine.user} may not open {IDLE_DEVICE}",
+        "the loop wakes late by so much",
+        'a group that may: udev rule KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"',
+        "limits",
+    )
 
 
 def throttling(machine, wants):
@@ -85,8 +102,14 @@ def power_mode(machine, wants):
     if now == best:
         return Finding("power mode", OK, modes[now])
     return Finding(
-        "power mode", WORSE, f"{modes.get(now, now)}, and {modes[best]} is there",
-        "processors are switched off or held below their frequency", f"sudo nvpmodel -m {best}", "power mode", str(best))
+        "power mode",
+        WORSE,
+        f"{modes.get(now, now)}, and {modes[best]} is there",
+        "processors are switched off or held below their frequency",
+        f"sudo nvpmodel -m {best}",
+        "power mode",
+        str(best),
+    )
 
 
 def strength(mode):
@@ -104,8 +127,13 @@ def clocks(machine, wants):
     if least == most:
         return Finding("clocks", OK, f"locked at {int(most) / 1e6:.2f} GHz")
     return Finding(
-        "clocks", WORSE, f"from {int(least) / 1e6:.2f} to {int(most) / 1e6:.2f} GHz",
-        "clocks that follow the load are slow when the tick begins", "sudo jetson_clocks", "clocks")
+        "clocks",
+        WORSE,
+        f"from {int(least) / 1e6:.2f} to {int(most) / 1e6:.2f} GHz",
+        "clocks that follow the load are slow when the tick begins",
+        "sudo jetson_clocks",
+        "clocks",
+    )
 
 
 def swap(machine, wants):
@@ -116,16 +144,25 @@ def swap(machine, wants):
     if machine.limit("Max locked memory") is None or machine.capable(CAP_IPC_LOCK):
         return Finding("swap", OK, f"{names}; --realtime locks what a run needs")
     return Finding(
-        "swap", WORSE, names, "memory that was paged out has to be fetched in the middle of a tick",
-        "let this user lock memory (see memlock), or sudo swapoff -a", "limits")
+        "swap",
+        WORSE,
+        names,
+        "memory that was paged out has to be fetched in the middle of a tick",
+        "let this user lock memory (see memlock), or sudo swapoff -a",
+        "limits",
+    )
 
 
 def interrupts(machine, wants):
     balanced, isolated = machine.runs("irqbalance"), processors(machine.read(f"{CPU}/isolated"))
     if balanced and isolated and "IRQBALANCE_BANNED" not in machine.read("/etc/default/irqbalance"):
         return Finding(
-            "interrupts", WORSE, "irqbalance runs, with processors isolated",
-            "it may move interrupts to the processor that the loop was given", "sudo systemctl disable --now irqbalance")
+            "interrupts",
+            WORSE,
+            "irqbalance runs, with processors isolated",
+            "it may move interrupts to the processor that the loop was given",
+            "sudo systemctl disable --now irqbalance",
+        )
     return Finding("interrupts", OK, "balanced by irqbalance" if balanced else "not moved about")
 
 

@@ -7,14 +7,20 @@ import sysconfig
 
 from runtime.doctor.finding import BAD, OK, WORSE, Finding
 
-LITTLE, TOO_LITTLE = 2 << 30, 100 << 20         # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
+LITTLE, TOO_LITTLE = 2 << 30, 100 << 20  # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
 
 
 def python(machine, wants):
     version = f"{platform.python_implementation()} {platform.python_version()}"
     kind = ", free-threaded" if sysconfig.get_config_var("Py_GIL_DISABLED") else ""
     if sysconfig.get_config_var("Py_DEBUG") or hasattr(sys, "gettotalrefcount"):
-        return Finding("Python", WORSE, f"{version}, a debug build", "Python blocks take several times as long", "use a release build")
+        return Finding(
+            "Python",
+            WORSE,
+            f"{version}, a debug build",
+            "Python blocks take several times as long",
+            "use a release build",
+        )
     return Finding("Python", OK, f"{version}{kind}, {64 if sys.maxsize > 2**32 else 32} bits")
 
 
@@ -25,13 +31,22 @@ def recordings(machine, wants):
         there = os.path.dirname(there)
     if not os.path.isdir(there) or not os.access(there, os.W_OK | os.X_OK):
         return Finding(
-            "recordings", BAD, f"{there} cannot be written to", "a run that records does not start", "another folder, with --record")
+            "recordings",
+            BAD,
+            f"{there} cannot be written to",
+            "a run that records does not start",
+            "another folder, with --record",
+        )
     space = os.statvfs(there)
     free = space.f_bavail * space.f_frsize
     verdict = OK if free >= LITTLE else WORSE if free >= TOO_LITTLE else BAD
     return Finding(
-        "recordings", verdict, f"{free / 2**30:.1f} GiB free in {there}", "a recording ends where the disk is full",
-        "" if verdict == OK else "make room, or another folder with --record")
+        "recordings",
+        verdict,
+        f"{free / 2**30:.1f} GiB free in {there}",
+        "a recording ends where the disk is full",
+        "" if verdict == OK else "make room, or another folder with --record",
+    )
 
 
 CHECKS = (python, recordings)

@@ -1,7 +1,7 @@
 """The shell script of `doctor --script`: what sets right what the checks found wanting, for a person to read and run.
 
-It is made of parts, each of which says why it is there. Whatever it does can be done again and changes nothing then. With DESTDIR set it
-writes its files below that folder, runs no command, and needs no root.
+It is made of parts, each of which says why it is there. Whatever it does can be done again and changes nothing then.
+With DESTDIR set it writes its files below that folder, runs no command, and needs no root.
 """
 
 import re
@@ -11,7 +11,7 @@ from runtime.doctor.can import speed
 from runtime.doctor.finding import OK
 from runtime.realtime import GROUP, LIMITS_FILE
 
-HEAD = '''\
+HEAD = """\
 #!/bin/sh
 # {about}
 # Written by `{program} doctor --script`. Read it, then run it as root: sudo sh FILE
@@ -40,9 +40,9 @@ put() {{
 run() {{
     if [ -z "$into" ]; then "$@"; else echo "not run: $*"; fi
 }}
-'''
+"""
 
-CONFIG_LINE = '''
+CONFIG_LINE = """
 # config_line LINE: into the Raspberry Pi's config.txt, where it holds for every model.
 config={config}
 config_line() {{
@@ -53,7 +53,7 @@ config_line() {{
         restart=yes
     fi
 }}
-'''
+"""
 FIRMWARE_CONFIG, OLDER_CONFIG = "/boot/firmware/config.txt", "/boot/config.txt"
 
 
@@ -65,8 +65,16 @@ def script(machine, wants, findings, program):
             wanting.setdefault(finding.part, []).append(finding)
     about = one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
     if not wanting:
-        return ["#!/bin/sh", f"# {about}", f"# `{program} doctor --script` found nothing wanting that a script could set right."]
-    parts = [reasons(wanting[name]) + part(wants, wanting[name]).lstrip("\n") for name, part in PARTS.items() if name in wanting]
+        return [
+            "#!/bin/sh",
+            f"# {about}",
+            f"# `{program} doctor --script` found nothing wanting that a script could set right.",
+        ]
+    parts = [
+        reasons(wanting[name]) + part(wants, wanting[name]).lstrip("\n")
+        for name, part in PARTS.items()
+        if name in wanting
+    ]
     if {"overlay", "i2c speed"} & wanting.keys():
         parts.insert(0, CONFIG_LINE.format(config=FIRMWARE_CONFIG if machine.exists(FIRMWARE_CONFIG) else OLDER_CONFIG))
         parts.append('if [ "${restart:-}" = yes ]; then echo "restart for the changes in config.txt"; fi')
@@ -104,34 +112,34 @@ run udevadm trigger --sysname-match=cpu_dma_latency
 
 def share(wants, findings):
     runtime = "-1" if any(finding.subject == "-1" for finding in findings) else findings[0].subject
-    return f'''
+    return f"""
 put /etc/sysctl.d/90-tickwork.conf <<'END'
 kernel.sched_rt_runtime_us = {runtime}
 END
 run sysctl -q -p /etc/sysctl.d/90-tickwork.conf
-'''
+"""
 
 
 def governor(wants, findings):
-    return '''
+    return """
 # A desktop's power-profiles-daemon chooses again when it starts: powerprofilesctl set performance
 put /etc/tmpfiles.d/90-tickwork-governor.conf <<'END'
 w /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor - - - - performance
 END
 run systemd-tmpfiles --create /etc/tmpfiles.d/90-tickwork-governor.conf
-'''
+"""
 
 
 def power_mode(wants, findings):
     mode = findings[0].subject
-    return f'''
+    return f"""
 # It may say that this needs a restart, and ask; `no` leaves the time of it to you.
 if ! nvpmodel -q 2>/dev/null | grep -qx {mode}; then echo no | run nvpmodel -m {mode}; fi
-'''
+"""
 
 
 def clocks(wants, findings):
-    return '''
+    return """
 put /etc/systemd/system/tickwork-clocks.service <<'END'
 [Unit]
 Description=Clocks at their highest frequency, for Tickwork
@@ -146,12 +154,12 @@ WantedBy=multi-user.target
 END
 run systemctl daemon-reload
 run systemctl enable --now tickwork-clocks.service
-'''
+"""
 
 
 def modules(wants, findings):
     """The pins: NVIDIA's Jetson Linux Developer Guide, Controller Area Network."""
-    return f'''
+    return f"""
 # If no interface appears, or nothing is heard on it, its pins are not CAN pins yet: sudo /opt/nvidia/jetson-io/jetson-io.py
 # The pins need a transceiver (3.3 V) between them and the bus.
 put /etc/modules-load.d/tickwork-can.conf <<'END'
@@ -160,24 +168,26 @@ can_raw
 mttcan
 END
 run modprobe -a can can_raw mttcan
-{can_files(wants, "can*")}'''
+{can_files(wants, "can*")}"""
 
 
 def overlay(wants, findings):
-    """Overlays and their parameters: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: the makers of the HATs."""
+    """Overlays and their parameters: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: the makers
+    of the HATs.
+    """
     if wants.overlays:
         lines = "\n".join(f"config_line {shlex.quote('dtoverlay=' + text)}" for text in wants.overlays)
     else:
-        lines = '''\
+        lines = """\
 # Which line depends on the HAT, on its crystal and on its interrupt pin. Take the # from yours, or name it to the doctor:
 # --overlay mcp251xfd,spi0-0,interrupt=25
 # config_line 'dtoverlay=mcp2515-can0,oscillator=12000000,interrupt=25'      # Waveshare RS485 CAN HAT, 12 MHz
 # config_line 'dtoverlay=mcp2515-can0,oscillator=16000000,interrupt=23'      # Waveshare 2-CH CAN HAT, first bus, 16 MHz
-# config_line 'dtoverlay=mcp251xfd,spi0-0,interrupt=25'                      # MCP2518FD at the first chip select'''
-    return f'''
+# config_line 'dtoverlay=mcp251xfd,spi0-0,interrupt=25'                      # MCP2518FD at the first chip select"""
+    return f"""
 config_line 'dtparam=spi=on'
 {lines}
-{can_files(wants, "can*")}'''
+{can_files(wants, "can*")}"""
 
 
 def can(wants, findings):
@@ -187,10 +197,14 @@ def can(wants, findings):
 
 
 def can_files(wants, names, downs=""):
-    """A unit for systemd-networkd, which sets the bitrate and brings the interface up; and the queue, which it does not know everywhere."""
+    """A unit for systemd-networkd, which sets the bitrate and brings the interface up; and the queue, which it does not
+    know everywhere.
+    """
     queues = "\n".join(
-        f'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="{name}", ATTR{{tx_queue_len}}="{wants.queue}"' for name in names.split())
-    return f'''
+        f'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="{name}", ATTR{{tx_queue_len}}="{wants.queue}"'
+        for name in names.split()
+    )
+    return f"""
 # {speed(wants.bitrate)}, back {wants.restart} ms after a bus-off, and room for {wants.queue} frames: those of a tick, none that is old.
 put /etc/systemd/network/80-tickwork-can.network <<'END'
 [Match]
@@ -215,7 +229,7 @@ if ! systemctl -q is-enabled systemd-networkd 2>/dev/null; then
     run systemctl disable systemd-networkd-wait-online || true
 fi
 run systemctl restart systemd-networkd
-'''.replace("\n\nif !", "\nif !")
+""".replace("\n\nif !", "\nif !")
 
 
 def membership(wants, findings):
@@ -227,7 +241,7 @@ def membership(wants, findings):
 def i2c(wants, findings):
     if findings[0].subject != "root":
         return membership(wants, findings)
-    return '''
+    return """
 if ! getent group i2c >/dev/null; then run groupadd i2c; fi
 run usermod -aG i2c "$user"
 put /etc/udev/rules.d/90-tickwork-i2c.rules <<'END'
@@ -235,50 +249,61 @@ SUBSYSTEM=="i2c-dev", GROUP="i2c", MODE="0660"
 END
 run udevadm control --reload
 run udevadm trigger --subsystem-match=i2c-dev
-'''
+"""
 
 
 def serial(wants, findings):
     if findings[0].subject != "root":
         return membership(wants, findings)
-    return '''
+    return """
 run usermod -aG dialout "$user"
 put /etc/udev/rules.d/90-tickwork-serial.rules <<'END'
 SUBSYSTEM=="tty", KERNEL=="ttyUSB*|ttyACM*|ttyAMA*|ttyTHS*", GROUP="dialout", MODE="0660"
 END
 run udevadm control --reload
 run udevadm trigger --subsystem-match=tty
-'''
+"""
 
 
 def ftdi(wants, findings):
-    return '''
+    return """
 put /etc/udev/rules.d/90-tickwork-ftdi.rules <<'END'
 ACTION=="add|change", SUBSYSTEM=="usb-serial", DRIVER=="ftdi_sio", ATTR{latency_timer}="1"
 END
 run udevadm control --reload
 run udevadm trigger --subsystem-match=usb-serial
-'''
+"""
 
 
 def modems(wants, findings):
-    return '''
+    return """
 put /etc/udev/rules.d/90-tickwork-modems.rules <<'END'
 SUBSYSTEM=="tty", KERNEL=="ttyACM*|ttyUSB*", ENV{ID_MM_PORT_IGNORE}="1"
 END
 run udevadm control --reload
 run udevadm trigger --subsystem-match=tty
 run systemctl try-restart ModemManager
-'''
+"""
 
 
 def i2c_speed(wants, findings):
-    return '''
+    return """
 config_line 'dtparam=i2c_arm_baudrate=400000'
-'''
+"""
 
 
 PARTS = {
-    "limits": limits, "share": share, "governor": governor, "power mode": power_mode, "clocks": clocks, "overlay": overlay,
-    "modules": modules, "can": can, "serial": serial, "ftdi": ftdi, "modems": modems, "i2c": i2c, "i2c speed": i2c_speed,
+    "limits": limits,
+    "share": share,
+    "governor": governor,
+    "power mode": power_mode,
+    "clocks": clocks,
+    "overlay": overlay,
+    "modules": modules,
+    "can": can,
+    "serial": serial,
+    "ftdi": ftdi,
+    "modems": modems,
+    "i2c": i2c,
+    "i2c speed": i2c_speed,
 }

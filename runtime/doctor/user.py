@@ -4,7 +4,7 @@ from runtime.doctor.finding import OK, UNKNOWN, WORSE, Finding
 from runtime.realtime import LIMITS_FILE, PRIORITY
 from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
 
-NEEDED_MEMORY = 512 << 20       # bytes: a run with its libraries, and what it grows by
+NEEDED_MEMORY = 512 << 20  # bytes: a run with its libraries, and what it grows by
 AGAIN = "then log in again"
 
 
@@ -15,9 +15,13 @@ def rtprio(machine, wants):
     if limit is None or limit >= PRIORITY:
         return Finding("rtprio", OK, f"{machine.user} may have priorities up to {99 if limit is None else limit}")
     return Finding(
-        "rtprio", WORSE, f"the limit of {machine.user} is {limit}",
+        "rtprio",
+        WORSE,
+        f"the limit of {machine.user} is {limit}",
         "without real-time priority any busy program delays the loop by milliseconds",
-        f"put `{machine.user} - rtprio 90` into {LIMITS_FILE}, {AGAIN}", "limits")
+        f"put `{machine.user} - rtprio 90` into {LIMITS_FILE}, {AGAIN}",
+        "limits",
+    )
 
 
 def memlock(machine, wants):
@@ -25,11 +29,19 @@ def memlock(machine, wants):
         return Finding("memlock", OK, f"{machine.user} may lock any amount of memory")
     limit = machine.limit("Max locked memory")
     if limit is None or limit >= NEEDED_MEMORY:
-        return Finding("memlock", OK, f"{machine.user} may lock {'any amount' if limit is None else f'{limit >> 20} MiB'} of memory")
+        return Finding(
+            "memlock",
+            OK,
+            f"{machine.user} may lock {'any amount' if limit is None else f'{limit >> 20} MiB'} of memory",
+        )
     return Finding(
-        "memlock", WORSE, f"the limit of {machine.user} is {limit >> 10} KiB",
+        "memlock",
+        WORSE,
+        f"the limit of {machine.user} is {limit >> 10} KiB",
         "memory that is not locked can be missing in the middle of a tick",
-        f"put `{machine.user} - memlock unlimited` into {LIMITS_FILE}, {AGAIN}", "limits")
+        f"put `{machine.user} - memlock unlimited` into {LIMITS_FILE}, {AGAIN}",
+        "limits",
+    )
 
 
 def control_group(machine, wants):
@@ -37,9 +49,14 @@ def control_group(machine, wants):
     if file is None:
         return None
     return Finding(
-        "control group", WORSE, f"{file} is 0",
+        "control group",
+        WORSE,
+        f"{file} is 0",
         "the kernel divides real-time among groups, and this one got none: real-time priority is refused",
-        "sudo sysctl -w kernel.sched_rt_runtime_us=-1", "share", "-1")
+        "sudo sysctl -w kernel.sched_rt_runtime_us=-1",
+        "share",
+        "-1",
+    )
 
 
 def groups(machine, wants):
@@ -50,9 +67,12 @@ def groups(machine, wants):
     coming = [name for name in names if machine.user in (machine.members(name) or []) and name not in machine.groups]
     if coming:
         return Finding(
-            "groups", WORSE, f"{machine.user} is in {', '.join(coming)} from the next login on",
+            "groups",
+            WORSE,
+            f"{machine.user} is in {', '.join(coming)} from the next login on",
             "this session does not have what these groups may use",
-            "log in again (a desktop session: restart)")
+            "log in again (a desktop session: restart)",
+        )
     return Finding("groups", OK, f"{machine.user} is in {', '.join(machine.groups)}")
 
 

@@ -1,4 +1,6 @@
-"""The interfaces behind the buses of a plant: opened as the robot's are, without a guardian, since nothing on them moves anything."""
+"""The interfaces behind the buses of a plant: opened as the robot's are, without a guardian, since nothing on them
+moves anything.
+"""
 
 import json
 import os
@@ -18,8 +20,8 @@ from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused, RigError, Trouble
 
-READY_TIMEOUT = 30.0            # s
-ONE_MACHINE = ("udp_multicast",)        # kinds of python-can whose nodes are programs
+READY_TIMEOUT = 30.0  # s
+ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are programs
 
 
 class PlantBuses:
@@ -56,18 +58,28 @@ class PlantBuses:
     def open(self, bus, machine):
         """What stands behind one bus: a SocketCan, a Line, or a MemoryBus that nobody hears."""
         if bus.interface in ONE_PROCESS:
-            raise Refused(Trouble(
-                "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside of one process",
-                "take udp_multicast, or vcan, whose nodes are processes of this machine"))
+            raise Refused(
+                Trouble(
+                    "TW105",
+                    f"[bus.{bus.name}] interface = {bus.interface!r} has no nodes outside of one process",
+                    "take udp_multicast, or vcan, whose nodes are processes of this machine",
+                )
+            )
         if bus.interface == UDP:
-            self.remarks.append(f"{self.rig.path}: [bus.{bus.name}] is UDP: who sends there is not emulated; start the sender itself")
+            self.remarks.append(
+                f"{self.rig.path}: [bus.{bus.name}] is UDP: who sends there is not emulated; start the sender itself"
+            )
             return MemoryBus()
         try:
             self.locks.append(BusLock(f"emulator/{bus.interface}", bus.channel))
         except BusTaken as taken:
-            raise Refused(Trouble(
-                "TW107", f"[bus.{bus.name}] {bus.channel} has an emulator: {taken.owner}",
-                "end that one first: two would answer every frame twice")) from None
+            raise Refused(
+                Trouble(
+                    "TW107",
+                    f"[bus.{bus.name}] {bus.channel} has an emulator: {taken.owner}",
+                    "end that one first: two would answer every frame twice",
+                )
+            ) from None
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             self.real += [bus.channel] * (bus.interface not in ONE_MACHINE)
@@ -81,23 +93,45 @@ class PlantBuses:
         """Start the process that has python-can's interfaces. Returns a Trouble for each that cannot be opened."""
         buses = [self.rig.buses[name] for name in self.carried]
         plan = [
-            {"name": bus.name, "interface": bus.interface, "channel": bus.channel, "bitrate": bus.bitrate, "fd": bus.fd, "options": bus.options}
-            for bus in buses]
+            {
+                "name": bus.name,
+                "interface": bus.interface,
+                "channel": bus.channel,
+                "bitrate": bus.bitrate,
+                "fd": bus.fd,
+                "options": bus.options,
+            }
+            for bus in buses
+        ]
         self.carrier = Carrier(self.lines, self.bell, self.locks)
         return [
-            Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
-            for name, why in self.carrier.configure(plan).items()]
+            Trouble(
+                "TW119",
+                f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
+                SEE_PYTHON_CAN,
+            )
+            for name, why in self.carrier.configure(plan).items()
+        ]
 
     def ends(self):
         """The plant's end of each bus, in the schedule's order."""
-        return [self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end for name in self.names]
+        return [
+            self.cans[name].host if isinstance(self.cans[name], MemoryBus) else self.cans[name].end
+            for name in self.names
+        ]
 
     def explain(self, name):
         """Why a bus has failed."""
         trouble = self.cans[name].trouble
         if name in self.carried and self.carrier is not None and not self.carrier.alive:
             return "the process that carries its frames has ended"
-        return trouble if isinstance(trouble, str) else os.strerror(trouble) if trouble and trouble > 0 else "it takes no frames"
+        return (
+            trouble
+            if isinstance(trouble, str)
+            else os.strerror(trouble)
+            if trouble and trouble > 0
+            else "it takes no frames"
+        )
 
     def close(self):
         if self.carrier is not None:
@@ -115,7 +149,9 @@ class Carrier(ChildProcess):
     """The process that has python-can's interfaces; it ends when this one does, or on `close`."""
 
     def __init__(self, lines, bell, locks):
-        super().__init__("runtime.emulation.carrier", (lines.fd, bell), (lines.fd, bell, *(lock.fileno() for lock in locks)))
+        super().__init__(
+            "runtime.emulation.carrier", (lines.fd, bell), (lines.fd, bell, *(lock.fileno() for lock in locks))
+        )
 
     def configure(self, plan):
         """Have the buses opened. Returns {name: why not}; BadInput if the process says nothing."""

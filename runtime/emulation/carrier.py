@@ -1,4 +1,6 @@
-"""A process that carries frames between the rings of an emulator and python-can's interfaces, until the emulator ends."""
+"""A process that carries frames between the rings of an emulator and python-can's interfaces, until the emulator
+ends.
+"""
 
 import errno
 import json
@@ -11,8 +13,8 @@ from contextlib import suppress
 from cext.rings import Lines
 from runtime.guardian.wires import CannotOpen, open_wire
 
-ORDERS = 0                      # standard input
-REST = 1                        # ms between looks at an interface that has nothing to poll
+ORDERS = 0  # standard input
+REST = 1  # ms between looks at an interface that has nothing to poll
 NAME = "tickwork-plant"
 
 

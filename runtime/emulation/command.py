@@ -28,7 +28,9 @@ def main(arguments):
     terminals = on_terminals(robot, schedule)
     stranger = next((name for name in schedule.buses if name not in rig.buses and name not in terminals), None)
     if stranger is not None:
-        raise BadInput(f"{options.rig}: the plant emulates a device on bus {stranger!r}, and the rig has no [bus.{stranger}]")
+        raise BadInput(
+            f"{options.rig}: the plant emulates a device on bus {stranger!r}, and the rig has no [bus.{stranger}]"
+        )
     buses = PlantBuses(rig, [name for name in schedule.buses if name not in terminals])
     lines = PtyLines(terminals, options.lines)
     try:
@@ -48,14 +50,33 @@ def main(arguments):
 
 
 def parse(arguments):
-    parser = Parser("emulate", "Play the plant of a diagram on the real buses of a rig, for a robot that another terminal runs there.")
-    parser.add_argument("file", type=Path, metavar="FILE", help="the robot's diagram file; its plant(), or every device emulated")
+    parser = Parser(
+        "emulate",
+        "Play the plant of a diagram on the real buses of a rig, for a robot that another terminal runs there.",
+    )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="the robot's diagram file; its plant(), or every device emulated"
+    )
     parser.add_argument("--rig", type=Path, metavar="FILE", required=True, help="the rig file that the robot runs with")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`: mass=2.8")
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S",
-                        help="end after S seconds (default: Ctrl-C)")
-    add_bitrate(parser, "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)")
-    parser.add_argument("--lines", type=Path, metavar="DIR", help="an existing folder for links to the terminals of sensors on serial lines")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`: mass=2.8"
+    )
+    parser.add_argument(
+        "--duration",
+        type=number("--duration", "seconds", LONGEST),
+        metavar="S",
+        help="end after S seconds (default: Ctrl-C)",
+    )
+    add_bitrate(
+        parser,
+        "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)",
+    )
+    parser.add_argument(
+        "--lines",
+        type=Path,
+        metavar="DIR",
+        help="an existing folder for links to the terminals of sensors on serial lines",
+    )
     parser.add_argument("--yes", action="store_true", help="on real CAN: no real drive is there, do not ask")
     return parser.parse_args(arguments)
 
@@ -66,7 +87,12 @@ def consent(real, given):
         return
     if not (sys.stdin is not None and sys.stdin.isatty()):
         raise BadInput(f"{', '.join(real)}: real drives may be there, and {SIDE_BY_SIDE}; where none is, say --yes")
-    complain([f"{', '.join(real)}: take every real drive off first: {SIDE_BY_SIDE}", "Enter: there is none; Ctrl-C ends this"])
+    complain(
+        [
+            f"{', '.join(real)}: take every real drive off first: {SIDE_BY_SIDE}",
+            "Enter: there is none; Ctrl-C ends this",
+        ]
+    )
     if sys.stdin.readline() == "":
         raise BadInput("nobody has said that no real drive is there")
 
@@ -76,8 +102,11 @@ def introduction(options, diagram, schedule, rig, given, serial):
     lines = [f"{schedule.name}: {kind}, at {schedule.rate:g} Hz"]
     for index, name in enumerate(schedule.buses):
         here = [diagram[device.name] for device in schedule.devices if device.bus == index]
-        lines.append(f"  {name:<12}terminal {serial.paths[name]}" if name in serial.paths else
-                     f"  {name:<12}{rig.buses[name].interface} {rig.buses[name].channel}")
+        lines.append(
+            f"  {name:<12}terminal {serial.paths[name]}"
+            if name in serial.paths
+            else f"  {name:<12}{rig.buses[name].interface} {rig.buses[name].channel}"
+        )
         lines += [f"    {title(block)}" for block in here]
     found = f"TICKWORK_PORTS={':'.join(serial.paths.values())} " if serial.paths else ""
     return [*lines, f"in another terminal: {found}{program()} {options.file} --rig {options.rig}", "Ctrl-C ends it"]

@@ -8,7 +8,7 @@ from cext.streams import Streams
 from graph import StreamDevice
 
 
-SERIAL = ("serial", "microstrain")          # kinds of line that a terminal can stand for
+SERIAL = ("serial", "microstrain")  # kinds of line that a terminal can stand for
 
 
 def on_terminals(robot, schedule):
@@ -18,8 +18,8 @@ def on_terminals(robot, schedule):
 
 
 class PtyLines:
-    """
-    names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start, or None
+    """names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start,
+    or None
 
     paths : {name: what the robot opens}
     """
@@ -29,7 +29,7 @@ class PtyLines:
         for name in names:
             master, slave = os.openpty()
             tty.setraw(slave)
-            self.kept.append(slave)                 # a terminal that nobody has open hangs up
+            self.kept.append(slave)  # a terminal that nobody has open hangs up
             self.paths[name] = os.ttyname(slave)
             self.lines[name] = self.streams.add(master, name)
             os.close(master)
@@ -40,7 +40,7 @@ class PtyLines:
     def link(self, link, name):
         fresh = link.with_name(f".{link.name}.{os.getpid()}")
         fresh.symlink_to(self.paths[name])
-        fresh.replace(link)                         # of an emulator that was killed
+        fresh.replace(link)  # of an emulator that was killed
         self.paths[name] = str(link)
         self.links.append(link)
 

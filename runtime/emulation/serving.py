@@ -1,4 +1,6 @@
-"""A plant that runs in real time on its buses until somebody ends it, with a line on the terminal that says how it goes."""
+"""A plant that runs in real time on its buses until somebody ends it, with a line on the terminal that says how it
+goes.
+"""
 
 import threading
 from contextlib import contextmanager
@@ -9,9 +11,9 @@ from cext.program import Program
 from cext.timed_bus import SlowBus
 from runtime.recorder.terminal import Terminal
 
-REFRESH = 0.2                   # s
-ROOM = 1 << 16                  # bytes of the ring, which nobody reads
-BEHIND = 100                    # steps that are made up for when the machine was elsewhere
+REFRESH = 0.2  # s
+ROOM = 1 << 16  # bytes of the ring, which nobody reads
+BEHIND = 100  # steps that are made up for when the machine was elsewhere
 
 
 class Service:
@@ -61,5 +63,7 @@ class Service:
 def line(before, now, rate):
     """How it goes. before, now : statistics that are REFRESH apart"""
     heard, said = ((now["frames"][kind] - before["frames"][kind]) / REFRESH for kind in ("received", "sent"))
-    return (f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {heard:.0f} frames/s heard, {said:.0f} answered · "
-            f"late {now['lateness']['p99'] * 1e6:.0f} µs · missed {now['missed']} · Ctrl-C ends it")
+    return (
+        f"emulating {(now['last_tick'] + 1) / rate:.1f} s · {heard:.0f} frames/s heard, {said:.0f} answered · "
+        f"late {now['lateness']['p99'] * 1e6:.0f} µs · missed {now['missed']} · Ctrl-C ends it"
+    )

@@ -7,19 +7,24 @@
 
 The plan is a dict that JSON can carry:
 
-    buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None where the loop drives
+    buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None
+    where the loop drives
                 the bus itself)
-    devices     of each: name, bus (index), zero and disable as [id, data], unanswered (how many frames of disable are), replies as
-                [id, mask, first digits], damp (as below, or None); data in hex digits, ids with the flag bits of struct can_frame
-    damp        duration and round in s, acceleration in rad/s², bands as [highest speed in rad/s or None, frames as above], velocity:
+    devices     of each: name, bus (index), zero and disable as [id, data], unanswered (how many frames of disable are),
+    replies as
+                [id, mask, first digits], damp (as below, or None); data in hex digits, ids with the flag bits of struct
+                can_frame
+    damp        duration and round in s, acceleration in rad/s², bands as [highest speed in rad/s or None, frames as
+    above], velocity:
                 the fields of graph.ReplyField with frames like replies, or None
-    relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex digits, sent in turn), hold in s
-    items       what a tick can hang with, by the numbers that the watchdog of the loop puts on the page
-    limit       s without a tick after which the loop counts as stalled
-    priority    of SCHED_FIFO, or None
+    relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex
+    digits, sent in turn), hold in s items       what a tick can hang with, by the numbers that the watchdog of the loop
+    puts on the page limit       s without a tick after which the loop counts as stalled priority    of SCHED_FIFO, or
+    None
 
-The guardian writes on the page when it has looked last, and holds a mutex there: where its look is longer ago than GUARDIAN_SILENCE, or its
-thread has died, the loop ends the run. The actuators on buses that the guardian carried are then stopped from here, by `take_over`.
+The guardian writes on the page when it has looked last, and holds a mutex there: where its look is longer ago than
+GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The actuators on buses that the guardian carried are
+then stopped from here, by `take_over`.
 """
 
 import json
@@ -39,9 +44,9 @@ from runtime.guardian import control_group
 from runtime.guardian.stopping import SafeStop, decoded
 from runtime.guardian.wires import CannotOpen, open_wire
 
-READY_TIMEOUT = 30.0        # s
-LEAVE_TIMEOUT = 5.0         # s
-FLAGS = 0xE0000000          # of struct can_frame: extended, remote, error
+READY_TIMEOUT = 30.0  # s
+LEAVE_TIMEOUT = 5.0  # s
+FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
 class GuardianError(Exception):
@@ -66,10 +71,15 @@ class GuardianProcess(ChildProcess):
     """
 
     def __init__(self, page, lines, bell, locks, lines_of_relays=()):
-        page.take_hold()                                # before anybody waits for it
+        page.take_hold()  # before anybody waits for it
         self._page = page
-        inherited = (page.fd, *([bell] if bell >= 0 else ()), *([lines.fd] if lines is not None else ()), *(lock.fileno() for lock in locks),
-                     *lines_of_relays)
+        inherited = (
+            page.fd,
+            *([bell] if bell >= 0 else ()),
+            *([lines.fd] if lines is not None else ()),
+            *(lock.fileno() for lock in locks),
+            *lines_of_relays,
+        )
         super().__init__("runtime.guardian.process", (page.fd, -1 if lines is None else lines.fd, bell), inherited)
         self.granted, self._group = [], None
         self._plan = None
@@ -80,7 +90,7 @@ class GuardianProcess(ChildProcess):
         try:
             self._child.stdin.write(json.dumps(plan).encode() + b"\n")
             self._child.stdin.flush()
-            import_interfaces(plan["buses"])            # meanwhile: `take_over` has no time for it
+            import_interfaces(plan["buses"])  # meanwhile: `take_over` has no time for it
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -88,13 +98,16 @@ class GuardianProcess(ChildProcess):
             answer = {"troubles": {}}
         if answer is None or "troubles" in answer:
             how = self.kill()
-            raise GuardianError(f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {}))
+            raise GuardianError(
+                f"the guardian was not ready ({how}); nothing was armed", (answer or {}).get("troubles", {})
+            )
         self.granted, self._group = answer["granted"], answer["group"]
 
     def finish(self):
         """The run is over: let it go. Returns its report.
 
-        stop : what it has done on its own, None if nothing: `because` is "died", "stalled" or "hung"; `silent`, `took` in s;
+        stop : what it has done on its own, None if nothing: `because` is "died", "stalled" or "hung"; `silent`, `took`
+        in s;
                `last_tick`; `block`, where one hung; `confirmed`, `unconfirmed` are names of devices
         troubles : {bus: why it failed}
         died : how it ended, where it did not last to the end
@@ -132,7 +145,7 @@ class GuardianProcess(ChildProcess):
 
         Returns (how the guardian ended, {bus: why it could not be opened}, the report of the stop).
         """
-        self._child.kill()                              # it is reaped below, once the actuators are stopped
+        self._child.kill()  # it is reaped below, once the actuators are stopped
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._page.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
@@ -147,7 +160,14 @@ class GuardianProcess(ChildProcess):
         stop = SafeStop(devices, wires, now, relays=[Relay(relay, now) for relay in self._plan["relays"]])
         for index, wire in wires.items():
             if self._plan["buses"][index]["line"] is None:
-                wire.listen([reply for device in devices if device["bus"] == index for reply in device["replies"] + device["speeds"]])
+                wire.listen(
+                    [
+                        reply
+                        for device in devices
+                        if device["bus"] == index
+                        for reply in device["replies"] + device["speeds"]
+                    ]
+                )
         drained = stop.began
         while not stop.over:
             stop.step(time.monotonic_ns())
@@ -163,7 +183,9 @@ class GuardianProcess(ChildProcess):
 
 
 def import_interfaces(buses):
-    """Import what `open_wire` needs for the buses that the guardian carries. An interface that cannot be imported is reported by the guardian."""
+    """Import what `open_wire` needs for the buses that the guardian carries. An interface that cannot be imported is
+    reported by the guardian.
+    """
     for bus in buses:
         if bus["line"] is not None:
             with suppress(Exception):
@@ -177,18 +199,30 @@ def ending(code):
 
 
 def plan(buses, schedule, diagram, priority, relays=()):
-    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None; relays : as above"""
-    place = {bus: number for number, bus in enumerate(index for index, medium in enumerate(schedule.media) if medium == "can")}
+    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None; relays :
+    as above
+    """
+    place = {
+        bus: number
+        for number, bus in enumerate(index for index, medium in enumerate(schedule.media) if medium == "can")
+    }
     return {
         "buses": buses,
         "devices": [
             {
-                "name": device.name, "bus": place[device.bus], "zero": told(device.zero), "disable": told(device.disable),
-                "damp": damping(device.damp), "unanswered": device.unanswered,
-                "replies": [[flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
-                            for wanted, mask, extended, begin in diagram[device.name].replies()],
+                "name": device.name,
+                "bus": place[device.bus],
+                "zero": told(device.zero),
+                "disable": told(device.disable),
+                "damp": damping(device.damp),
+                "unanswered": device.unanswered,
+                "replies": [
+                    [flagged(wanted, extended), mask | FLAGS, begin if isinstance(begin, str) else begin.hex()]
+                    for wanted, mask, extended, begin in diagram[device.name].replies()
+                ],
             }
-            for device in schedule.devices if device.bus in place
+            for device in schedule.devices
+            if device.bus in place
         ],
         "relays": list(relays),
         "items": names(schedule),
@@ -202,11 +236,23 @@ def damping(stop):
     if stop is None:
         return None
     field = stop.velocity
-    velocity = None if field is None else vars(field) | {
-        "frames": [[flagged(wanted, extended), mask | FLAGS, begin.hex()] for wanted, mask, extended, begin in field.frames]}
+    velocity = (
+        None
+        if field is None
+        else vars(field)
+        | {
+            "frames": [
+                [flagged(wanted, extended), mask | FLAGS, begin.hex()] for wanted, mask, extended, begin in field.frames
+            ]
+        }
+    )
     return {
-        "duration": stop.duration, "round": stop.round, "acceleration": stop.acceleration, "velocity": velocity,
-        "bands": [[None if speed == math.inf else speed, told(frames)] for speed, frames in stop.bands]}
+        "duration": stop.duration,
+        "round": stop.round,
+        "acceleration": stop.acceleration,
+        "velocity": velocity,
+        "bands": [[None if speed == math.inf else speed, told(frames)] for speed, frames in stop.bands],
+    }
 
 
 def told(frames):

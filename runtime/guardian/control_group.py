@@ -1,8 +1,9 @@
 """A control group for the guardian alone, outside of the group of its run.
 
-systemd stops a unit, and systemd-oomd frees memory, by killing every process of one control group and of those below it. `enter` moves the calling
-process out of the group in which the run was started, as far up the hierarchy (version 2) as the system permits: root may use all of it, and
-a process below user@UID.service that part. Elsewhere the guardian stays where it is.
+systemd stops a unit, and systemd-oomd frees memory, by killing every process of one control group and of those below
+it. `enter` moves the calling process out of the group in which the run was started, as far up the hierarchy (version 2)
+as the system permits: root may use all of it, and a process below user@UID.service that part. Elsewhere the guardian
+stays where it is.
 
 An empty group is left behind only where both the guardian and the run are killed; the next guardian removes it.
 """
@@ -17,12 +18,14 @@ PREFIX = "tickwork-guardian-"
 
 
 def enter():
-    """Move this process into a group of its own. Returns (its folder, the folder of the group it came from), or None."""
+    """Move this process into a group of its own. Returns (its folder, the folder of the group it came from), or
+    None.
+    """
     top, before = hierarchy(), group_of("self")
     if top is None or before is None:
         return None
     came_from = top / before
-    for parent in [*reversed(came_from.parents)][len(top.parents):] or [top]:
+    for parent in [*reversed(came_from.parents)][len(top.parents) :] or [top]:
         remove_stale(parent)
         own = parent / f"{PREFIX}{os.getpid()}"
         with suppress(OSError):
@@ -34,7 +37,9 @@ def enter():
 
 
 def leave(own, came_from):
-    """Move this process back, and remove its own group. Where the group it came from has gone, another process has to remove it."""
+    """Move this process back, and remove its own group. Where the group it came from has gone, another process has to
+    remove it.
+    """
     if move_here(came_from):
         remove(own)
 
@@ -63,7 +68,9 @@ def hierarchy():
 
 
 def group_of(process):
-    """Path of a process's group in the hierarchy, without a slash in front; None where it is outside of what this process may see."""
+    """Path of a process's group in the hierarchy, without a slash in front; None where it is outside of what this
+    process may see.
+    """
     for line in read(f"/proc/{process}/cgroup").splitlines():
         number, _, path = line.split(":", 2)
         if number == "0" and ".." not in path.split("/"):

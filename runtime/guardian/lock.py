@@ -1,7 +1,7 @@
 """One controller for each bus: a lock that ends with whoever holds it, kill -9 included, and names its process.
 
-It is a socket in Linux's abstract namespace that listens and never answers: there is no file that could be left behind. The guardian
-inherits it, so that a bus is not free before its actuators are stopped.
+It is a socket in Linux's abstract namespace that listens and never answers: there is no file that could be left behind.
+The guardian inherits it, so that a bus is not free before its actuators are stopped.
 """
 
 import errno
@@ -14,8 +14,8 @@ import time
 
 from cext.thresholds import BUS_LOCK_RELEASE_LIMIT
 
-NAME_BYTES = 80                 # at most; the system takes 107
-CREDENTIALS = struct.Struct("iII")        # struct ucred: pid, uid, gid
+NAME_BYTES = 80  # at most; the system takes 107
+CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
 
 
 class BusTaken(Exception):
@@ -63,15 +63,17 @@ class BusLock:
 
 
 def name_of(interface, channel):
-    channel = os.path.realpath(channel) if os.path.exists(channel) else channel        # two links to one port are one bus
+    channel = os.path.realpath(channel) if os.path.exists(channel) else channel  # two links to one port are one bus
     name = f"tickwork/bus/{interface}/{channel}".encode()
     if len(name) > NAME_BYTES:
-        name = name[:NAME_BYTES - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
+        name = name[: NAME_BYTES - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
     return b"\0" + name
 
 
 def holder(name):
-    """(process, account) that listens at a name, as numbers; 0 and None if the system does not tell. None if there is none by now."""
+    """(process, account) that listens at a name, as numbers; 0 and None if the system does not tell. None if there is
+    none by now.
+    """
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
         visitor.setblocking(False)
         try:

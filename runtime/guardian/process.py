@@ -1,9 +1,11 @@
 """The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
 
-    watch       the control process by its loop's hold on the page and by its pidfd (death), its loop by the time of its newest tick on the
+    watch       the control process by its loop's hold on the page and by its pidfd (death), its loop by the time of its
+    newest tick on the
                 page (stall), and by what stands there of a block that hangs or crashes
-    stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed or 200 ms have passed
-    carry       frames between the rings and the interfaces that are ours; behind the fence none but those of the safe stop
+    stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed
+    or 200 ms have passed carry       frames between the rings and the interfaces that are ours; behind the fence none
+    but those of the safe stop
 
 It ends with the control process, or when that says so. Signals do not end it.
 """
@@ -31,13 +33,15 @@ from runtime.guardian.stopping import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
 from runtime.system import CAP_IPC_LOCK, capable
 
-ORDERS = 0                      # standard input
+ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")
 NAME = "tickwork-guard"
 
 
 def main(answers, control, page, lines, bell):
-    """The process. File descriptors: of the pipe for answers, a pidfd of the control process, the page, the lines or -1, the bell or -1."""
+    """The process. File descriptors: of the pipe for answers, a pidfd of the control process, the page, the lines or
+    -1, the bell or -1.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     with open("/proc/self/comm", "w") as file:
@@ -51,11 +55,12 @@ class Guardian:
     def __init__(self, page, lines, bell, answers, control):
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.heard = b""
-        self.released = self.dead = self.gone = self.told = False   # dead: its loop; gone: all of the process, which may take it 20 ms more
+        # dead: its loop; gone: all of the process, which may take it 20 ms more
+        self.released = self.dead = self.gone = self.told = False
         self.stop = self.verdict = self.mourner = self.groups = None
-        self.stuck_at = None            # ns at which to look whether what hangs still does
+        self.stuck_at = None  # ns at which to look whether what hangs still does
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
-        self.drained = {}               # ns, by the index of a wire: everything that came earlier has been read
+        self.drained = {}  # ns, by the index of a wire: everything that came earlier has been read
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
@@ -68,7 +73,11 @@ class Guardian:
             return False
         line, _, self.heard = self.heard.partition(b"\n")
         plan = json.loads(line)
-        self.buses, self.devices, self.limit = plan["buses"], [decoded(device) for device in plan["devices"]], int(plan["limit"] * 1e9)
+        self.buses, self.devices, self.limit = (
+            plan["buses"],
+            [decoded(device) for device in plan["devices"]],
+            int(plan["limit"] * 1e9),
+        )
         self.items, self.relays = plan["items"], plan["relays"]
         self.harmless = {(device["bus"], *frame) for device in self.devices for frame in frames_of_stop(device)}
         troubles = {}
@@ -80,7 +89,9 @@ class Guardian:
         if troubles:
             self.answer({"troubles": troubles})
             return False
-        self.carried = [(index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None]
+        self.carried = [
+            (index, bus["line"], self.wires[index]) for index, bus in enumerate(self.buses) if bus["line"] is not None
+        ]
         self.restless = any(wire.fileno() is None for _, _, wire in self.carried)
         self.places = {wire.fileno(): index for index, _, wire in self.carried if wire.fileno() is not None}
         for descriptor in self.places:
@@ -102,9 +113,10 @@ class Guardian:
             now = time.monotonic_ns()
             self.page.look_after(now)
             if now - looked > self.limit // 2:
-                grace = now + GUARDIAN_LOOK_PERIOD          # we were away ourselves: so, perhaps, was the whole machine
+                grace = now + GUARDIAN_LOOK_PERIOD  # we were away ourselves: so, perhaps, was the whole machine
             looked = now
-            if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):         # the page says so: no grace
+            # the page says so: no grace
+            if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
                 self.judge(now)
             self.carry()
             if self.stop is not None and not self.told:
@@ -132,7 +144,7 @@ class Guardian:
                     os.eventfd_read(self.bell)
             elif descriptor in self.places:
                 self.receive(self.places[descriptor])
-                if event & select.POLLHUP or not event & select.POLLIN:           # it is gone
+                if event & select.POLLHUP or not event & select.POLLIN:  # it is gone
                     self.poll.unregister(descriptor)
                     self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
             elif descriptor == self.control:
@@ -164,17 +176,28 @@ class Guardian:
     def begin_stop(self, because, silent, now):
         self.page.raise_fence()
         self.verdict = {
-            "event": "guardian", "because": because, "silent": silent * 1e-9, "state": self.page.state,
-            "last_tick": self.page.statistics()["last_tick"]}
+            "event": "guardian",
+            "because": because,
+            "silent": silent * 1e-9,
+            "state": self.page.state,
+            "last_tick": self.page.statistics()["last_tick"],
+        }
         if self.page.hung is not None:
             self.verdict["block"] = self.block()
         if self.page.crashed:
             self.verdict["signal"] = signal.Signals(self.page.crashed).name
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
-                wire.listen([reply for device in self.devices if device["bus"] == index for reply in device["replies"] + device["speeds"]])
+                wire.listen(
+                    [
+                        reply
+                        for device in self.devices
+                        if device["bus"] == index
+                        for reply in device["replies"] + device["speeds"]
+                    ]
+                )
             else:
-                self.receive(index)                     # answers to what came before confirm nothing
+                self.receive(index)  # answers to what came before confirm nothing
             self.drained[index] = time.monotonic_ns()
         relays = [Relay(relay, now - silent) for relay in self.relays]
         self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
@@ -225,7 +248,9 @@ class Guardian:
                     self.drained[index] = before
 
     def tell(self):
-        """Once it is done, say what was done: on standard error, and in the recording where its ring has no other writer any more."""
+        """Once it is done, say what was done: on standard error, and in the recording where its ring has no other
+        writer any more.
+        """
         if not self.stop.over:
             return
         self.told = True
@@ -243,9 +268,16 @@ class Guardian:
         if self.verdict is not None and self.gone:
             self.page.push(RECORD_EVENT, json.dumps(self.verdict).encode())
         self.page.look_after(0)
-        self.answer({
-            "stop": self.verdict,
-            "troubles": {self.buses[index]["name"]: wire.trouble[1] for index, wire in self.wires.items() if wire.trouble is not None}})
+        self.answer(
+            {
+                "stop": self.verdict,
+                "troubles": {
+                    self.buses[index]["name"]: wire.trouble[1]
+                    for index, wire in self.wires.items()
+                    if wire.trouble is not None
+                },
+            }
+        )
         for wire in self.wires.values():
             wire.close()
         if self.groups is not None:
@@ -265,7 +297,9 @@ def in_words(verdict):
         "hung": f"{verdict.get('block')} hangs: {verdict['silent'] * 1e3:.0f} ms after {tick} it has not come back",
         "stalled": f"the loop has stood still for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
-    done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(verdict["confirmed"])
+    done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(
+        verdict["confirmed"]
+    )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
     return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'nobody to tell'}"
 
@@ -294,7 +328,9 @@ def hold_on(priority):
             granted.append("memory locked")
     if priority is not None:
         with suppress(OSError):
-            for thread in threading.enumerate():        # those that hear an interface, too
-                os.sched_setscheduler(thread.native_id, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+            for thread in threading.enumerate():  # those that hear an interface, too
+                os.sched_setscheduler(
+                    thread.native_id, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)
+                )
             granted.append(f"SCHED_FIFO {priority}")
     return granted

@@ -5,7 +5,8 @@ import os
 import struct
 from contextlib import suppress
 
-GPIO_V2_LINE_SET_VALUES_IOCTL = 0xC010B40F      # of <linux/gpio.h>; two u64: values, and a mask of the lines that they are for
+# of <linux/gpio.h>; two u64: values, and a mask of the lines that they are for
+GPIO_V2_LINE_SET_VALUES_IOCTL = 0xC010B40F
 VALUES = struct.Struct("=QQ")
 
 
@@ -21,7 +22,9 @@ class Relay:
         self.changed, self.sent = changed, 0
 
     def change(self, now):
-        """Change the line once more, unless the relay may have dropped: no drive gets its power back. A line that is gone is left alone."""
+        """Change the line once more, unless the relay may have dropped: no drive gets its power back. A line that is
+        gone is left alone.
+        """
         if now - self.changed >= self.hold:
             return
         frame = self.frames[self.sent % 2]

@@ -1,6 +1,8 @@
-"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is up.
+"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is
+up.
 
-An actuator with `damp` is damped for its time before that, so that no joint drops its wearer: by frames for the speed that its replies report.
+An actuator with `damp` is damped for its time before that, so that no joint drops its wearer: by frames for the speed
+that its replies report.
 
 Answers look alike. Those in the first round may be to what was commanded before, so that they confirm nothing.
 """
@@ -29,7 +31,11 @@ class SafeStop:
         self.relays = relays
         self.wires, self.began, self.due, self.ended = wires, now, now, None
         self.waiting = {device["name"]: device for device in devices if device["zero"] or device["disable"]}
-        self.damped = {name: Damped(device["damp"], now) for name, device in self.waiting.items() if device["damp"] is not None and moving}
+        self.damped = {
+            name: Damped(device["damp"], now)
+            for name, device in self.waiting.items()
+            if device["damp"] is not None and moving
+        }
         self.disabling_due = now
         self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=0)
         self.asked = set()
@@ -95,8 +101,11 @@ class SafeStop:
     def report(self):
         """confirmed, unconfirmed : names; sent : frames; took : s"""
         return {
-            "confirmed": [name for name in self.order if name in self.confirmed], "unconfirmed": list(self.waiting), "sent": self.sent,
-            "took": ((self.ended or self.began) - self.began) * 1e-9}
+            "confirmed": [name for name in self.order if name in self.confirmed],
+            "unconfirmed": list(self.waiting),
+            "sent": self.sent,
+            "took": ((self.ended or self.began) - self.began) * 1e-9,
+        }
 
 
 class Damped:
@@ -104,8 +113,18 @@ class Damped:
 
     def __init__(self, damp, now):
         velocity = damp["velocity"]
-        field = None if velocity is None else SimpleNamespace(
-            **velocity | {"frames": [(wanted, mask, False, bytes.fromhex(first)) for wanted, mask, first in velocity["frames"]]})
+        field = (
+            None
+            if velocity is None
+            else SimpleNamespace(
+                **velocity
+                | {
+                    "frames": [
+                        (wanted, mask, False, bytes.fromhex(first)) for wanted, mask, first in velocity["frames"]
+                    ]
+                }
+            )
+        )
         bands = [(speed, [(identifier, False, data) for identifier, data in frames]) for speed, frames in damp["bands"]]
         self.bands = SpeedBands(bands, round(damp["round"] * 1e9), damp["acceleration"], field)
         self.end, self.due = now + round(damp["duration"] * 1e9), now
@@ -116,12 +135,21 @@ class Damped:
 
 
 def decoded(device):
-    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its velocity."""
+    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its
+    velocity.
+    """
     damp = device["damp"]
     if damp is not None:
-        damp = damp | {"bands": [(math.inf if speed is None else speed, in_bytes(frames)) for speed, frames in damp["bands"]]}
+        damp = damp | {
+            "bands": [(math.inf if speed is None else speed, in_bytes(frames)) for speed, frames in damp["bands"]]
+        }
     speeds = damp["velocity"]["frames"] if damp is not None and damp["velocity"] is not None else []
-    return device | {"zero": in_bytes(device["zero"]), "disable": in_bytes(device["disable"]), "damp": damp, "speeds": speeds}
+    return device | {
+        "zero": in_bytes(device["zero"]),
+        "disable": in_bytes(device["disable"]),
+        "damp": damp,
+        "speeds": speeds,
+    }
 
 
 def in_bytes(frames):
@@ -135,4 +163,6 @@ def frames_of_stop(device):
 
 
 def is_reply(device, identifier, data):
-    return any(identifier & mask == wanted & mask and re.match(begin, data.hex()) for wanted, mask, begin in device["replies"])
+    return any(
+        identifier & mask == wanted & mask and re.match(begin, data.hex()) for wanted, mask, begin in device["replies"]
+    )

@@ -1,9 +1,9 @@
 """Interfaces as the guardian has them: non-blocking, and never an exception once they are open.
 
-    receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data)
-    send(id, data)  whether the frame went out
-    fileno()        for poll, or None where there is nothing to poll
-    counts          {what became of frames: how many}; trouble : (errno, words) once the interface has failed, else None
+receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data)
+send(id, data)  whether the frame went out
+fileno()        for poll, or None where there is nothing to poll
+counts          {what became of frames: how many}; trouble : (errno, words) once the interface has failed, else None
 """
 
 import errno
@@ -19,16 +19,18 @@ from contextlib import suppress
 from cext.thresholds import INTERFACE_FAILURE_LIMIT
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
-IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29       # of Linux, which Python's socket has no names for
-FRAMES_AT_ONCE = 64             # that a wire gives at most
-ECHO = 0.1                      # s within which an interface hands back what was sent
-TIMEOUT = 0.002                 # s that an interface may take to accept a frame
-QUICK = {"slcan": {"timeout": 0.0}}     # it would wait a millisecond for every byte that is not there yet
-STARTED = {"slcan": {"sleep_after_open": 0.0}}      # for an adapter that was open until now: else it would wait 2 s for it to start
-NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}     # for a frame that has not come; others are heard in a thread
-WAIT = 0.05                     # s that such a thread waits for a frame before it looks whether it is over
-BREATH = 0.0005                 # s between two tries of an interface that fails
-REMEMBERED = 1024               # different frames of which an echo is awaited
+IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # of Linux, which Python's socket has no names for
+FRAMES_AT_ONCE = 64  # that a wire gives at most
+ECHO = 0.1  # s within which an interface hands back what was sent
+TIMEOUT = 0.002  # s that an interface may take to accept a frame
+QUICK = {"slcan": {"timeout": 0.0}}  # it would wait a millisecond for every byte that is not there yet
+# for an adapter that was open until now: else it would wait 2 s for it to start
+STARTED = {"slcan": {"sleep_after_open": 0.0}}
+# for a frame that has not come; others are heard in a thread
+NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}
+WAIT = 0.05  # s that such a thread waits for a frame before it looks whether it is over
+BREATH = 0.0005  # s between two tries of an interface that fails
+REMEMBERED = 1024  # different frames of which an echo is awaited
 
 
 class CannotOpen(Exception):
@@ -57,25 +59,26 @@ class Wire:
 class PythonCanWire(Wire):
     """Any interface of python-can.
 
-    What is received is compared with what was sent: some interfaces hand a sender its own frames, as if they had been received.
+    What is received is compared with what was sent: some interfaces hand a sender its own frames, as if they had been
+    received.
     """
 
     def __init__(self, interface, channel, bitrate, fd, options=None):
         super().__init__()
         import can
 
-        logging.getLogger("can").addHandler(logging.NullHandler())          # it is told by whoever opens us, once
+        logging.getLogger("can").addHandler(logging.NullHandler())  # it is told by whoever opens us, once
         self.message = can.Message
         try:
             given = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
-        except Exception as error:          # what an interface raises is its own
+        except Exception as error:  # what an interface raises is its own
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
         self.ear = self.bus if interface in NEVER_WAITS else Ear(self.bus)
         self.fd = fd
-        self.echoes = {}                    # (id, data): when each was sent whose echo is awaited
+        self.echoes = {}  # (id, data): when each was sent whose echo is awaited
 
     def fileno(self):
         try:
@@ -89,7 +92,7 @@ class PythonCanWire(Wire):
         for _ in range(FRAMES_AT_ONCE):
             try:
                 message = self.ear.recv(0)
-            except Exception as error:      # a TypeError, for half a frame on some serial lines
+            except Exception as error:  # a TypeError, for half a frame on some serial lines
                 self.failed_once(error)
                 if errno_of(error) or self.trouble:
                     break
@@ -112,9 +115,14 @@ class PythonCanWire(Wire):
         try:
             self.bus.send(
                 self.message(
-                    arbitration_id=identifier & 0x1FFFFFFF, is_extended_id=bool(identifier & EXTENDED),
-                    is_remote_frame=bool(identifier & REMOTE), data=data, is_fd=self.fd and len(data) > 8),
-                timeout=TIMEOUT)
+                    arbitration_id=identifier & 0x1FFFFFFF,
+                    is_extended_id=bool(identifier & EXTENDED),
+                    is_remote_frame=bool(identifier & REMOTE),
+                    data=data,
+                    is_fd=self.fd and len(data) > 8,
+                ),
+                timeout=TIMEOUT,
+            )
         except Exception as error:
             self.count("refused")
             self.failed_once(error)
@@ -128,7 +136,9 @@ class PythonCanWire(Wire):
         return True
 
     def is_echo(self, frame):
-        """Each frame that was sent accounts for one echo, for a while: one more, or one too late, is somebody else's."""
+        """Each frame that was sent accounts for one echo, for a while: one more, or one too late, is somebody
+        else's.
+        """
         sent = self.echoes.get(frame)
         if sent is None:
             return False
@@ -140,18 +150,20 @@ class PythonCanWire(Wire):
         return False
 
     def close(self):
-        with suppress(Exception):               # of an interface that is gone already
+        with suppress(Exception):  # of an interface that is gone already
             if self.ear is not self.bus:
                 self.ear.close()
             self.bus.shutdown()
 
 
 class Ear:
-    """Hears a bus whose `recv` may wait, whatever it is told, in a thread of its own. To the guardian it is that bus: `recv`, `fileno`."""
+    """Hears a bus whose `recv` may wait, whatever it is told, in a thread of its own. To the guardian it is that bus:
+    `recv`, `fileno`.
+    """
 
     def __init__(self, bus):
         self.bus = bus
-        self.came = deque(maxlen=REMEMBERED)    # messages, and what the interface raised
+        self.came = deque(maxlen=REMEMBERED)  # messages, and what the interface raised
         self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.hear, name="ear", daemon=True)
@@ -187,7 +199,7 @@ class Ear:
     def close(self):
         self.over.set()
         self.thread.join(4.0 * WAIT)
-        if not self.thread.is_alive():          # one that still hangs in its interface may yet ring
+        if not self.thread.is_alive():  # one that still hangs in its interface may yet ring
             os.close(self.bell)
 
 
@@ -215,7 +227,10 @@ class SocketCanWire(Wire):
     def listen(self, replies):
         """replies : (id, mask, first bytes) of frames to hear"""
         self.socket.setsockopt(
-            socket.SOL_CAN_RAW, self.FILTER, b"".join(struct.pack("=II", wanted, mask & ~ERROR) for wanted, mask, _ in replies))
+            socket.SOL_CAN_RAW,
+            self.FILTER,
+            b"".join(struct.pack("=II", wanted, mask & ~ERROR) for wanted, mask, _ in replies),
+        )
 
     def receive(self):
         frames = []
@@ -285,7 +300,8 @@ def forget(sent, now):
 
 
 def keep_apart(descriptor):
-    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine has joined.
+    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine
+    has joined.
 
     What it has heard until now, which may be the drives of another robot, is thrown away.
     """
@@ -301,7 +317,11 @@ def keep_apart(descriptor):
 
 def identifier_of(message):
     return (
-        message.arbitration_id | EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame | ERROR * message.is_error_frame)
+        message.arbitration_id
+        | EXTENDED * message.is_extended_id
+        | REMOTE * message.is_remote_frame
+        | ERROR * message.is_error_frame
+    )
 
 
 def errno_of(error):

@@ -1,4 +1,5 @@
-"""Live parameters from outside the loop: what a run's page tells of them, where the runs are, and the command that changes them.
+"""Live parameters from outside the loop: what a run's page tells of them, where the runs are, and the command that
+changes them.
 
     runtime.live.table      what there is to change: path, unit, bounds, present value
     runtime.live.patterns   `*/profile.scale` for both legs at once

@@ -1,4 +1,6 @@
-"""`set PID PATH=VALUE ...`: change live parameters of a run from another shell, and say at which tick each change took effect."""
+"""`set PID PATH=VALUE ...`: change live parameters of a run from another shell, and say at which tick each change took
+effect.
+"""
 
 import math
 import os
@@ -10,21 +12,24 @@ from runtime.errors import BadInput
 from runtime.live import patterns, table
 from runtime.live.runs import page_of, runs
 
-PATIENCE = 2.0                  # s, and some ticks of a slow run, until a letter counts as not taken
+PATIENCE = 2.0  # s, and some ticks of a slow run, until a letter counts as not taken
 TICKS = 4
-LOOK = 0.001                    # s between looks at a letter
+LOOK = 0.001  # s between looks at a letter
 
 
 def set_live(pid, settings):
     """Lines to tell. BadInput, and then nothing was changed unless it says so.
 
-    pid : of the run
-    settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to MOST_CHANGES parameters
+    pid : of the run settings : pairs (path or pattern, text); what one pattern matches changes in one tick, up to
+    MOST_CHANGES parameters
     """
     page = find(pid)
     told = table.read(page)
     if not told.parameters:
-        raise BadInput(f"{told.name} (process {pid}) has no live parameters: a diagram marks one with Param(..., live=True) or Live(...)")
+        raise BadInput(
+            f"{told.name} (process {pid}) has no live parameters: a diagram marks one with Param(..., "
+            "live=True) or Live(...)"
+        )
     if not settings:
         return listing(pid, page, told)
     changes = letters([wanted(told, name, text) for name, text in settings])
@@ -51,11 +56,15 @@ def find(pid):
     except PermissionError:
         trouble = "may not be looked at: it belongs to another user, or has more privileges than you"
     others = [f"{other} ({table.read(page).name})" for other, page in sorted(runs().items())]
-    raise BadInput(f"process {pid} {trouble}; " + (f"runs are {', '.join(others)}" if others else "nothing of yours runs now"))
+    raise BadInput(
+        f"process {pid} {trouble}; " + (f"runs are {', '.join(others)}" if others else "nothing of yours runs now")
+    )
 
 
 def wanted(told, name, text):
-    """[(Parameter, value)] of one setting: of every parameter that its name, or pattern, matches. BadInput where one of them cannot have it."""
+    """[(Parameter, value)] of one setting: of every parameter that its name, or pattern, matches. BadInput where one of
+    them cannot have it.
+    """
     known = {parameter.path: parameter for parameter in told.parameters}
     found = patterns.matching(name, known)
     if not found:
@@ -66,9 +75,15 @@ def wanted(told, name, text):
 
 def value_of(parameter, name, text):
     types = {"float": float, "int": int, "bool": bool}
-    bounds = {} if parameter.dtype == "bool" else {"min": parameter.plain(parameter.low), "max": parameter.plain(parameter.high)}
+    bounds = (
+        {}
+        if parameter.dtype == "bool"
+        else {"min": parameter.plain(parameter.low), "max": parameter.plain(parameter.high)}
+    )
     try:
-        return float(Param(parameter.plain(parameter.built), parameter.unit, dtype=types[parameter.dtype], **bounds).parse(text))
+        return float(
+            Param(parameter.plain(parameter.built), parameter.unit, dtype=types[parameter.dtype], **bounds).parse(text)
+        )
     except ValueError as error:
         which = "" if parameter.path == name else f"{parameter.path} "
         raise BadInput(f"{name}={text}: {which}{error}") from None
@@ -90,12 +105,15 @@ def send(page, told, pid, changes):
         except BadInput:
             if writer.withdraw(ticket):
                 raise
-            until = math.inf                    # it has it just now
+            until = math.inf  # it has it just now
     verdict, tick, _ = answer
     if verdict == "over":
         raise BadInput(f"the run of process {pid} has ended; nothing was changed")
     if verdict != "taken":
-        raise BadInput(f"process {pid} refuses {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); nothing was changed")
+        raise BadInput(
+            f"process {pid} refuses {', '.join(parameter.path for parameter, _ in changes)} ({verdict}); "
+            "nothing was changed"
+        )
     return [line(parameter, before[parameter.index][0], value, tick, told.rate) for parameter, value in changes]
 
 
@@ -106,7 +124,10 @@ def wait(page, pid, until, trouble):
     if not os.path.exists(f"/proc/{pid}"):
         raise BadInput(f"process {pid} has died; nothing was changed")
     if time.monotonic() > until:
-        raise BadInput(f"process {pid}: {trouble} within {PATIENCE:g} s (is it stopped, or its recorder's disk full?); nothing was changed")
+        raise BadInput(
+            f"process {pid}: {trouble} within {PATIENCE:g} s (is it stopped, or its recorder's disk "
+            "full?); nothing was changed"
+        )
     time.sleep(LOOK)
 
 

@@ -10,8 +10,14 @@ def is_pattern(name):
 
 
 def matching(name, known):
-    """The names that a name or pattern stands for, in the order of `known`; `*` stands for any characters, "/" included."""
-    return [other for other in known if fnmatchcase(other, name)] if is_pattern(name) else [other for other in known if other == name]
+    """The names that a name or pattern stands for, in the order of `known`; `*` stands for any characters, "/"
+    included.
+    """
+    return (
+        [other for other in known if fnmatchcase(other, name)]
+        if is_pattern(name)
+        else [other for other in known if other == name]
+    )
 
 
 def hint(name, known):
@@ -20,7 +26,9 @@ def hint(name, known):
 
 
 def shared(known):
-    """{pattern: names} of what several parts of a diagram have alike: `*/profile.scale` of left/profile.scale and right/profile.scale."""
+    """{pattern: names} of what several parts of a diagram have alike: `*/profile.scale` of left/profile.scale and
+    right/profile.scale.
+    """
     groups = {}
     for name in known:
         part, slash, rest = name.partition("/")

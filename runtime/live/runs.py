@@ -9,7 +9,9 @@ MEMORY = "/memfd:tickwork"
 
 
 def page_of(pid):
-    """The shared page that a process has made, None while it has none. PermissionError where it may not be looked at."""
+    """The shared page that a process has made, None while it has none. PermissionError where it may not be looked
+    at.
+    """
     try:
         entries = list(Path("/proc", str(pid), "fd").iterdir())
     except (FileNotFoundError, ProcessLookupError):
@@ -23,11 +25,11 @@ def page_of(pid):
             continue
         try:
             page = Page(fd=descriptor)
-        except ValueError:                      # still being made, or another version's
+        except ValueError:  # still being made, or another version's
             continue
         finally:
             os.close(descriptor)
-        if page.control == pid:                 # the recorder has it too
+        if page.control == pid:  # the recorder has it too
             return page
     return None
 

@@ -1,11 +1,13 @@
-"""What may be changed in a run, as its page tells it: read by `set` and by the keys, neither of which knows the diagram."""
+"""What may be changed in a run, as its page tells it: read by `set` and by the keys, neither of which knows the
+diagram.
+"""
 
 import json
 import math
 from dataclasses import dataclass
 
-STEPS = 20                      # about so many steps of the keys from bound to bound
-FINE = 10                       # and so many fine ones in a step
+STEPS = 20  # about so many steps of the keys from bound to bound
+FINE = 10  # and so many fine ones in a step
 
 
 @dataclass(frozen=True)
@@ -73,16 +75,28 @@ def nice(number):
 def describe(schedule):
     """What Page(live=...) wants of a schedule: (number of live parameters, bytes)."""
     parameters = [
-        {"path": live.path, "dtype": live.dtype, "unit": live.unit, "description": live.description, "built": live.built,
-         "low": live.low, "high": live.high, "slew": live.slew if math.isfinite(live.slew) else None}
+        {
+            "path": live.path,
+            "dtype": live.dtype,
+            "unit": live.unit,
+            "description": live.description,
+            "built": live.built,
+            "low": live.low,
+            "high": live.high,
+            "slew": live.slew if math.isfinite(live.slew) else None,
+        }
         for live in schedule.live
     ]
-    return len(parameters), json.dumps({"name": schedule.name, "rate": schedule.rate, "parameters": parameters}).encode()
+    return len(parameters), json.dumps(
+        {"name": schedule.name, "rate": schedule.rate, "parameters": parameters}
+    ).encode()
 
 
 @dataclass(frozen=True)
 class Table:
-    """name, rate : of the diagram; parameters : a Parameter for each, in the order in which the page and its mailbox count them"""
+    """name, rate : of the diagram; parameters : a Parameter for each, in the order in which the page and its mailbox
+    count them
+    """
 
     name: str
     rate: float
@@ -91,12 +105,19 @@ class Table:
 
 def values(page, parameters):
     """Of each live parameter (its value in the latest tick, where it is going)."""
-    return [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
+    return (
+        [(parameter.built, parameter.built) for parameter in parameters] if page.state == "init" else page.live_values()
+    )
 
 
 def read(page):
     """The Table that a page carries; an empty one where it carries none."""
     told = json.loads(page.live or b'{"name": "", "rate": 1.0, "parameters": []}')
-    return Table(told["name"], told["rate"], tuple(
-        Parameter(index, **{**found, "slew": math.inf if found["slew"] is None else found["slew"]})
-        for index, found in enumerate(told["parameters"])))
+    return Table(
+        told["name"],
+        told["rate"],
+        tuple(
+            Parameter(index, **{**found, "slew": math.inf if found["slew"] is None else found["slew"]})
+            for index, found in enumerate(told["parameters"])
+        ),
+    )

@@ -1,4 +1,5 @@
-"""`python -m runtime rate`: the highest rate at which one to eight actuators are commanded and none of them misses an answer.
+"""`python -m runtime rate`: the highest rate at which one to eight actuators are commanded and none of them misses an
+answer.
 
 That is the maximum operating frequency of Leestma et al. 2025, with every missing answer counted.
 

@@ -13,9 +13,9 @@ from runtime.rate.search import HIGHEST, LOWEST, RESOLUTION, highest
 from runtime.telling.progress import Progress
 from runtime.telling.terminal import complain, tell
 
-SECONDS, PAPER_SECONDS, PAPER_VALIDATION = 2.0, 60.0, 300.0         # s of a step; those of the paper, and of its validation
+SECONDS, PAPER_SECONDS, PAPER_VALIDATION = 2.0, 60.0, 300.0  # s of a step; those of the paper, and of its validation
 BITRATE = 1e6
-SLOW = 50.0                     # Hz; any will do
+SLOW = 50.0  # Hz; any will do
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,31 @@ def main(arguments):
     make = maker(options, "can" if rig is None else next(iter(rig.buses)))
     bitrate = options.bitrate if rig is None else next(iter(rig.buses.values())).bitrate
     where = f"in virtual time, at {bitrate / 1e6:g} Mbit/s" if rig is None else f"on {options.rig}"
-    tell([f"{options.model}, zero torque, {where}: {options.low:g} to {options.high:g} Hz to {options.resolution:g} Hz, "
-          f"steps of {options.seconds:g} s, every answer that does not come in time is counted",
-          f"{'actuators':>9}{'highest rate':>16}{'bus full at':>14}{'worst stuffing':>16}{'tried':>8}"])
+    tell(
+        [
+            f"{options.model}, zero torque, {where}: {options.low:g} to {options.high:g} Hz to {options.resolution:g} "
+            "Hz, "
+            f"steps of {options.seconds:g} s, every answer that does not come in time is counted",
+            f"{'actuators':>9}{'highest rate':>16}{'bus full at':>14}{'worst stuffing':>16}{'tried':>8}",
+        ]
+    )
     found, confirmed = [], options.yes
     for many in range(options.first, options.last + 1):
         row, confirmed = one(options, make, list(range(1, many + 1)), rig, bitrate, confirmed)
         found.append(row)
-        tell([f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} Hz{row.steps:>8}{validation(row)}{row.why}"])
+        tell(
+            [
+                f"{row.actuators:>9}{row.rate:>13.0f} Hz{row.limit:>11.0f} Hz{row.worst:>13.0f} "
+                f"Hz{row.steps:>8}{validation(row)}{row.why}"
+            ]
+        )
     if options.last == MOST:
-        tell(["paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of silence alone"])
+        tell(
+            [
+                "paper, with 8: 470 Hz on a Jetson, 260 Hz on a Raspberry Pi 3B+; it counts full queues and 0.25 s of "
+                "silence alone"
+            ]
+        )
     picture(options, found)
     return CHECK_FAILED if any(row.validated is not None and not row.validated.passed for row in found) else OK
 
@@ -65,23 +80,72 @@ def main(arguments):
 def parse(arguments):
     parser = Parser("rate", "Find the highest rate at which actuators that are commanded zero torque miss no answer.")
     add_rig(parser)
-    parser.add_argument("--model", default="AK80-9", metavar="M", help="CubeMars in MIT mode or with a V3.0 board, or a RobStride (default: AK80-9)")
-    parser.add_argument("--actuators", type=span, default=(1, MOST), metavar="N",
-                        help="how many, or from how many to how many: 8, 1..8 (default: 1..8)")
-    parser.add_argument("--low", type=number("--low", "Hz"), default=LOWEST, metavar="HZ",
-                        help=f"begin of the search (default: {LOWEST:g})")
-    parser.add_argument("--high", type=number("--high", "Hz", 1e5), default=HIGHEST, metavar="HZ", help=f"its end (default: {HIGHEST:g})")
-    parser.add_argument("--resolution", type=number("--resolution", "Hz"), default=RESOLUTION, metavar="HZ",
-                        help=f"how near the search comes (default: {RESOLUTION:g}, as in the paper)")
-    parser.add_argument("--seconds", type=number("--seconds", "seconds", 3600.0), metavar="S", help=f"of each step (default: {SECONDS:g})")
-    parser.add_argument("--paper", action="store_true", help="steps of 60 s, and 5 minutes at what was found, as in the paper")
-    parser.add_argument("--bitrate", type=number("--bitrate", "bit/s", 1e9), default=BITRATE, metavar="N",
-                        help="of the simulated bus (default: 1e6)")
-    parser.add_argument("--upper-zero", action="store_true",
-                        help="simulated: send zero as the codes above the middle, 8000 800 000 000 800, as Epically Powerful does")
-    parser.add_argument("--picture", type=Path, default=Path("rate.png"), metavar="FILE", help="where the picture goes (default: rate.png)")
+    parser.add_argument(
+        "--model",
+        default="AK80-9",
+        metavar="M",
+        help="CubeMars in MIT mode or with a V3.0 board, or a RobStride (default: AK80-9)",
+    )
+    parser.add_argument(
+        "--actuators",
+        type=span,
+        default=(1, MOST),
+        metavar="N",
+        help="how many, or from how many to how many: 8, 1..8 (default: 1..8)",
+    )
+    parser.add_argument(
+        "--low",
+        type=number("--low", "Hz"),
+        default=LOWEST,
+        metavar="HZ",
+        help=f"begin of the search (default: {LOWEST:g})",
+    )
+    parser.add_argument(
+        "--high",
+        type=number("--high", "Hz", 1e5),
+        default=HIGHEST,
+        metavar="HZ",
+        help=f"its end (default: {HIGHEST:g})",
+    )
+    parser.add_argument(
+        "--resolution",
+        type=number("--resolution", "Hz"),
+        default=RESOLUTION,
+        metavar="HZ",
+        help=f"how near the search comes (default: {RESOLUTION:g}, as in the paper)",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 3600.0),
+        metavar="S",
+        help=f"of each step (default: {SECONDS:g})",
+    )
+    parser.add_argument(
+        "--paper", action="store_true", help="steps of 60 s, and 5 minutes at what was found, as in the paper"
+    )
+    parser.add_argument(
+        "--bitrate",
+        type=number("--bitrate", "bit/s", 1e9),
+        default=BITRATE,
+        metavar="N",
+        help="of the simulated bus (default: 1e6)",
+    )
+    parser.add_argument(
+        "--upper-zero",
+        action="store_true",
+        help="simulated: send zero as the codes above the middle, 8000 800 000 000 800, as Epically Powerful does",
+    )
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        default=Path("rate.png"),
+        metavar="FILE",
+        help="where the picture goes (default: rate.png)",
+    )
     parser.add_argument("--yes", action="store_true", help="on a rig: arm without waiting for Enter")
-    parser.add_argument("--realtime", choices=("off", "try", "require"), default="try", help="on a rig, as of `run` (default: try)")
+    parser.add_argument(
+        "--realtime", choices=("off", "try", "require"), default="try", help="on a rig, as of `run` (default: try)"
+    )
     options = parser.parse_args(arguments)
     options.first, options.last = options.actuators
     options.seconds = options.seconds or (PAPER_SECONDS if options.paper else SECONDS)
@@ -109,6 +173,7 @@ def maker(options, bus):
 
     troubles = []
     for kind in (CubeMars, CubeMarsV3, RobStride):
+
         def make(can_id, kind=kind):
             return kind(options.model, bus=bus, can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
 
@@ -127,7 +192,9 @@ def one(options, make, ids, rig, bitrate, confirmed):
     from runtime.rate.steps import OnRig, Simulated
 
     simulated = Simulated(make, ids, bitrate, options.seconds, options.upper_zero)
-    attempt = simulated if rig is None else OnRig(make, ids, rig, options.seconds, confirmed, options.realtime, complain)
+    attempt = (
+        simulated if rig is None else OnRig(make, ids, rig, options.seconds, confirmed, options.realtime, complain)
+    )
     with Progress(f"{len(ids)} actuators: searching") as progress:
         most = 1 + math.ceil(math.log2(max(2.0, (options.high - options.low) / options.resolution)))
         tried = itertools.count()
@@ -141,7 +208,9 @@ def one(options, make, ids, rig, bitrate, confirmed):
     if options.paper and rate > 0.0:
         attempt.seconds = PAPER_VALIDATION
         validated = attempt(rate)
-    worst = bitrate / sum(frame_bits(*frame)[1] for block in robot(make, ids, SLOW) for frame in getattr(block, "traffic", list)())
+    worst = bitrate / sum(
+        frame_bits(*frame)[1] for block in robot(make, ids, SLOW) for frame in getattr(block, "traffic", list)()
+    )
     why = "" if rate > 0.0 else f"  {options.low:g} Hz failed: {failure(steps[0])}"
     return Found(len(ids), rate, simulated.limit(), worst, len(steps), why, validated), confirmed or rig is not None
 
@@ -161,8 +230,11 @@ def picture(options, found):
 
     try:
         with open(options.picture, "wb") as file:
-            draw([(row.actuators, row.rate, row.limit, row.worst) for row in found],
-                 f"{options.model}: highest rate without a missing answer", file)
+            draw(
+                [(row.actuators, row.rate, row.limit, row.worst) for row in found],
+                f"{options.model}: highest rate without a missing answer",
+                file,
+            )
     except OSError as error:
         raise BadInput(f"--picture {options.picture}: {error.strerror}") from None
     tell([f"picture: {options.picture}"])

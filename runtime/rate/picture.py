@@ -1,19 +1,21 @@
-"""The picture of the search: the highest rate over the number of actuators, the bus's own limit, and what the paper found."""
+"""The picture of the search: the highest rate over the number of actuators, the bus's own limit, and what the paper
+found.
+"""
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from runtime.recorder.picture import FAINT, INK
 
-PAPER = {"Jetson": 470.0, "Raspberry Pi 3B+": 260.0}      # Hz, with eight actuators (Leestma et al. 2025)
+PAPER = {"Jetson": 470.0, "Raspberry Pi 3B+": 260.0}  # Hz, with eight actuators (Leestma et al. 2025)
 PAPER_COUNT = 8
 
 
 def draw(rows, title, file):
     """Write a PNG.
 
-    rows : (actuators, Hz found, Hz at which the bus is full, Hz at which it would be full with the worst stuffing), None where unknown
-    file : open for writing bytes
+    rows : (actuators, Hz found, Hz at which the bus is full, Hz at which it would be full with the worst stuffing),
+    None where unknown file : open for writing bytes
     """
     figure = Figure(figsize=(7.6, 5.0), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
@@ -25,10 +27,26 @@ def draw(rows, title, file):
         axis.fill_between(x, bottom, top, color="#0072B2", alpha=0.12, linewidth=0)
         axis.plot(x, top, color="#0072B2", linewidth=1.2, label="bus full, with the bits that were sent")
         axis.plot(x, bottom, color="#0072B2", linewidth=1.2, linestyle=":", label="bus full, with the worst stuffing")
-    axis.plot(counts, [found for _, found, _, _ in rows], "o", color="#D55E00", markersize=7, label="no answer missed", zorder=4)
+    axis.plot(
+        counts,
+        [found for _, found, _, _ in rows],
+        "o",
+        color="#D55E00",
+        markersize=7,
+        label="no answer missed",
+        zorder=4,
+    )
     for (name, rate), marker in zip(PAPER.items(), "sD"):
-        axis.plot([PAPER_COUNT], [rate], marker, color="none", markeredgecolor=INK, markersize=7, zorder=3,
-                  label=f"paper: {name}, {rate:.0f} Hz")
+        axis.plot(
+            [PAPER_COUNT],
+            [rate],
+            marker,
+            color="none",
+            markeredgecolor=INK,
+            markersize=7,
+            zorder=3,
+            label=f"paper: {name}, {rate:.0f} Hz",
+        )
     for count, found, _, _ in rows:
         axis.annotate(f"{found:.0f}", (count, found), textcoords="offset points", xytext=(6, 6), fontsize=8, color=INK)
     axis.set_yscale("log")

@@ -2,9 +2,9 @@
 
 from graph import Diagram
 
-UNLIMITED = 1e12                # bit/s: the compiler is not to refuse what is to be tried
-CODES = 0.6                     # of a code: where the driver truncates zero to the code below the middle, this is the one above
-MOST = 8                        # actuators
+UNLIMITED = 1e12  # bit/s: the compiler is not to refuse what is to be tried
+CODES = 0.6  # of a code: where the driver truncates zero to the code below the middle, this is the one above
+MOST = 8  # actuators
 
 
 def robot(make, ids, rate, upper=False):
@@ -24,8 +24,10 @@ def robot(make, ids, rate, upper=False):
 def zero_from_above(block):
     position, velocity, _, _, torque = block.wire
     return {
-        "position_command": CODES * 2.0 * position / 0xFFFF, "velocity_command": CODES * 2.0 * velocity / 0xFFF,
-        "torque_command": CODES * 2.0 * torque / 0xFFF}
+        "position_command": CODES * 2.0 * position / 0xFFFF,
+        "velocity_command": CODES * 2.0 * velocity / 0xFFF,
+        "torque_command": CODES * 2.0 * torque / 0xFFF,
+    }
 
 
 def plant(diagram, rate):

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 
-LOWEST, HIGHEST = 50.0, 9000.0          # Hz, of the paper
-RESOLUTION = 100.0                      # Hz, of the paper
+LOWEST, HIGHEST = 50.0, 9000.0  # Hz, of the paper
+RESOLUTION = 100.0  # Hz, of the paper
 
 
 @dataclass(frozen=True)
 class Step:
-    """One rate that was tried. missed : commands without an answer; lost : ticks that the loop did not run; why : what ended it before"""
+    """One rate that was tried. missed : commands without an answer; lost : ticks that the loop did not run; why : what
+    ended it before
+    """
 
     rate: float
     commands: int
@@ -20,7 +22,12 @@ class Step:
     @property
     def passed(self):
         """Every command was answered, and the loop was there for all but one in a hundred."""
-        return not self.why and self.missed == 0 and self.commands > 0 and self.lost <= 0.01 * max(1, self.ticks + self.lost)
+        return (
+            not self.why
+            and self.missed == 0
+            and self.commands > 0
+            and self.lost <= 0.01 * max(1, self.ticks + self.lost)
+        )
 
 
 def highest(attempt, low=LOWEST, high=HIGHEST, resolution=RESOLUTION):

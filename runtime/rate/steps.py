@@ -1,4 +1,6 @@
-"""One step of the search: the actuators are commanded for some seconds at one rate, and answers that do not come are counted."""
+"""One step of the search: the actuators are commanded for some seconds at one rate, and answers that do not come are
+counted.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +12,10 @@ from graph import compile
 from runtime.rate.robot import UNLIMITED, plant, robot
 from runtime.rate.search import Step
 
-SLOW, FAST = 50.0, 1e9          # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
-RESOLUTION = 2e-6               # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
-ARMING = 0.1                    # s of virtual time: a bus that is too full to arm on has failed
-SETTLING = 1.0                  # s after arming in which nothing is counted: enable frames may still fill the bus
+SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
+RESOLUTION = 2e-6  # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
+ARMING = 0.1  # s of virtual time: a bus that is too full to arm on has failed
+SETTLING = 1.0  # s after arming in which nothing is counted: enable frames may still fill the bus
 
 
 class Simulated:
@@ -37,7 +39,8 @@ class Simulated:
         diagram = robot(self.make, self.ids, rate, self.upper)
         substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
         schedule = compile(diagram)
-        if not self.enables:            # drives that answer without: enable frames would fill a bus that has room for the commands alone
+        # drives that answer without: enable frames would fill a bus that has room for the commands alone
+        if not self.enables:
             schedule.devices = [replace(device, enable=()) for device in schedule.devices]
         bus = TimedBus(bitrate)
         program = Program(schedule, [bus.host])
@@ -50,7 +53,9 @@ class Simulated:
         return program, executor.run(ticks, fade=0.0, arming_timeout=ARMING), bus
 
     def limit(self):
-        """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones included."""
+        """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones
+        included.
+        """
         few, many = 10, 20
         bits = [self.run(SLOW, ticks, FAST)[2].busy * FAST for ticks in (few, many)]
         return self.bitrate * (many - few) / (bits[1] - bits[0])
@@ -85,12 +90,27 @@ class OnRig:
         schedule = compile(diagram)
         request = Request(Path(__file__), rig=self.rig.path, no_record=True, yes=self.confirmed, realtime=self.realtime)
         ticks = max(10, round((self.seconds + SETTLING) * rate))
-        result = run(Prepared(request, diagram, schedule, None, RigBuses(self.rig, diagram, schedule.buses), ticks), self.say,
-                     count_from=round(SETTLING * rate))
-        self.confirmed = True                   # a person has seen the table: the drives stay the same
+        result = run(
+            Prepared(request, diagram, schedule, None, RigBuses(self.rig, diagram, schedule.buses), ticks),
+            self.say,
+            count_from=round(SETTLING * rate),
+        )
+        self.confirmed = True  # a person has seen the table: the drives stay the same
         outcome, statistics = result.outcome, result.statistics
         if outcome.signal or outcome.stopped:
             raise KeyboardInterrupt
-        why = "" if outcome.status == "ok" else f"{outcome.status} at {outcome.culprit}" if outcome.culprit else outcome.status
-        return Step(rate, round(self.seconds * rate) * len(self.ids), sum(result.control.missed.values()), statistics["missed"],
-                    statistics["ticks"], why)
+        why = (
+            ""
+            if outcome.status == "ok"
+            else f"{outcome.status} at {outcome.culprit}"
+            if outcome.culprit
+            else outcome.status
+        )
+        return Step(
+            rate,
+            round(self.seconds * rate) * len(self.ids),
+            sum(result.control.missed.values()),
+            statistics["missed"],
+            statistics["ticks"],
+            why,
+        )

@@ -1,4 +1,5 @@
-"""The recorder as the control process sees it: a process of its own that drains the page's ring into files, viewers and the terminal.
+"""The recorder as the control process sees it: a process of its own that drains the page's ring into files, viewers and
+the terminal.
 
     recorder = RecorderProcess(page)      # its start-up overlaps with the compiling
     recorder.configure(plan)              # files are open from here on
@@ -21,7 +22,8 @@ The plan is a dict that JSON can carry:
     limits          {path: (lowest, highest)} of what is recorded, where that is known
     metadata        what else the sidecar file shall carry
 
-Page(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services (runtime.recorder.service) and files.
+Page(fd) -> rows, frames and events -> runtime.recorder.writer -> runtime.recorder.recording -> services
+(runtime.recorder.service) and files.
 """
 
 import json
@@ -37,8 +39,8 @@ from runtime.recorder.ascii_units import ascii_name
 from runtime.recorder.keyboard import own_terminal, put_back
 from runtime.recorder.terminal import Terminal
 
-READY_TIMEOUT = 30.0        # s, for a slow disk
-ABANDON_TIMEOUT = 5.0       # s
+READY_TIMEOUT = 30.0  # s, for a slow disk
+ABANDON_TIMEOUT = 5.0  # s
 CURE = "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"
 
 
@@ -72,7 +74,9 @@ class RecorderProcess(ChildProcess):
         self._over = False
 
     def configure(self, plan):
-        """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left behind."""
+        """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left
+        behind.
+        """
         sinks = [
             {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
             for sink in plan["sinks"]
@@ -109,18 +113,23 @@ class RecorderProcess(ChildProcess):
     def finish(self, timeout=60.0):
         """After page.close(): wait until all is written, and return the report.
 
-        The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and more:
-        what the sidecar file holds. If the process has died, or needs longer than `timeout` s, `problems` says so and
-        `files` are those it had opened.
+        The report has `files` (path, note), `problems` (lines of text), `strides`, `sinks`, `statistics`, `ended` and
+        more: what the sidecar file holds. If the process has died, or needs longer than `timeout` s, `problems` says so
+        and `files` are those it had opened.
         """
         try:
             report = self._answer(timeout)
         except TimeoutError:
             self._give_terminal_back()
-            return self._lost(f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself")
+            return self._lost(
+                f"the recorder (process {self.pid}) had not finished after {timeout:g} s; it goes on by itself"
+            )
         except OSError:
             self._end()
-            return self._lost("its report is missing: a block closed descriptors of the run. The recorder has finished the files by itself")
+            return self._lost(
+                "its report is missing: a block closed descriptors of the run. The recorder has "
+                "finished the files by itself"
+            )
         how = self._end()
         if report is None:
             return self._lost(f"the recorder process died before the end ({how}): the files stop where it did; {CURE}")
@@ -134,7 +143,7 @@ class RecorderProcess(ChildProcess):
             self._child.stdin.write(b"abandon\n")
             self._child.stdin.flush()
         except OSError:
-            pass                                # it has ended already
+            pass  # it has ended already
         self._end(ABANDON_TIMEOUT)
 
     def _give_terminal_back(self):
@@ -168,7 +177,7 @@ class RecorderProcess(ChildProcess):
                 self._child.kill()
                 self._child.wait()
             self._await_writer(timeout)
-            with suppress(OSError):             # a block may have closed it
+            with suppress(OSError):  # a block may have closed it
                 os.close(self._answers)
             self._give_terminal_back()
         code = self._child.returncode

@@ -1,4 +1,6 @@
-"""What a recording says of where it came from: the diagram and its settings, versions, the state of the user's repository, the machine."""
+"""What a recording says of where it came from: the diagram and its settings, versions, the state of the user's
+repository, the machine.
+"""
 
 import json
 import os
@@ -8,14 +10,18 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PACKAGES = ("tickwork", "numpy", "networkx", "python-can")
-GIT_TIMEOUT = 2.0           # s, for a repository on a slow disk
+GIT_TIMEOUT = 2.0  # s, for a repository on a slow disk
 
 
 def gather(plan):
     """A dict that JSON can carry: the plan's own words and what the machine adds."""
     metadata = plan.get("metadata", {})
     return {
-        "name": plan["name"], "rate": plan["rate"], "virtual": plan["virtual"], "simulated": plan["simulated"], "buses": plan["buses"],
+        "name": plan["name"],
+        "rate": plan["rate"],
+        "virtual": plan["virtual"],
+        "simulated": plan["simulated"],
+        "buses": plan["buses"],
         "part": plan.get("part", 1),
         "limits": plan.get("limits", {}),
         "metadata": metadata,
@@ -38,8 +44,12 @@ def versions():
 
 def machine():
     return {
-        "node": platform.node(), "system": f"{platform.system()} {platform.release()}", "architecture": platform.machine(),
-        "processor": processor(), "processors": os.cpu_count()}
+        "node": platform.node(),
+        "system": f"{platform.system()} {platform.release()}",
+        "architecture": platform.machine(),
+        "processor": processor(),
+        "processors": os.cpu_count(),
+    }
 
 
 def processor():
@@ -55,7 +65,9 @@ def processor():
 
 
 def repository(file):
-    """Revision of the git repository that a file stands in, and whether it holds changes that are in no revision; None without one."""
+    """Revision of the git repository that a file stands in, and whether it holds changes that are in no revision; None
+    without one.
+    """
     if not file:
         return None
     folder = os.path.dirname(os.path.abspath(file))
@@ -64,7 +76,11 @@ def repository(file):
         return None
     changes = git(folder, "status", "--porcelain", "--untracked-files=no")
     tracked = git(folder, "ls-files", "--error-unmatch", os.path.abspath(file)) is not None
-    return {"revision": revision.strip(), "dirty": None if changes is None else bool(changes.strip()), "tracked": tracked}
+    return {
+        "revision": revision.strip(),
+        "dirty": None if changes is None else bool(changes.strip()),
+        "tracked": tracked,
+    }
 
 
 def git(folder, *words):
@@ -72,7 +88,13 @@ def git(folder, *words):
     environment = {**os.environ, "GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
     try:
         done = subprocess.run(
-            ["git", "-C", folder, *words], capture_output=True, text=True, timeout=GIT_TIMEOUT, env=environment, stdin=subprocess.DEVNULL)
+            ["git", "-C", folder, *words],
+            capture_output=True,
+            text=True,
+            timeout=GIT_TIMEOUT,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+        )
     except (OSError, subprocess.TimeoutExpired):
         return None
     return done.stdout if done.returncode == 0 else None

@@ -2,8 +2,8 @@
 
     (1763683200.004512) legs 001#7FFF7FF0000007FF T
 
-The time is the wall clock; in virtual time it begins at 0. R was received, T sent by us. Frames stand in the order in which
-the control process handled them, which is what a replay needs.
+The time is the wall clock; in virtual time it begins at 0. R was received, T sent by us. Frames stand in the order in
+which the control process handled them, which is what a replay needs.
 """
 
 import os
@@ -12,9 +12,9 @@ from struct import Struct
 from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
 
-FRAME = Struct("=qIBBBB64s")                # struct Frame of cext/abi.pxd
+FRAME = Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
 EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
-RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4        # struct canfd_frame's flags
+RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4  # struct canfd_frame's flags
 CLASSIC_BYTES = 8
 FLUSH_FRAMES = 1000
 
@@ -41,7 +41,7 @@ class CanLog(Service):
         from can.io.canutils import CanutilsLogWriter
 
         self.writer = CanutilsLogWriter(self.file)
-        self.message = Message(data=b"", check=False)          # filled anew for every frame
+        self.message = Message(data=b"", check=False)  # filled anew for every frame
 
     def frame(self, payload):
         time, identifier, length, flags, bus, sent, data = FRAME.unpack(payload)
@@ -62,7 +62,7 @@ class CanLog(Service):
         message.channel = self.plan["buses"][bus]
         message.data = data[:length]
         message.dlc = length
-        self.writer.last_timestamp = None                      # or it would move a frame of another bus to a later time
+        self.writer.last_timestamp = None  # or it would move a frame of another bus to a later time
         self.writer.on_message_received(message)
         self.frames += 1
         if self.frames % FLUSH_FRAMES == 0:

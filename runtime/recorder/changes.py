@@ -6,15 +6,15 @@
 
 and "confirm" and "rearm", which have armed the robot, likewise.
 
-`tick` is the one at whose start it took effect, -1 while arming; `by` is "keys", "replay", or "set" and the number of the process. A
-change that was a ramp has its `slew`, in unit per second: from `from` on, each tick went by slew · dt at most, dt being the time since
-the tick before.
+`tick` is the one at whose start it took effect, -1 while arming; `by` is "keys", "replay", or "set" and the number of
+the process. A change that was a ramp has its `slew`, in unit per second: from `from` on, each tick went by slew · dt at
+most, dt being the time since the tick before.
 """
 
 import math
 from struct import Struct
 
-CHANGE = Struct("=q4i3d")                   # struct Change of cext/mailbox.pxd
+CHANGE = Struct("=q4i3d")  # struct Change of cext/mailbox.pxd
 SET, MARK, STOP, CONFIRM, REARM = range(5)
 ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
 ORIGINS = {1: "keys", 2: "replay"}
@@ -32,7 +32,13 @@ class Changes:
             when = {"tick": tick, "by": ORIGINS.get(origin) or f"set {writer}"}
             if kind == SET:
                 parameter = self.parameters[index]
-                event = {"event": "set", "path": parameter.path, "value": parameter.plain(value), "from": parameter.plain(before), **when}
+                event = {
+                    "event": "set",
+                    "path": parameter.path,
+                    "value": parameter.plain(value),
+                    "from": parameter.plain(before),
+                    **when,
+                }
                 yield event | ({"slew": slew} if math.isfinite(slew) else {})
             elif kind == MARK:
                 yield {"event": "mark", "number": int(value), **when}

@@ -1,8 +1,8 @@
 """How far a writer has come, in shared memory: what is left of it when it dies.
 
-The writer saves a checkpoint, then releases the drained part of the ring. The ring keeps everything behind the last release, so the checkpoint
-whose `tail` is the ring's names the length at which each file is whole and from which record on the next part begins: nothing is lost and no
-record is written twice.
+The writer saves a checkpoint, then releases the drained part of the ring. The ring keeps everything behind the last
+release, so the checkpoint whose `tail` is the ring's names the length at which each file is whole and from which record
+on the next part begins: nothing is lost and no record is written twice.
 """
 
 import json
@@ -15,7 +15,7 @@ class Checkpoint:
 
     def __init__(self, page):
         self.page, self.saves = page, 0
-        self.files = [os.memfd_create("tickwork-checkpoint") for _ in range(2)]     # written in turn
+        self.files = [os.memfd_create("tickwork-checkpoint") for _ in range(2)]  # written in turn
 
     def __del__(self):
         for file in self.files:
@@ -33,7 +33,7 @@ class Checkpoint:
         """The newest state at the ring's tail, None where there is none. The next save keeps it."""
         states = []
         for file in self.files:
-            with suppress(ValueError):                  # being written when the writer died
+            with suppress(ValueError):  # being written when the writer died
                 states.append(json.loads(os.pread(file, os.fstat(file).st_size, 0)))
         states = [state for state in states if state["tail"] == self.page.tail]
         newest = max(states, key=lambda state: state["save"], default=None)

@@ -1,7 +1,7 @@
 """CSV: `time [s],tick,left/knee.position [rad],...`, a line a tick.
 
-The unit stands in brackets behind the name, in ASCII; plain numbers have none. Floats have the fewest digits that read back
-as the same number, ints and bools are whole numbers, and what is not a number is `nan`, `inf` or `-inf`.
+The unit stands in brackets behind the name, in ASCII; plain numbers have none. Floats have the fewest digits that read
+back as the same number, ints and bools are whole numbers, and what is not a number is `nan`, `inf` or `-inf`.
 """
 
 import csv
@@ -34,7 +34,7 @@ class CsvWriter(Service):
         if self.plan["folder"] is None:
             return
         stem = os.path.join(self.plan["folder"], name_of(parameters.get("file")) or self.plan["stem"])
-        first = self.plan.get("part", 1) == 1           # the recorder that goes on after one that died must not replace its file
+        first = self.plan.get("part", 1) == 1  # the recorder that goes on after one that died must not replace its file
         self.file = WholeFile(*create(stem, ".csv", parameters.get("overwrite", False) and first))
         self.device_time, self.began = parameters.get("time") == "device" and not self.plan["virtual"], None
         self.files[self.file.path] = ""
@@ -42,7 +42,7 @@ class CsvWriter(Service):
         self.file.flush()
 
     def row(self, tick, time, values):
-        if self.file is None or self.gate is not None and not values[self.gate] > 0.0:      # NaN is not true
+        if self.file is None or self.gate is not None and not values[self.gate] > 0.0:  # NaN is not true
             return
         if self.device_time:
             if self.began is None:
@@ -76,10 +76,15 @@ def place_of(path, columns):
 
 
 def name_of(file):
-    """What a person calls the file, without its ending; "" for nothing. BadInput where that is in another folder, or none at all"""
+    """What a person calls the file, without its ending; "" for nothing. BadInput where that is in another folder, or
+    none at all
+    """
     name = (file or "").strip()
     if os.path.basename(name) != name or name.strip(".") == "" != name:
-        raise BadInput(f"file: {file!r} is not the name of a file; it stands where the recording does, in the folder that --record says")
+        raise BadInput(
+            f"file: {file!r} is not the name of a file; it stands where the recording does, in the folder "
+            "that --record says"
+        )
     return name.removesuffix(".csv")
 
 
@@ -96,7 +101,7 @@ class Lines:
         for index in self.whole:
             if isfinite(cells[index]):
                 cells[index] = int(cells[index])
-        line = encode(cells)[1:-1]                  # JSON writes numbers as CSV does, and ten times faster than repr
+        line = encode(cells)[1:-1]  # JSON writes numbers as CSV does, and ten times faster than repr
         if NOT_A_NUMBER in line:
             line = b",".join(encode(cell) if isfinite(cell) else repr(cell).encode() for cell in cells)
         return line.replace(b",", self.delimiter) + b"\n"

@@ -1,7 +1,7 @@
 """Files of a recording: never overwritten, always ending in a whole piece, and readable for their owner alone.
 
-A recording holds data of the person who wears the robot. Where its folder has the setgid bit, and its group may read it, the group may
-read the recording, too.
+A recording holds data of the person who wears the robot. Where its folder has the setgid bit, and its group may read
+it, the group may read the recording, too.
 """
 
 import fcntl
@@ -10,8 +10,9 @@ import stat
 from itertools import accumulate, count
 
 SIDECAR = ".json"
-INCOMPLETE, DELETED = "incomplete", "deleted while it was written"      # remarks on a file
-AT_ONCE = 16 << 10              # bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
+INCOMPLETE, DELETED = "incomplete", "deleted while it was written"  # remarks on a file
+# bytes: while the kernel copies more, a loop of ordinary priority that is due on that processor waits
+AT_ONCE = 16 << 10
 
 
 def is_shared(folder):
@@ -31,7 +32,9 @@ def private(path, flags):
 
 
 def make_folder(path):
-    """Create a folder and its parents, for their owner, and for the group of a shared folder. Returns those that were not there, outermost first."""
+    """Create a folder and its parents, for their owner, and for the group of a shared folder. Returns those that were
+    not there, outermost first.
+    """
     made = []
     above = os.path.abspath(path)
     while not os.path.lexists(above):
@@ -41,14 +44,15 @@ def make_folder(path):
     for folder in made:
         try:
             os.mkdir(folder, mode)
-        except FileExistsError:         # made by another process meanwhile
+        except FileExistsError:  # made by another process meanwhile
             pass
-    os.makedirs(path, exist_ok=True)    # FileExistsError where it is no folder
+    os.makedirs(path, exist_ok=True)  # FileExistsError where it is no folder
     return made
 
 
 def create(stem, ending, overwrite=False):
-    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file descriptor).
+    """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file
+    descriptor).
 
     overwrite : what has the name is replaced instead
     """
@@ -65,7 +69,9 @@ def create(stem, ending, overwrite=False):
 
 
 def reserve(folder, stem):
-    """A stem that no file in `folder` has yet, made ours by creating its sidecar. Returns (stem, path of the sidecar, descriptor)."""
+    """A stem that no file in `folder` has yet, made ours by creating its sidecar. Returns (stem, path of the sidecar,
+    descriptor).
+    """
     for number in count(1):
         free = stem if number == 1 else f"{stem}-{number}"
         if any(name.startswith(free + ".") for name in os.listdir(folder)):
@@ -83,7 +89,7 @@ def claim(descriptor):
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:                         # a file system without locks
+    except OSError:  # a file system without locks
         pass
     return True
 
@@ -97,8 +103,8 @@ class WholeFile:
     def __init__(self, path, descriptor):
         self.path, self.descriptor = path, descriptor
         self.pieces = []
-        self.size = 0               # bytes of whole pieces in the file
-        self.waiting = 0            # bytes in memory
+        self.size = 0  # bytes of whole pieces in the file
+        self.waiting = 0  # bytes in memory
 
     def write(self, piece):
         """piece : bytes, or text"""
@@ -117,11 +123,11 @@ class WholeFile:
         written = 0
         try:
             while written < len(data):
-                written += os.write(self.descriptor, data[written:written + AT_ONCE])
+                written += os.write(self.descriptor, data[written : written + AT_ONCE])
         except OSError:
             whole = accumulate(map(len, pieces))
             self.size += max((end for end in whole if end <= written), default=0)
-            os.ftruncate(self.descriptor, self.size)        # a full disk cuts in the middle of a piece
+            os.ftruncate(self.descriptor, self.size)  # a full disk cuts in the middle of a piece
             raise
         self.size += written
 

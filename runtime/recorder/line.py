@@ -1,4 +1,6 @@
-"""One line of a terminal, made of parts. Where it is narrow they are shortened, then set closer, then left out, the least important first."""
+"""One line of a terminal, made of parts. Where it is narrow they are shortened, then set closer, then left out, the
+least important first.
+"""
 
 from dataclasses import dataclass
 
@@ -6,16 +8,14 @@ from runtime.telling.terminal import IN_ASCII
 
 COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
-DOTS, CLOSE = (" | ", " · "), "  "      # between parts: in ASCII, in Unicode; where there is little room
+DOTS, CLOSE = (" | ", " · "), "  "  # between parts: in ASCII, in Unicode; where there is little room
 
 
 @dataclass(frozen=True)
 class Part:
-    """
-    importance : parts with the same one are shortened and left out together
-    forms : from the longest to the shortest, each a text, or (text, colour) of each of its pieces; an empty one is not there
-    colour : of what has none of its own
-    joined : to the part before, by a space
+    """importance : parts with the same one are shortened and left out together forms : from the longest to the
+    shortest, each a text, or (text, colour) of each of its pieces; an empty one is not there colour : of what has none
+    of its own joined : to the part before, by a space
     """
 
     importance: float
@@ -33,7 +33,9 @@ def part(importance, *forms, colour=None, joined=False):
 
 
 def fit(parts, width, coloured, unicode, kept=frozenset()):
-    """(one line of at most `width` characters, the steps of narrowing that it took). kept : steps that are taken anyhow"""
+    """(one line of at most `width` characters, the steps of narrowing that it took). kept : steps that are taken
+    anyhow
+    """
     stages = narrowing(parts)
     taken = {stage for stage in stages if stage in kept}
 
@@ -44,7 +46,7 @@ def fit(parts, width, coloured, unicode, kept=frozenset()):
         if length(line(taken)) <= width:
             break
         taken.add(stage)
-    for stage in reversed(stages):              # what a later step has made room for stays, the most important first
+    for stage in reversed(stages):  # what a later step has made room for stays, the most important first
         if stage in taken and stage not in kept and length(line(taken - {stage})) <= width:
             taken.discard(stage)
     pieces = line(taken)
@@ -63,8 +65,12 @@ def narrowing(parts):
     """The steps, in their order: ("form", importance, number of the form), ("close",), ("without", importance)."""
     levels = sorted({part.importance for part in parts})
     longest = max((len(part.forms) for part in parts), default=1)
-    shorter = [("form", level, form) for form in range(1, longest) for level in levels
-               if any(part.importance == level and len(part.forms) > form for part in parts)]
+    shorter = [
+        ("form", level, form)
+        for form in range(1, longest)
+        for level in levels
+        if any(part.importance == level and len(part.forms) > form for part in parts)
+    ]
     return [*shorter, ("close",), *(("without", level) for level in levels[:-1])]
 
 
@@ -83,4 +89,5 @@ def compose(parts, steps, unicode):
         if line:
             line.append((" " if part.joined else gap, None))
         line += pieces
-    return line if unicode else [(text.translate(IN_ASCII), colour) for text, colour in line]       # here, as it may get longer by that
+    # here, as it may get longer by that
+    return line if unicode else [(text.translate(IN_ASCII), colour) for text, colour in line]

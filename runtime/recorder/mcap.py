@@ -1,14 +1,17 @@
-"""The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay runs on.
+"""The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay
+runs on.
 
-    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double
-    /tickwork/tick          closes the row of a tick: number, time and lateness in s
-    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled them; `sequence` tells in
-                            which drain of the buses it was there, or which it followed, and `publish_time` when that was
+    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double /tickwork/tick
+    closes the row of a tick: number, time and lateness in s /tickwork/can/legs, ... every CAN frame, received or sent,
+    in the order in which the control process handled them; `sequence` tells in
+                            which drain of the buses it was there, or which it followed, and `publish_time` when that
+                            was
     /tickwork/events        what happened besides: the begin by both clocks, live changes, marks, the end
 
-Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0. Records are written
-as they come, so that a file which was cut off anywhere holds all that is complete before the cut. What was known before the
-first tick stands in front, as the attachments `diagram.json` and `about.json`; what is known at the end as `end.json`.
+Times are ns of the wall clock at the run's begin plus those of the steady clock since; in virtual time they begin at 0.
+Records are written as they come, so that a file which was cut off anywhere holds all that is complete before the cut.
+What was known before the first tick stands in front, as the attachments `diagram.json` and `about.json`; what is known
+at the end as `end.json`.
 """
 
 import json
@@ -21,9 +24,9 @@ from runtime.recorder.files import WholeFile, claim, create
 from runtime.recorder.mcap_file import McapFile
 from runtime.recorder.service import Service
 
-FRAME_HEAD = Struct("=qIBBBB")              # struct Frame of cext/abi.pxd, before its data
+FRAME_HEAD = Struct("=qIBBBB")  # struct Frame of cext/abi.pxd, before its data
 EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
-RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4        # struct canfd_frame's flags
+RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4  # struct canfd_frame's flags
 CLASSIC_BYTES = 8
 FORMAT = "1"
 JSON = "application/json"
@@ -39,8 +42,8 @@ class FlightLog(Service):
         claim(self.file.descriptor)
         self.files[self.file.path] = ""
         self.rows = self.frames = 0
-        self.drain = self.drained = 0       # how often the buses had been drained, and when last
-        self.heads = {}                     # what a frame's message begins with, and its channel
+        self.drain = self.drained = 0  # how often the buses had been drained, and when last
+        self.heads = {}  # what a frame's message begins with, and its channel
         self.writer = None
         self.begun, self.began = False, 0
 
@@ -50,13 +53,22 @@ class FlightLog(Service):
         self.writer.begin(LIBRARY)
         if self.plan.get("diagram_json"):
             self.attach("diagram.json", self.plan["diagram_json"].encode())
-        self.attach("about.json", json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode())
+        self.attach(
+            "about.json",
+            json.dumps({**about, "format": FORMAT, "signals": self.plan["signals"]}, ensure_ascii=False).encode(),
+        )
         self.subsystems = [
             (subsystem, self.writer.channel(subsystem.topic, *subsystem.descriptor()))
-            for subsystem in messages.subsystems(self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])])]
+            for subsystem in messages.subsystems(
+                self.plan["name"], [(place, signal["path"]) for place, signal in enumerate(self.plan["signals"])]
+            )
+        ]
         own_tick, own_frame, own_event = messages.OWN
         self.tick = self.writer.channel(messages.ROW_END, *messages.simple(own_tick, messages.TICK))
-        self.buses = [self.writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME)) for bus in self.plan["buses"]]
+        self.buses = [
+            self.writer.channel(messages.BUS + bus, *messages.simple(own_frame, messages.FRAME))
+            for bus in self.plan["buses"]
+        ]
         self.events = self.writer.channel(messages.EVENTS, *messages.simple(own_event, messages.EVENT))
 
     def attach(self, name, data):
@@ -97,13 +109,21 @@ class FlightLog(Service):
     def frame_head(self, payload):
         _, identifier, length, flags, bus, sent = FRAME_HEAD.unpack_from(payload)
         truths = (
-            identifier & EXTENDED, identifier & REMOTE, identifier & ERROR, length > CLASSIC_BYTES or flags & FLEXIBLE, flags & RATE_SWITCH,
-            flags & ERROR_STATE, sent)
+            identifier & EXTENDED,
+            identifier & REMOTE,
+            identifier & ERROR,
+            length > CLASSIC_BYTES or flags & FLEXIBLE,
+            flags & RATE_SWITCH,
+            flags & ERROR_STATE,
+            sent,
+        )
         return self.buses[bus], messages.frame_head(identifier & ID_MASK, truths) + messages.varint(length), length
 
     def event(self, event):
         at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))
-        self.writer.message(self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at)
+        self.writer.message(
+            self.events, at, messages.event(event["event"], event.get("tick", -1), json.dumps(event)), at
+        )
 
     def flush(self):
         self.file.flush()

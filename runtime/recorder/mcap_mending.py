@@ -1,10 +1,11 @@
-"""An MCAP file that its recorder did not finish is finished in place: what stands in it tells all that the recorder knew.
+"""An MCAP file that its recorder did not finish is finished in place: what stands in it tells all that the recorder
+knew.
 
-The file may end anywhere. Up to the last whole record it is looked through, a slice at a time; then what is torn is cut off, and
-the end is written as it would have been: the last piece's indices, the heads of chunks, the summary. Whoever is killed in between
-leaves a file that can be mended again: nothing whole is ever cut off or written over but what follows from the rest, a piece that
-has become a chunk is read as the piece it was, and what stands behind the end of the data does not count until all of it is there
-and right. What is damaged, not just torn, is left as it is.
+The file may end anywhere. Up to the last whole record it is looked through, a slice at a time; then what is torn is cut
+off, and the end is written as it would have been: the last piece's indices, the heads of chunks, the summary. Whoever
+is killed in between leaves a file that can be mended again: nothing whole is ever cut off or written over but what
+follows from the rest, a piece that has become a chunk is read as the piece it was, and what stands behind the end of
+the data does not count until all of it is there and right. What is damaged, not just torn, is left as it is.
 """
 
 import io
@@ -18,12 +19,13 @@ from runtime.recorder.mcap_file import CHUNK, CHUNK_HEAD, HEAD, MESSAGE, PRIVATE
 from runtime.recordings.chunks import compressed
 from runtime.recordings.reader import DAMAGE, LIBRARY, MAGIC
 
-HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)       # kinds of records
+# kinds of records
+HEADER, FOOTER, SCHEMA, CHANNEL, A_MESSAGE, A_CHUNK, AN_INDEX, CHUNK_INDEX, ATTACHMENT = range(1, 10)
 DATA_END = 15
 KINDS = {*range(HEADER, DATA_END + 1), PRIVATE}
-FOOTER_REST = Struct("<QQI")    # summary and its offsets begin, checksum
-LARGEST = 64 << 20              # bytes of a record: an attachment
-SLICE = 128 << 10               # bytes that are looked through at once
+FOOTER_REST = Struct("<QQI")  # summary and its offsets begin, checksum
+LARGEST = 64 << 20  # bytes of a record: an attachment
+SLICE = 128 << 10  # bytes that are looked through at once
 
 
 class MendingFailed(Exception):
@@ -47,10 +49,10 @@ class Mending:
             os.close(descriptor)
             raise
         self.writer = McapFile(self.file)
-        self.good = 0                   # up to here the file stays as it is
-        self.awaited, self.indices = [], 0      # indices of the piece that are still to come, and where they begin
-        self.claimed = None             # (bytes, checksum) of the chunk that the piece is already
-        self.over = False               # the end of the data has come
+        self.good = 0  # up to here the file stays as it is
+        self.awaited, self.indices = [], 0  # indices of the piece that are still to come, and where they begin
+        self.claimed = None  # (bytes, checksum) of the chunk that the piece is already
+        self.over = False  # the end of the data has come
         self.stream.seek(0)
         self.looking = not self.whole and self.stream.read(len(MAGIC)) == MAGIC
         self.records, self.at = walk(self.stream, len(MAGIC)), len(MAGIC)
@@ -72,7 +74,7 @@ class Mending:
 
     def take(self, at, kind, data):
         """A record. False where it cannot stand there, and at the end."""
-        writer, body = self.writer, data[HEAD.size:]
+        writer, body = self.writer, data[HEAD.size :]
         if at == len(MAGIC):
             if kind != HEADER or read("Header", body).library != LIBRARY:
                 return False
@@ -89,7 +91,7 @@ class Mending:
             _, _, _, _, size, checksum, _, again = CHUNK_HEAD.unpack(data)
             self.claimed = (size, checksum) if kind == A_CHUNK and again == size else None
             writer.begin_piece(at)
-            return True                         # without a message behind it a room is nothing
+            return True  # without a message behind it a room is nothing
         elif kind == SCHEMA:
             writer.schemas.append(read("Schema", body))
         elif kind == CHANNEL:
@@ -111,23 +113,29 @@ class Mending:
             return False
         if not self.awaited:
             if self.claimed is not None and self.claimed[0] == self.writer.size:
-                self.writer.checksum = self.claimed[1]          # if it is wrong, it shall be found wrong again
+                self.writer.checksum = self.claimed[1]  # if it is wrong, it shall be found wrong again
             self.writer.indexed(self.indices)
             self.good = at + len(data)
         return True
 
     def finish(self):
-        """Look through the rest, and complete the file. Returns whether there was anything to do. MendingFailed, OSError; the file is closed."""
+        """Look through the rest, and complete the file. Returns whether there was anything to do. MendingFailed,
+        OSError; the file is closed.
+        """
         try:
             if self.whole:
                 return False
             while self.look():
                 pass
             if self.good == 0:
-                raise MendingFailed(f"{self.path} was cut off before it began, or is something else: there is nothing to finish")
+                raise MendingFailed(
+                    f"{self.path} was cut off before it began, or is something else: there is nothing to finish"
+                )
             if not self.over and not torn(self.stream, self.at, self.size):
                 raise MendingFailed(
-                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes what stands before into a new file")
+                    f"{self.path} is damaged from byte {self.at} of {self.size} on: `convert` writes what stands "
+                    "before into a new file"
+                )
             if self.writer.begun is not None and not self.writer.size:
                 self.writer.begun = None
             os.ftruncate(self.file.descriptor, self.good)
@@ -144,7 +152,8 @@ class Mending:
 
 
 def finish(path, progress=lambda share: None):
-    """Finish a file in place, whatever has become of its recorder; a finished one stays as it is. MendingFailed, OSError
+    """Finish a file in place, whatever has become of its recorder; a finished one stays as it is. MendingFailed,
+    OSError
 
     progress : called with the share that is done
     """
@@ -167,7 +176,7 @@ class Backlog:
     def __init__(self, paths):
         self.paths = paths
         self.waiting, self.begun = list(paths), []
-        self.problems = {}                      # {path: line of text}
+        self.problems = {}  # {path: line of text}
 
     def look(self):
         """A slice of it, which takes about a millisecond. Returns whether there is more."""
@@ -179,7 +188,7 @@ class Backlog:
         return bool(self.waiting)
 
     def look_through(self, path):
-        if not os.path.getsize(path):           # its recorder died before it had begun
+        if not os.path.getsize(path):  # its recorder died before it had begun
             return False
         if not self.begun or self.begun[-1].path != path:
             self.begun.append(Mending(path))
@@ -200,7 +209,7 @@ class Backlog:
             yield
         except MendingFailed as error:
             self.problems[path] = str(error)
-        except Exception as error:              # the recording goes on, whatever is the matter with a file of before
+        except Exception as error:  # the recording goes on, whatever is the matter with a file of before
             self.problems[path] = f"{path} was not finished: {getattr(error, 'strerror', None) or repr(error)}"
 
 
@@ -223,7 +232,9 @@ def walk(stream, at):
 
 
 def length_of(window, place):
-    """Bytes of a record, of a chunk that is not compressed its head's alone; of a record's head, where not even that is there."""
+    """Bytes of a record, of a chunk that is not compressed its head's alone; of a record's head, where not even that is
+    there.
+    """
     if len(window) - place < HEAD.size:
         return HEAD.size
     kind, length = HEAD.unpack_from(window, place)
@@ -240,7 +251,9 @@ def read(kind, body):
 
 
 def torn(stream, at, size):
-    """Whether nothing but one record that is not whole stands from a byte on, or the zeros that a power cut leaves of it."""
+    """Whether nothing but one record that is not whole stands from a byte on, or the zeros that a power cut leaves of
+    it.
+    """
     stream.seek(at)
     head = stream.read(HEAD.size)
     if not head.strip(b"\0"):
@@ -267,12 +280,13 @@ def finished(stream, size):
         return False
     for _, kind, data in walk(io.BytesIO(summary), start):
         if kind == CHUNK_INDEX:
-            index = read("ChunkIndex", data[HEAD.size:])
+            index = read("ChunkIndex", data[HEAD.size :])
             stream.seek(index.chunk_start_offset)
             head = stream.read(CHUNK_HEAD.size)
             if len(head) < CHUNK_HEAD.size or head[0] != A_CHUNK:
                 return False
             fields, size = CHUNK_HEAD.unpack(head), index.uncompressed_size
-            if fields[1] != index.chunk_length - HEAD.size or fields[4 if compressed(head) else 7] != size:     # half a head has not got its last field
+            # half a head has not got its last field
+            if fields[1] != index.chunk_length - HEAD.size or fields[4 if compressed(head) else 7] != size:
                 return False
     return True

@@ -1,16 +1,15 @@
 """What the keys of the run's terminal do, and what the status line says of it.
 
-    space           stop, in the safe stop
-    Enter           arm, where the run has shown what it found and asks; q ends it there
-    r               arm again, where the run waits after a fault; q ends it there
-    Tab, Shift-Tab  choose a live parameter: the next, the one before; what several parts of the diagram have alike, as both legs have
-                    profile.scale, is offered first as one, */profile.scale
-    up, down        a step of about a twentieth of its range
-    right, left     a tenth of such a step
-    0               back to the value it was built with
-    m               mark this moment
-    s               save the values in a file that `--set @FILE` reads
-    ?               tell the keys
+space           stop, in the safe stop Enter           arm, where the run has shown what it found and asks; q ends
+it there r               arm again, where the run waits after a fault; q ends it there Tab, Shift-Tab  choose a live
+parameter: the next, the one before; what several parts of the diagram have alike, as both legs have
+                profile.scale, is offered first as one, */profile.scale
+up, down        a step of about a twentieth of its range
+right, left     a tenth of such a step
+0               back to the value it was built with
+m               mark this moment
+s               save the values in a file that `--set @FILE` reads
+?               tell the keys
 """
 
 import os
@@ -22,12 +21,14 @@ from runtime.recorder.files import create
 from runtime.recorder.line import part
 
 ENDING = ".set"
-NOTE = 4.0                      # s that a note stands in the status line
+NOTE = 4.0  # s that a note stands in the status line
 STEPS = {"up": table.FINE, "down": -table.FINE, "right": 1, "left": -1}
 ASKS = {"ready": "Enter arms, space ends", "waiting": "r arms again, space ends"}
 HELP = (
     "tickwork: space stops; Tab, Shift-Tab choose a live parameter; up, down a step, right, left a tenth of it; "
-    "0 back to the built value; m marks; s saves the values; where the run asks, Enter arms, and r arms again after a fault")
+    "0 back to the built value; m marks; s saves the values; where the run asks, Enter arms, and r arms again after "
+    "a fault"
+)
 
 
 class Panel:
@@ -43,10 +44,10 @@ class Panel:
         self.choices = choices(self.table.parameters)
         self.writer = Writer(page, "keys")
         self.chosen = None
-        self.waiting = {}                       # ticket: what to say once it is answered
-        self.wanted = {}                        # index of a parameter: (ticket, value) that waits
+        self.waiting = {}  # ticket: what to say once it is answered
+        self.wanted = {}  # index of a parameter: (ticket, value) that waits
         self.note, self.note_until = "", 0.0
-        self.asking = False                     # somebody can have read what the run asks
+        self.asking = False  # somebody can have read what the run asks
 
     def look(self, now):
         """Do what was pressed, hear what was answered. now : s, of any steady clock"""
@@ -54,7 +55,7 @@ class Panel:
             self.hear(ticket, now)
         for key in self.keyboard.read():
             self.press(key, now)
-        self.asking = self.recording.asks       # what was pressed before is no answer
+        self.asking = self.recording.asks  # what was pressed before is no answer
 
     def press(self, key, now):
         waits = self.page.state in ("ready", "waiting")
@@ -82,9 +83,16 @@ class Panel:
             self.say("Tab chooses a parameter first", now)
         elif key in ("0", *STEPS):
             _, parameters = self.choices[self.chosen]
-            self.change([
-                (parameter, parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key])) for parameter in parameters
-            ], now)
+            self.change(
+                [
+                    (
+                        parameter,
+                        parameter.built if key == "0" else parameter.stepped(self.target(parameter), STEPS[key]),
+                    )
+                    for parameter in parameters
+                ],
+                now,
+            )
 
     def target(self, parameter):
         """Where a parameter is going, letters that wait included."""
@@ -116,7 +124,7 @@ class Panel:
         what = self.waiting.pop(ticket)
         self.wanted = {index: entry for index, entry in self.wanted.items() if entry[0] != ticket}
         verdict, tick, mark = answer
-        if verdict not in ("taken", "over") and what != "rearm":         # the run says itself what stands in the way
+        if verdict not in ("taken", "over") and what != "rearm":  # the run says itself what stands in the way
             self.say(f"refused: {verdict}", now)
         elif what == "mark" and verdict == "taken":
             self.say(f"mark {mark} at tick {tick}", now)
@@ -134,7 +142,9 @@ class Panel:
             with open(descriptor, "w", encoding="utf-8") as file:
                 file.write("\n".join(lines) + "\n")
         except OSError as error:
-            self.recording.say(f"tickwork: cannot save the values: {error.strerror}: {error.filename or plan['folder']}")
+            self.recording.say(
+                f"tickwork: cannot save the values: {error.strerror}: {error.filename or plan['folder']}"
+            )
             return
         self.recording.saved[path] = f"live parameters at tick {tick}"
         self.recording.say(f"tickwork: saved {path}; --set @{path} starts with these values")
@@ -150,7 +160,10 @@ class Panel:
             values = self.values()
             told = list(dict.fromkeys(shown(parameter, *values[parameter.index]) for parameter in parameters))
             bounds = list(dict.fromkeys(parameter.bounds for parameter in parameters))
-            parts += [part(8.5, f"{name} {', '.join(told)}", colour="bold"), part(4.5, f"({', '.join(bounds)})", joined=True)]
+            parts += [
+                part(8.5, f"{name} {', '.join(told)}", colour="bold"),
+                part(4.5, f"({', '.join(bounds)})", joined=True),
+            ]
         if now < self.note_until:
             parts.append(part(8.2, self.note, colour="yellow"))
         elif self.chosen is None and self.keyboard.taken:
@@ -162,11 +175,15 @@ class Panel:
 
 
 def choices(parameters):
-    """[(name, parameters)] that Tab goes through: what several parts have alike, in one, and then each parameter alone."""
+    """[(name, parameters)] that Tab goes through: what several parts have alike, in one, and then each parameter
+    alone.
+    """
     by_path = {parameter.path: parameter for parameter in parameters}
     together = {
-        pattern: [by_path[path] for path in paths] for pattern, paths in patterns.shared(by_path).items()
-        if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= MOST_CHANGES}
+        pattern: [by_path[path] for path in paths]
+        for pattern, paths in patterns.shared(by_path).items()
+        if len({(by_path[path].dtype, by_path[path].unit) for path in paths}) == 1 and len(paths) <= MOST_CHANGES
+    }
     return [*together.items(), *((parameter.path, [parameter]) for parameter in parameters)]
 
 

@@ -2,10 +2,10 @@
 
     {"timestamp": 1767262212.34, "left": {"knee": {"position": 0.52, "torque": 3.1}, "imu": {"accel": [0.1, 0.2, 9.8]}}}
 
-With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take. Whatever is not
-finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into one datagram goes as several, a
-subsystem each, with the same timestamp. Sending never waits: a datagram that the network does not take, or that nobody listens for, is
-counted and forgotten.
+With batches a datagram is a list of such messages, each with its own timestamp, which PlotJuggler 3.16 and later take.
+Whatever is not finite becomes null, which PlotJuggler skips; NaN in JSON would stop its server. What does not fit into
+one datagram goes as several, a subsystem each, with the same timestamp. Sending never waits: a datagram that the
+network does not take, or that nobody listens for, is counted and forgotten.
 """
 
 import re
@@ -18,10 +18,10 @@ import msgspec.json
 from runtime.recorder.choice import chosen
 from runtime.recorder.service import Service
 
-DATAGRAM = 65507                # bytes, the most that UDP over IPv4 carries
+DATAGRAM = 65507  # bytes, the most that UDP over IPv4 carries
 STAMP = "timestamp"
-RETRY = 1.0                     # s between sockets, while the network takes nothing
-WATCHED = 50                    # datagrams that were taken: somebody was there
+RETRY = 1.0  # s between sockets, while the network takes nothing
+WATCHED = 50  # datagrams that were taken: somebody was there
 _ELEMENT = re.compile(r"^(.*?)((?:\[\d+\])+)$")
 
 
@@ -35,18 +35,20 @@ class PlotJugglerSender(Service):
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
         except socket.gaierror as error:
             raise OSError(error.errno, f"there is no host {host!r} ({error.strerror})") from None
-        found.sort(key=lambda entry: entry[0] != socket.AF_INET)        # "localhost" is both, and PlotJuggler listens on IPv4
+        found.sort(key=lambda entry: entry[0] != socket.AF_INET)  # "localhost" is both, and PlotJuggler listens on IPv4
         *self.kind, _, self.address = found[0]
         self.socket, self.again, self.cut = None, 0.0, 0
         self.reopen()
         places = chosen(self.sink["columns"], parameters.get("signals", ""))
         self.messages = [Message([self.sink["columns"][place] for place in places], places)]
-        self.began = 0.0 if parameters.get("time") == "relative" else None         # of the timestamps: s since 1970 at tick 0
+        self.began = 0.0 if parameters.get("time") == "relative" else None  # of the timestamps: s since 1970 at tick 0
         self.decimation, self.batch = parameters.get("decimation", 1), parameters.get("batch", 1)
-        self.last, self.waiting = None, []      # the newest sample's tick over the decimation; messages of the datagram to come
+        # the newest sample's tick over the decimation; messages of the datagram to come
+        self.last, self.waiting = None, []
         self.sent = self.lost = 0
         self.trouble, self.said, self.returned = None, False, False
-        self.silent = not self.sink.get("wanted", True)     # a block that the diagram has anyhow: who does not look on need not be told of it
+        # a block that the diagram has anyhow: who does not look on need not be told of it
+        self.silent = not self.sink.get("wanted", True)
 
     def row(self, tick, time, values):
         if self.decimation > 1:
@@ -60,7 +62,7 @@ class PlotJugglerSender(Service):
         while index < len(self.messages):
             datagram = self.messages[index].encode(time, values)
             if len(datagram) > DATAGRAM and self.messages[index].divisible:
-                self.messages[index:index + 1] = self.messages[index].split()
+                self.messages[index : index + 1] = self.messages[index].split()
                 continue
             if self.batch == 1:
                 self.send(datagram)
@@ -74,8 +76,8 @@ class PlotJugglerSender(Service):
             self.socket.close()
         self.socket = socket.socket(*self.kind)
         self.socket.setblocking(False)
-        with suppress(OSError):                 # a network that is not there yet
-            self.socket.connect(self.address)   # so that we hear when nobody listens
+        with suppress(OSError):  # a network that is not there yet
+            self.socket.connect(self.address)  # so that we hear when nobody listens
 
     def gather(self, message):
         """Into the datagram to come, which goes once it is full."""
@@ -96,20 +98,23 @@ class PlotJugglerSender(Service):
                 self.socket.sendto(datagram, self.address)
                 self.sent += 1
                 if self.cut:
-                    self.reopen()                           # connected, so that we hear when nobody listens
+                    self.reopen()  # connected, so that we hear when nobody listens
                     self.tell_return()
                     self.cut = 0
                 return
-            except ConnectionRefusedError as error:         # of the one before; this one has not gone yet
+            except ConnectionRefusedError as error:  # of the one before; this one has not gone yet
                 self.sent -= 1
                 gone = self.sent - self.lost > WATCHED
                 self.silent = self.silent and not gone
-                self.lose(f"nobody listens at {self.where}{' any more' if gone else ''}: in PlotJuggler start the UDP server", error)
+                self.lose(
+                    f"nobody listens at {self.where}{' any more' if gone else ''}: in PlotJuggler start the UDP server",
+                    error,
+                )
             except OSError as error:
                 self.silent = False
                 self.lose(f"the network does not take what is sent to {self.where} ({error.strerror})", error)
                 self.cut += 1
-                if monotonic() >= self.again:               # this computer may have come back with another address
+                if monotonic() >= self.again:  # this computer may have come back with another address
                     self.again = monotonic() + RETRY
                     self.reopen()
                 return
@@ -123,7 +128,9 @@ class PlotJugglerSender(Service):
         self.trouble = error.strerror
 
     def tell_return(self):
-        """That the network is there again: the first time, so that one which comes and goes does not fill the screen."""
+        """That the network is there again: the first time, so that one which comes and goes does not fill the
+        screen.
+        """
         if not self.returned:
             self.returned = True
             self.tell(f"the network takes it again; {self.cut} datagrams were lost")
@@ -155,7 +162,9 @@ class Message:
         self.kinds = [{"int": whole, "bool": truth}.get(column["dtype"]) for column in self.columns]
 
     def place(self, path):
-        """(container, key) where a column's value goes. A path that is taken, or in the way, becomes a key of its own."""
+        """(container, key) where a column's value goes. A path that is taken, or in the way, becomes a key of its
+        own.
+        """
         names = re.split(r"[/.]", path)
         match = _ELEMENT.match(names[-1])
         indices = [int(i) for i in re.findall(r"\d+", match[2])] if match else []
@@ -194,26 +203,30 @@ class Message:
         for (container, key), position, kind in zip(self.places, self.positions, self.kinds):
             value = values[position]
             container[key] = value if kind is None else kind(value)
-        return msgspec.json.encode(self.content)                # NaN and infinities become null
+        return msgspec.json.encode(self.content)  # NaN and infinities become null
 
     @property
     def divisible(self):
         return len(self.columns) > 1
 
     def split(self):
-        """Two messages or more with the same columns: by the outermost name that divides them, in halves if none does."""
+        """Two messages or more with the same columns: by the outermost name that divides them, in halves if none
+        does.
+        """
         names = [re.split(r"[/.]", column["path"]) for column in self.columns]
         groups = {}
         for depth in range(min(map(len, names))):
             groups = {}
             for index, path in enumerate(names):
-                groups.setdefault(tuple(path[:depth + 1]), []).append(index)
+                groups.setdefault(tuple(path[: depth + 1]), []).append(index)
             if len(groups) > 1:
                 break
         if len(groups) < 2:
             half = len(self.columns) // 2
             groups = {0: range(half), 1: range(half, len(self.columns))}
-        return [Message([self.columns[i] for i in group], [self.positions[i] for i in group]) for group in groups.values()]
+        return [
+            Message([self.columns[i] for i in group], [self.positions[i] for i in group]) for group in groups.values()
+        ]
 
 
 def whole(value):

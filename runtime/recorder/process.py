@@ -1,11 +1,12 @@
 """The recorder process: starts a writer (runtime.recorder.writer), and another one where a writer dies.
 
-    start     the writer opens part 1 of the recording and drains the ring into it
-    death     the cause is printed once; a new writer records part 2, 3, ... into files of its own, from the first record that part 1 lacks
-    end       no new writer starts after RESTART_LIMIT deaths, after a second death of one cause, or once the control process has ended
+    start     the writer opens part 1 of the recording and drains the ring into it death     the cause is printed once;
+    a new writer records part 2, 3, ... into files of its own, from the first record that part 1 lacks end       no new
+    writer starts after RESTART_LIMIT deaths, after a second death of one cause, or once the control process has ended
 
-Parts share nothing but the checkpoint (runtime.recorder.checkpoint), which says how far each file of the dead writer is whole. The loop never
-waits for any of this: without a writer the ring fills and drops. Signals do not end this process; the end of its writer does.
+Parts share nothing but the checkpoint (runtime.recorder.checkpoint), which says how far each file of the dead writer is
+whole. The loop never waits for any of this: without a writer the ring fills and drops. Signals do not end this process;
+the end of its writer does.
 """
 
 import json
@@ -25,9 +26,9 @@ from runtime.recorder.report import PARTIAL, write_json
 from runtime.recorder.terminal import Terminal
 from runtime.recorder.writer import answer, name_process, write
 
-ORDERS = 0                      # standard input
+ORDERS = 0  # standard input
 RESTART_LIMIT = 3
-CANNOT_RECORD = 2               # exit code of a writer whose files cannot be created
+CANNOT_RECORD = 2  # exit code of a writer whose files cannot be created
 
 
 class Control:
@@ -67,7 +68,9 @@ class Control:
 
 
 def main(answers, control, page, keys):
-    """File descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or -1."""
+    """File descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or
+    -1.
+    """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     be_ordinary()
@@ -78,9 +81,11 @@ def main(answers, control, page, keys):
     name_process("tickwork-parts")
     checkpoint, causes, part = Checkpoint(page), [], plan.get("part", 1)
     while True:
-        cause, unfit = death_of_writer(lambda: write(page, answers, orders, keys, {**plan, "part": part}, checkpoint), page)
+        cause, unfit = death_of_writer(
+            lambda: write(page, answers, orders, keys, {**plan, "part": part}, checkpoint), page
+        )
         state = checkpoint.newest()
-        if cause is None or state is None:              # it is done, or died before it was ready, which control reports
+        if cause is None or state is None:  # it is done, or died before it was ready, which control reports
             return
         checkpoint.cut_files(state)
         again = not unfit and cause not in causes and len(causes) < RESTART_LIMIT and not ended(control)
@@ -105,7 +110,7 @@ def death_of_writer(writer, page):
         try:
             page.rewind()
             writer()
-        except BaseException as error:                  # the parent prints it: a traceback would tear the status line
+        except BaseException as error:  # the parent prints it: a traceback would tear the status line
             code = CANNOT_RECORD if isinstance(error, RecordingFailed) else 1
             with suppress(BaseException):
                 os.write(pipe, described(error).encode(errors="backslashreplace")[:500])
@@ -132,20 +137,31 @@ def ended(pidfd):
 
 
 def successor(plan, part, state, cause, again, page):
-    """(plan of the next part, its number, what happened in a line). state : the newest checkpoint of the part that died"""
+    """(plan of the next part, its number, what happened in a line). state : the newest checkpoint of the part that
+    died
+    """
     lost = page.statistics()["dropped"] - state["dropped"]
     died = f"the writer of part {part} died ({cause})"
-    following = f"part {part + 1} continues the recording; " + (f"{lost} records were lost" if lost else "no record was lost")
+    following = f"part {part + 1} continues the recording; " + (
+        f"{lost} records were lost" if lost else "no record was lost"
+    )
     problem = f"{died}; {following}" if again else f"{died}; recording stops and the run continues without it"
     with suppress(OSError, TypeError):
-        os.unlink(state["sidecar"] + PARTIAL)           # which the writer was replacing its sidecar with
+        os.unlink(state["sidecar"] + PARTIAL)  # which the writer was replacing its sidecar with
     with suppress(OSError, ValueError, TypeError):
         known = json.loads(Path(state["sidecar"]).read_text())
-        write_json(state["sidecar"], {**known, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again})
+        write_json(
+            state["sidecar"],
+            {**known, "ended": f"the recorder died ({cause})" + f"; part {part + 1} continues it" * again},
+        )
     before = plan.get("before", {"files": {}, "logs": [], "problems": [], "stem": state["stem"]})
     before = {
         "files": before["files"] | {path: remark or f"part {part}" for path, remark in state["files"].items()},
-        "logs": [*before["logs"], *filter(None, [state["log"]])], "problems": [*before["problems"], problem], "stem": before["stem"], "lost": lost}
+        "logs": [*before["logs"], *filter(None, [state["log"]])],
+        "problems": [*before["problems"], problem],
+        "stem": before["stem"],
+        "lost": lost,
+    }
     return {**plan, "before": before, "stem": f"{before['stem']}_part{part + 1}"}, part + 1, problem
 
 

@@ -24,7 +24,7 @@ from runtime.telling import preflight_text
 from runtime.telling.lines import Paper
 
 KEPT_EVENTS = 100_000
-BUS_OF_FRAME = 14               # bytes into struct Frame of cext/abi.pxd
+BUS_OF_FRAME = 14  # bytes into struct Frame of cext/abi.pxd
 
 
 class RecordingFailed(Exception):
@@ -42,25 +42,25 @@ class Recording:
     def __init__(self, plan, page):
         self.plan, self.page = plan, page
         self.part = plan.get("part", 1)
-        before = plan.get("before", {"files": {}, "logs": [], "problems": []})      # the parts whose writers have died
+        before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # the parts whose writers have died
         self.row = Struct(f"={2 + len(plan['signals'])}d")
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
         self.changes = Changes(table.read(page).parameters)
-        self.newest = None                      # the newest row: tick, lateness, values
-        self.traffic = [0] * len(plan["buses"])         # frames of each bus, received or sent
-        self.bits = [0] * len(plan["buses"])            # that they took on the wire
-        self.services = []                      # (path, service), those that live
-        self.pickers = []                       # (what picks the columns out of a row, service)
+        self.newest = None  # the newest row: tick, lateness, values
+        self.traffic = [0] * len(plan["buses"])  # frames of each bus, received or sent
+        self.bits = [0] * len(plan["buses"])  # that they took on the wire
+        self.services = []  # (path, service), those that live
+        self.pickers = []  # (what picks the columns out of a row, service)
         self.about = {}
-        self.logs = []                          # that take frames
+        self.logs = []  # that take frames
         self.flight_log = None
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
         self.say = lambda line: None
         self.paper, self.asks = Paper(), False
-        self.before = before["files"]           # {path: remark}
+        self.before = before["files"]  # {path: remark}
         self.backlog = Backlog(before["logs"])  # their flight logs, which are not finished
         if "lost" in before:
             self.events.append({"event": "recorder", "part": self.part, "dropped": before["lost"]})
@@ -86,7 +86,7 @@ class Recording:
                 doing = f"the {log.sink['path']} cannot start"
                 self.services.append((log.sink["path"], log))
                 log.open()
-        except Exception as error:              # a service may be anybody's
+        except Exception as error:  # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
 
@@ -95,7 +95,9 @@ class Recording:
         service.say, service.page = self.say_later, self.page
         self.services.append((sink["path"], service))
         service.open()
-        self.pickers.append((picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service))
+        self.pickers.append(
+            (picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service)
+        )
 
     def leave_out(self, path, error):
         """Do without a service that cannot start in a later part, such as one whose viewer was closed."""
@@ -202,15 +204,26 @@ class Recording:
 
     def sizes(self):
         """{path: bytes} of every file that this process writes, as it is on the disk."""
-        others = {self.sidecar, *self.before, *(path for _, service in self.services if service.elsewhere for path in service.files)}
-        return {entry["path"]: os.path.getsize(entry["path"]) for entry in self.list_files()
-                if entry["path"] not in others and os.path.exists(entry["path"])}
+        others = {
+            self.sidecar,
+            *self.before,
+            *(path for _, service in self.services if service.elsewhere for path in service.files),
+        }
+        return {
+            entry["path"]: os.path.getsize(entry["path"])
+            for entry in self.list_files()
+            if entry["path"] not in others and os.path.exists(entry["path"])
+        }
 
     def checkpoint(self):
         """What the next part has to know, should this process die: a dict for JSON."""
         return {
-            "sizes": self.sizes(), "files": self.known(), "stem": self.plan["stem"], "sidecar": self.sidecar,
-            "log": None if self.flight_log is None else self.flight_log.file.path}
+            "sizes": self.sizes(),
+            "files": self.known(),
+            "stem": self.plan["stem"],
+            "sidecar": self.sidecar,
+            "log": None if self.flight_log is None else self.flight_log.file.path,
+        }
 
     def attempt(self, path, service, action):
         """Call a service's method. If it raises, the service is stopped, and None returned."""
@@ -233,7 +246,7 @@ class Recording:
         problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
         try:
             service.close()
-        except Exception:                       # it has failed already, and that is what is told
+        except Exception:  # it has failed already, and that is what is told
             pass
         self.sinks[path] = {"failed": problem}
         self.files.update({file: files.INCOMPLETE if os.path.exists(file) else files.DELETED for file in service.files})
@@ -273,7 +286,12 @@ class Recording:
 
     def known(self):
         """{path: remark} of every file; the sidecar comes last."""
-        known = {**self.before, **self.files, **{path: note for _, service in self.services for path, note in service.files.items()}, **self.saved}
+        known = {
+            **self.before,
+            **self.files,
+            **{path: note for _, service in self.services for path, note in service.files.items()},
+            **self.saved,
+        }
         if self.sidecar is not None:
             known[self.sidecar] = known.pop(self.sidecar)
         return known
@@ -287,12 +305,12 @@ class Recording:
         for _, service in self.services:
             try:
                 service.close()
-            except Exception:                   # the file goes away anyhow
+            except Exception:  # the file goes away anyhow
                 pass
         for file in self.list_files():
             with suppress(FileNotFoundError):
                 os.unlink(file["path"])
-        with suppress(OSError):                 # somebody else uses the folder by now
+        with suppress(OSError):  # somebody else uses the folder by now
             for folder in reversed(self.folders):
                 os.rmdir(folder)
 

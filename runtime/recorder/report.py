@@ -14,9 +14,19 @@ STILL_RECORDING = "still recording; if no process is, the recorder was killed, a
 def outcome(recording, orphaned):
     """How it went, for the flight log: in virtual time nothing that another run of the same would not say, too."""
     facts = {
-        "ended": ending(recording.end, orphaned), "end": recording.end, "ticks": recording.ticks,
-        "first_tick": recording.first_tick, "last_tick": recording.last_tick, "events": recording.events, "problems": recording.problems}
-    return facts if recording.plan["virtual"] else {**facts, "statistics": recording.page.statistics(), "wall": recording.page.wall}
+        "ended": ending(recording.end, orphaned),
+        "end": recording.end,
+        "ticks": recording.ticks,
+        "first_tick": recording.first_tick,
+        "last_tick": recording.last_tick,
+        "events": recording.events,
+        "problems": recording.problems,
+    }
+    return (
+        facts
+        if recording.plan["virtual"]
+        else {**facts, "statistics": recording.page.statistics(), "wall": recording.page.wall}
+    )
 
 
 def describe(recording, orphaned):
@@ -24,14 +34,28 @@ def describe(recording, orphaned):
     plan, statistics = recording.plan, recording.page.statistics()
     wall = recording.page.wall
     return {
-        "name": plan["name"], "stem": plan["stem"], "rate": plan["rate"], "duration": plan["duration"],
-        "virtual": plan["virtual"], "simulated": plan["simulated"],
+        "name": plan["name"],
+        "stem": plan["stem"],
+        "rate": plan["rate"],
+        "duration": plan["duration"],
+        "virtual": plan["virtual"],
+        "simulated": plan["simulated"],
         "began": datetime.fromtimestamp(wall * 1e-9, timezone.utc).astimezone().isoformat() if wall else None,
-        "ended": ending(recording.end, orphaned), "end": recording.end,
-        "ticks": recording.ticks, "first_tick": recording.first_tick, "last_tick": recording.last_tick,
-        "missed": statistics["missed"], "dropped": statistics["dropped"], "statistics": statistics,
-        "events": recording.events, "events_left_out": recording.events_left_out, "sinks": recording.sinks, "files": recording.list_files(),
-        "problems": recording.problems, **recording.about, "control_pid": plan.get("control_pid"),
+        "ended": ending(recording.end, orphaned),
+        "end": recording.end,
+        "ticks": recording.ticks,
+        "first_tick": recording.first_tick,
+        "last_tick": recording.last_tick,
+        "missed": statistics["missed"],
+        "dropped": statistics["dropped"],
+        "statistics": statistics,
+        "events": recording.events,
+        "events_left_out": recording.events_left_out,
+        "sinks": recording.sinks,
+        "files": recording.list_files(),
+        "problems": recording.problems,
+        **recording.about,
+        "control_pid": plan.get("control_pid"),
     }
 
 
@@ -57,7 +81,7 @@ def reason(error):
     return name_and_text(error)
 
 
-PARTIAL = ".part"               # ending of a file until it is whole
+PARTIAL = ".part"  # ending of a file until it is whole
 
 
 def write_json(path, content):

@@ -28,7 +28,9 @@ class StrideAverage(Service):
         signals = {name: sources[column["index"]] for name, column in zip(INPUTS, self.sink["columns"])}
         self.result = {"title": self.title, "path": self.sink["path"], "signals": signals, **self.average.result()}
         told, part = {key: self.result[key] for key in ("strides", "left_out")}, self.plan.get("part", 1)
-        return told | ({"problem": f"{self.title}: strides before part {part} are not in the average"} if part > 1 else {})
+        return told | (
+            {"problem": f"{self.title}: strides before part {part} are not in the average"} if part > 1 else {}
+        )
 
     @classmethod
     def conclude(cls, plan, services):
@@ -46,4 +48,7 @@ class StrideAverage(Service):
         except BaseException:
             os.unlink(path)
             raise
-        return {"strides": results, "files": {path: "the average stride of " + " and ".join(r["title"] for r in walked)}}
+        return {
+            "strides": results,
+            "files": {path: "the average stride of " + " and ".join(r["title"] for r in walked)},
+        }

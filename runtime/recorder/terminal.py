@@ -20,7 +20,7 @@ class Terminal:
         self.interactive = os.isatty(descriptor) and not dumb
         self.coloured = self.interactive and not environment.get("NO_COLOR")
         locale = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
-        self.unicode = "utf" in locale.lower() or not locale          # Python, too, takes UTF-8 where nothing is said
+        self.unicode = "utf" in locale.lower() or not locale  # Python, too, takes UTF-8 where nothing is said
         self.poll = select.poll()
         self.drawn = False
         try:
@@ -42,7 +42,7 @@ class Terminal:
                 encoding = "utf-8" if self.unicode else "ascii"
                 os.write(self.descriptor, readable(text, encoding).encode(encoding))
         except OSError:
-            self.interactive = False            # it has gone away
+            self.interactive = False  # it has gone away
 
     def draw(self, text):
         """Replace the status line."""

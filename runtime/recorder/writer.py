@@ -1,4 +1,5 @@
-"""The process that writes: drains the ring into one part of a recording until the run is over, finishes the files, and reports.
+"""The process that writes: drains the ring into one part of a recording until the run is over, finishes the files, and
+reports.
 
 It outlives the control process: whatever had reached the ring when that died is written.
 """
@@ -17,16 +18,18 @@ from runtime.recorder.status import StatusLine
 from runtime.recorder.terminal import Terminal
 from runtime.telling.lines import Paper
 
-BATCH = 4096                    # records taken out of the ring at once
-IDLE = 5                        # ms between looks at an empty ring
-IDLE_VIRTUAL = 1                # ms; a loop in virtual time waits for us
-FLUSH = 0.5                     # s between flushes at most,
-HELD = 0.25                     # or this share of the ring that waits for one
-FOLLOW = 0.1                    # s between looks at who has the terminal
+BATCH = 4096  # records taken out of the ring at once
+IDLE = 5  # ms between looks at an empty ring
+IDLE_VIRTUAL = 1  # ms; a loop in virtual time waits for us
+FLUSH = 0.5  # s between flushes at most,
+HELD = 0.25  # or this share of the ring that waits for one
+FOLLOW = 0.1  # s between looks at who has the terminal
 
 
 def write(page, answers, control, keys, plan, checkpoint):
-    """One part, from opening its files to its report. RecordingFailed, of a part behind the first, where its files cannot be made"""
+    """One part, from opening its files to its report. RecordingFailed, of a part behind the first, where its files
+    cannot be made
+    """
     recording = Recording(plan, page)
     try:
         recording.open()
@@ -36,7 +39,10 @@ def write(page, answers, control, keys, plan, checkpoint):
         answer(answers, {"error": str(error)})
         return
     terminal = Terminal()
-    recording.say, recording.paper = terminal.say, Paper(terminal.columns if terminal.interactive else None, terminal.coloured)
+    recording.say, recording.paper = (
+        terminal.say,
+        Paper(terminal.columns if terminal.interactive else None, terminal.coloured),
+    )
     before = attributes_of(keys) if keys >= 0 else None
     checkpoint.save(recording.checkpoint())
     name_process("tickwork-record")
@@ -45,7 +51,7 @@ def write(page, answers, control, keys, plan, checkpoint):
     try:
         record(page, answers, control, keys, recording, terminal, checkpoint)
     finally:
-        if before is not None:                  # whoever had changed the terminal may have been killed, and the run with it
+        if before is not None:  # whoever had changed the terminal may have been killed, and the run with it
             put_back(keys, before)
 
 
@@ -61,7 +67,7 @@ def record(page, answers, control, keys, recording, terminal, checkpoint):
     finally:
         if panel is not None:
             panel.close()
-    if control.abandoned or (control.gone and not page.wall):       # nothing has begun
+    if control.abandoned or (control.gone and not page.wall):  # nothing has begun
         recording.discard()
         return
     orphaned = not page.closed
@@ -76,7 +82,8 @@ def drain(page, control, recording, status, panel, checkpoint, idle):
     """Ring to recording, until nothing more will come."""
     flush_at = follow_at = 0.0
     while True:
-        over = page.closed or (control.gone and not guarded(page))      # asked first: what was pushed before is then in the ring
+        # asked first: what was pushed before is then in the ring
+        over = page.closed or (control.gone and not guarded(page))
         records = page.drain(BATCH, release=False)
         recording.take(records)
         now = time.monotonic()
@@ -105,7 +112,8 @@ def guarded(page):
 
 
 def cause_of_death(page):
-    """What the page shows of a control process that died before the end of its run: the signal that killed it from within, or where it was.
+    """What the page shows of a control process that died before the end of its run: the signal that killed it from
+    within, or where it was.
 
     Its exit code goes to the process that started it, and to no other.
     """
@@ -113,8 +121,12 @@ def cause_of_death(page):
         return f"of {signal.Signals(page.crashed).name}"
     tick = page.statistics()["last_tick"]
     where = {
-        "init": "before arming", "arming": "while arming", "ready": "before it was armed", "stopping": "during the safe stop",
-        "safe": "after the safe stop"}
+        "init": "before arming",
+        "arming": "while arming",
+        "ready": "before it was armed",
+        "stopping": "during the safe stop",
+        "safe": "after the safe stop",
+    }
     when = where.get(page.state) or ("in its first tick" if tick < 0 else f"after tick {tick}")
     return f"{when} without ending the run: it was killed, or a block called os._exit or exec"
 
@@ -122,7 +134,9 @@ def cause_of_death(page):
 def orphan_line(report, cause):
     files = ", ".join(file["path"] for file in report["files"]) or "no files"
     return (
-        f"tickwork recorder: the control process died {cause}; {report['ticks']} ticks were recorded, the last is {report['last_tick']}: {files}")
+        f"tickwork recorder: the control process died {cause}; {report['ticks']} ticks were recorded, the last is "
+        f"{report['last_tick']}: {files}"
+    )
 
 
 def answer(descriptor, message):
@@ -130,7 +144,7 @@ def answer(descriptor, message):
     data = json.dumps(message).encode() + b"\n"
     try:
         while data:
-            data = data[os.write(descriptor, data):]
+            data = data[os.write(descriptor, data) :]
     except BrokenPipeError:
         pass
 

@@ -1,15 +1,17 @@
-"""The average stride of one leg, in constant memory: the one definition that the summary, the picture of a run and `plot --strides` share.
+"""The average stride of one leg, in constant memory: the one definition that the summary, the picture of a run and
+`plot --strides` share.
 
-A stride goes from one wrap of the phase to the next, with the leg walking all the while. Work is the integral of torque × velocity over its
-samples by the trapezoidal rule, positive and negative parts apart; curves are resampled over the phase and added to running sums. A stride with
-missing ticks, with a value that is not finite, or of an implausible duration is left out and counted.
+A stride goes from one wrap of the phase to the next, with the leg walking all the while. Work is the integral of torque
+× velocity over its samples by the trapezoidal rule, positive and negative parts apart; curves are resampled over the
+phase and added to running sums. A stride with missing ticks, with a value that is not finite, or of an implausible
+duration is left out and counted.
 """
 
 from math import isfinite, sqrt
 
-POINTS = 101                    # 0, 1, ... 100 % of the stride
-WRAP = 0.5                      # the phase falls by more than this where a stride ends
-SHORTEST, LONGEST = 0.4, 4.0    # s, of a stride: running, and walking with great difficulty
+POINTS = 101  # 0, 1, ... 100 % of the stride
+WRAP = 0.5  # the phase falls by more than this where a stride ends
+SHORTEST, LONGEST = 0.4, 4.0  # s, of a stride: running, and walking with great difficulty
 CURVES = ("angle", "torque", "power")
 INPUTS = ("phase", "walking", "angle", "velocity", "torque")
 
@@ -19,13 +21,14 @@ class AverageStride:
 
     def __init__(self, rate):
         self.rate = rate
-        self.stride = None              # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
+        self.stride = None  # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
         self.longest = LONGEST * rate + 1
-        self.before = self.previous = None      # the sample before the stride, one stride back in phase; and the newest
+        self.before = self.previous = None  # the sample before the stride, one stride back in phase; and the newest
         self.last_tick = self.last_phase = None
         self.strides = 0
-        self.left_out = {}              # {reason: strides}
-        self.rows = self.standing = self.in_strides = 0         # ticks: all, of no walking, of strides that ended or were left out
+        self.left_out = {}  # {reason: strides}
+        # ticks: all, of no walking, of strides that ended or were left out
+        self.rows = self.standing = self.in_strides = 0
         self.time = self.positive_work = self.negative_work = self.peak = 0.0
         self.sums = {name: Sums() for name in CURVES}
 
@@ -64,8 +67,14 @@ class AverageStride:
         samples = [*self.stride, after]
         duration = len(self.stride) / self.rate
         reason = (
-            f"shorter than {SHORTEST:g} s" if duration < SHORTEST else f"longer than {LONGEST:g} s" if duration > LONGEST else
-            "" if all(isfinite(v) for sample in [self.before, *samples] for v in sample) else "with a value that is not finite")
+            f"shorter than {SHORTEST:g} s"
+            if duration < SHORTEST
+            else f"longer than {LONGEST:g} s"
+            if duration > LONGEST
+            else ""
+            if all(isfinite(v) for sample in [self.before, *samples] for v in sample)
+            else "with a value that is not finite"
+        )
         if reason:
             self.leave_out(reason)
             return
@@ -85,14 +94,25 @@ class AverageStride:
             self.sums[name].add(resample(phases, values))
 
     def result(self):
-        """A dict in s, N·m, J, rad and W: means over the strides, and what of the rows is in none. No curve where there is no stride."""
+        """A dict in s, N·m, J, rad and W: means over the strides, and what of the rows is in none. No curve where there
+        is no stride.
+        """
         count = self.strides
         found = {
-            "strides": count, "left_out": sum(self.left_out.values()), "left_out_because": dict(self.left_out), "peak_torque": self.peak,
-            "unused": {"standing": self.standing / self.rate, "unfinished": max(0, self.rows - self.standing - self.in_strides) / self.rate}}
+            "strides": count,
+            "left_out": sum(self.left_out.values()),
+            "left_out_because": dict(self.left_out),
+            "peak_torque": self.peak,
+            "unused": {
+                "standing": self.standing / self.rate,
+                "unfinished": max(0, self.rows - self.standing - self.in_strides) / self.rate,
+            },
+        }
         if count:
             found |= {
-                "stride_time": self.time / count, "positive_work": self.positive_work / count, "negative_work": self.negative_work / count,
+                "stride_time": self.time / count,
+                "positive_work": self.positive_work / count,
+                "negative_work": self.negative_work / count,
                 "curves": {name: {"mean": sums.mean, "sd": sums.sd()} for name, sums in self.sums.items()},
             }
         return found
@@ -106,7 +126,9 @@ def left_out_text(result):
 def signals_texts(result):
     """Which signals the figures are of, each without the folder of the leg, in two parts."""
     signals = {name: path.removeprefix(f"{result['title']}/") for name, path in result["signals"].items()}
-    return f"work of {signals['torque']} and {signals['velocity']}", f"angle {signals['angle']}, phase {signals['phase']}"
+    return f"work of {signals['torque']} and {signals['velocity']}", (
+        f"angle {signals['angle']}, phase {signals['phase']}"
+    )
 
 
 class Sums:
@@ -129,7 +151,9 @@ class Sums:
 
 
 def resample(phases, values):
-    """Values at 0, 1, ... 100 % of the stride, on straight lines between samples; one that does not advance the phase is passed over."""
+    """Values at 0, 1, ... 100 % of the stride, on straight lines between samples; one that does not advance the phase
+    is passed over.
+    """
     xs, ys = [phases[0]], [values[0]]
     for phase, value in zip(phases, values):
         if phase > xs[-1]:

@@ -1,15 +1,16 @@
 """Compressed chunks of an MCAP file. The recorder writes none; `mcap compress` and other tools make them of its files.
 
-A few kilobytes can declare, and expand to, gigabytes: what a chunk and a file expand to has a bound, whatever they declare.
+A few kilobytes can declare, and expand to, gigabytes: what a chunk and a file expand to has a bound, whatever they
+declare.
 """
 
 import zlib
 from io import BytesIO
 
-LARGEST = 64 << 20              # bytes that a chunk may expand to
-RATIO, LEAST = 100, 16 << 20    # all chunks of a file together: so many times its size, and at least so many bytes
-NAMES = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")       # compressions, as the head of a chunk has them
-NAME_AT = 37                    # bytes into a chunk's record
+LARGEST = 64 << 20  # bytes that a chunk may expand to
+RATIO, LEAST = 100, 16 << 20  # all chunks of a file together: so many times its size, and at least so many bytes
+NAMES = (b"\3\0\0\0lz4", b"\4\0\0\0zstd")  # compressions, as the head of a chunk has them
+NAME_AT = 37  # bytes into a chunk's record
 
 
 class TooLarge(ValueError):
@@ -28,11 +29,18 @@ class Expander:
         self.left = self.limit = max(LEAST, RATIO * size)
 
     def expand(self, chunk):
-        """The records of an mcap.records.Chunk, as bytes that can be parsed. ValueError, LookupError or McapError where it is damaged; TooLarge"""
+        """The records of an mcap.records.Chunk, as bytes that can be parsed. ValueError, LookupError or McapError where
+        it is damaged; TooLarge
+        """
         size = chunk.uncompressed_size
         if size > min(LARGEST, self.left):
-            limit = f"{LARGEST >> 20} MiB" if size > LARGEST else f"{self.limit >> 20} MiB for all of a file of this size"
-            raise TooLarge(f"has a compressed chunk that declares {size} bytes, and {limit} is the limit: what stands before is read")
+            limit = (
+                f"{LARGEST >> 20} MiB" if size > LARGEST else (f"{self.limit >> 20} MiB for all of a file of this size")
+            )
+            raise TooLarge(
+                f"has a compressed chunk that declares {size} bytes, and {limit} is the limit: what "
+                "stands before is read"
+            )
         data = {"zstd": zstd, "lz4": lz4}[chunk.compression](chunk.data, size + 1)
         if len(data) != size:
             raise ValueError(f"{len(data)} bytes instead of {size}")

@@ -47,7 +47,9 @@ class Comparison:
 
 
 def compare(here, there, order=()):
-    """here, there : Trial; order : paths in the order of the tick, where it is known, so that of the first to differ causes come before effects"""
+    """here, there : Trial; order : paths in the order of the tick, where it is known, so that of the first to differ
+    causes come before effects
+    """
     shared, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     same, differences = [], []
     places = {path: index for index, path in enumerate(there.signals)}
@@ -63,14 +65,28 @@ def compare(here, there, order=()):
         with np.errstate(invalid="ignore"):
             off = np.where(differs, np.abs(a - b), 0.0)
         off[np.isnan(off)] = np.inf
-        differences.append(Difference(
-            path, signal["unit"], int(differs.sum()), int(shared[first]), float(a[first]), float(b[first]), float(off.max()),
-            float(np.sqrt(np.mean(off * off)))))
+        differences.append(
+            Difference(
+                path,
+                signal["unit"],
+                int(differs.sum()),
+                int(shared[first]),
+                float(a[first]),
+                float(b[first]),
+                float(off.max()),
+                float(np.sqrt(np.mean(off * off))),
+            )
+        )
     rank = {path: number for number, path in enumerate(order)}
     differences.sort(key=lambda difference: (difference.first, rank.get(difference.path, len(rank)), difference.path))
     return Comparison(
-        len(shared), (len(here.tick) - len(shared), len(there.tick) - len(shared)), [path for path in here.signals if path not in places],
-        [path for path in there.signals if path not in here.signals], same, differences)
+        len(shared),
+        (len(here.tick) - len(shared), len(there.tick) - len(shared)),
+        [path for path in here.signals if path not in places],
+        [path for path in there.signals if path not in here.signals],
+        same,
+        differences,
+    )
 
 
 def sent_frames(trial):

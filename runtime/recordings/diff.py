@@ -2,9 +2,9 @@
 
 import numpy as np
 
-SHOWN = 20                      # rows of the table
-DRAWN = 6                       # signals in the picture
-WINDOW = 4.0                    # s of it around the largest difference
+SHOWN = 20  # rows of the table
+DRAWN = 6  # signals in the picture
+WINDOW = 4.0  # s of it around the largest difference
 
 
 def table(here, there, comparison):
@@ -21,7 +21,9 @@ def table(here, there, comparison):
     width = max(len(f"{d.path} [{d.unit}]") for d in ranked[:SHOWN])
     lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
     for d in ranked[:SHOWN]:
-        lines.append(f"  {f'{d.path} [{d.unit}]':{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}")
+        lines.append(
+            f"  {f'{d.path} [{d.unit}]':{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}"
+        )
     if len(ranked) > SHOWN:
         lines.append(f"  and {len(ranked) - SHOWN} more signals differ")
     return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
@@ -66,5 +68,7 @@ def draw(file, kind, here, there, comparison):
             axis.tick_params(labelsize=8)
     for axis in rows[-1]:
         axis.set_xlabel("time [s]")
-    figure.legend(*rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8)
+    figure.legend(
+        *rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
+    )
     save(figure, file, kind)

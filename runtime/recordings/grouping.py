@@ -1,9 +1,11 @@
-"""Which signals a person wants to see together: those of a subsystem, a plot a unit; counts and states apart from what is measured."""
+"""Which signals a person wants to see together: those of a subsystem, a plot a unit; counts and states apart from what
+is measured.
+"""
 
 from runtime.recordings.messages import split
 
-PLOTS, CURVES = 6, 12           # of a subsystem; of a plot
-FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")      # units that come first, in this order
+PLOTS, CURVES = 6, 12  # of a subsystem; of a plot
+FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")  # units that come first, in this order
 PLAIN = ("1", "any")
 
 

@@ -1,7 +1,8 @@
-"""Protobuf messages of the flight log: what a row, a tick, a CAN frame and an event look like to a viewer, and how they become bytes.
+"""Protobuf messages of the flight log: what a row, a tick, a CAN frame and an event look like to a viewer, and how they
+become bytes.
 
-A row is one message a subsystem, with a message a block in it and a double a signal, `repeated` where the signal has elements. All of it has a
-fixed size, so that one call of struct.pack makes the message.
+A row is one message a subsystem, with a message a block in it and a double a signal, `repeated` where the signal has
+elements. All of it has a fixed size, so that one call of struct.pack makes the message.
 """
 
 import re
@@ -9,17 +10,23 @@ from itertools import count, groupby
 from struct import Struct
 
 PACKAGE = "tickwork"
-ROW_END, EVENTS, BUS = f"/{PACKAGE}/tick", f"/{PACKAGE}/events", f"/{PACKAGE}/can/"      # topics besides those of subsystems
-DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11        # FieldDescriptorProto.Type
-OPTIONAL, REPEATED = 1, 3                                                               # FieldDescriptorProto.Label
+# topics besides those of subsystems
+ROW_END, EVENTS, BUS = f"/{PACKAGE}/tick", f"/{PACKAGE}/events", f"/{PACKAGE}/can/"
+DOUBLE, FIXED32, SFIXED64, BOOL, STRING, BYTES, MESSAGE = 1, 7, 16, 8, 9, 12, 11  # FieldDescriptorProto.Type
+OPTIONAL, REPEATED = 1, 3  # FieldDescriptorProto.Label
 WIRE_FIXED64, WIRE_LENGTH, WIRE_FIXED32, WIRE_VARINT = 1, 2, 5, 0
 
-OWN = ("Tick", "CanFrame", "Event")                                                     # messages besides those of subsystems
+OWN = ("Tick", "CanFrame", "Event")  # messages besides those of subsystems
 TICK = (("tick", SFIXED64), ("time", DOUBLE), ("lateness", DOUBLE))
-FRAME = (("id", FIXED32), *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")), ("data", BYTES))
+FRAME = (
+    ("id", FIXED32),
+    *((word, BOOL) for word in ("extended", "remote", "error", "fd", "rate_switch", "error_state", "sent")),
+    ("data", BYTES),
+)
 EVENT = (("event", STRING), ("tick", SFIXED64), ("json", STRING))
 TICK_BYTES = Struct("<BqBdBd")
-TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")]       # as a NumPy dtype
+# as a NumPy dtype
+TICK_ROW = [("a", "u1"), ("tick", "<i8"), ("b", "u1"), ("time", "<f8"), ("c", "u1"), ("lateness", "<f8")]
 
 
 def varint(value):
@@ -48,9 +55,18 @@ def frame_head(identifier, flags):
 
 def event(kind, at, text):
     kind, text = kind.encode(), text.encode()
-    return b"".join((
-        tag(1, WIRE_LENGTH), varint(len(kind)), kind, tag(2, WIRE_FIXED64), at.to_bytes(8, "little", signed=True),
-        tag(3, WIRE_LENGTH), varint(len(text)), text))
+    return b"".join(
+        (
+            tag(1, WIRE_LENGTH),
+            varint(len(kind)),
+            kind,
+            tag(2, WIRE_FIXED64),
+            at.to_bytes(8, "little", signed=True),
+            tag(3, WIRE_LENGTH),
+            varint(len(text)),
+            text,
+        )
+    )
 
 
 def read(fields, data):
@@ -88,16 +104,21 @@ class Subsystem:
         self.topic = topic
         self.name = messages.free(topic.strip("/").replace("/", "_"))
         self.columns = [index for index, _ in columns]
-        self.blocks = []                            # (message name, [(field name, elements)])
+        self.blocks = []  # (message name, [(field name, elements)])
         names = Names()
         for block, own in groupby(columns, key=lambda column: split(column[1])[1]):
             fields = Names()
-            signals = [(fields.free(signal), len(list(run))) for signal, run in groupby(own, key=lambda column: split(column[1])[2])]
+            signals = [
+                (fields.free(signal), len(list(run)))
+                for signal, run in groupby(own, key=lambda column: split(column[1])[2])
+            ]
             self.blocks.append((names.free(block or "signals", message), signals))
-        pieces = []                                 # the bytes in front of every value
+        pieces = []  # the bytes in front of every value
         for number, (_, signals) in enumerate(self.blocks, 1):
-            inside = [(tag(place, WIRE_FIXED64), 1) if size == 1 else (tag(place, WIRE_LENGTH) + varint(8 * size), size)
-                      for place, (_, size) in enumerate(signals, 1)]
+            inside = [
+                (tag(place, WIRE_FIXED64), 1) if size == 1 else (tag(place, WIRE_LENGTH) + varint(8 * size), size)
+                for place, (_, size) in enumerate(signals, 1)
+            ]
             head = tag(number, WIRE_LENGTH) + varint(sum(len(text) + 8 * size for text, size in inside))
             for text, size in inside:
                 pieces += [head + text, *[b""] * (size - 1)]
@@ -122,7 +143,9 @@ class Subsystem:
         return np.dtype({"names": names, "formats": ["<f8"] * len(names), "offsets": offsets, "itemsize": at})
 
     def fill(self, rows, bodies):
-        """Put messages, as bytes, into their places of an array (rows, values). ValueError where they are not of these signals"""
+        """Put messages, as bytes, into their places of an array (rows, values). ValueError where they are not of these
+        signals
+        """
         import numpy as np
 
         values = np.frombuffer(b"".join(bodies), dtype=self.dtype())
@@ -133,7 +156,9 @@ class Subsystem:
         """A serialised FileDescriptorSet, and the name of the message in it."""
         outer = [(field, MESSAGE, OPTIONAL, f"{self.name}.{message(field)}") for field, _ in self.blocks]
         nested = {
-            message(field): [(signal, DOUBLE, REPEATED if size > 1 else OPTIONAL, "") for signal, size in signals] for field, signals in self.blocks}
+            message(field): [(signal, DOUBLE, REPEATED if size > 1 else OPTIONAL, "") for signal, size in signals]
+            for field, signals in self.blocks
+        }
         return descriptor(self.name, outer, nested)
 
 
@@ -143,11 +168,14 @@ def subsystems(name, columns):
     for index, path in columns:
         grouped.setdefault(split(path)[0] or name, []).append((index, path))
     taken = Names(OWN)
-    return [Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1]), taken) for folder, own in grouped.items()]
+    return [
+        Subsystem(topic_of(folder), sorted(own, key=lambda column: split(column[1])[1]), taken)
+        for folder, own in grouped.items()
+    ]
 
 
 def topic_of(folder):
-    return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"       # /tickwork/... are our own
+    return f"/{folder}_" if folder.split("/")[0].rstrip("_") == PACKAGE else f"/{folder}"  # /tickwork/... are our own
 
 
 def split(path):
@@ -164,11 +192,15 @@ class Names:
         self.taken = set(taken)
 
     def free(self, text, beside=lambda name: name):
-        """beside : a function of the name, whose result is taken with it: names of fields and of the messages in them have one room"""
+        """beside : a function of the name, whose result is taken with it: names of fields and of the messages in them
+        have one room
+        """
         name = identifier(text)
         chosen = next(
-            candidate for number in count(1)
-            if not {candidate := name if number == 1 else f"{name}_{number}", beside(candidate)} & self.taken)
+            candidate
+            for number in count(1)
+            if not {candidate := name if number == 1 else f"{name}_{number}", beside(candidate)} & self.taken
+        )
         self.taken |= {chosen, beside(chosen)}
         return chosen
 
@@ -193,7 +225,9 @@ def descriptor(name, fields, nested):
 
     def describe(into, fields):
         for number, (field, kind, label, of) in enumerate(fields, 1):
-            into.field.add(name=field, number=number, type=kind, label=label, type_name=f".{PACKAGE}.{of}" if of else None)
+            into.field.add(
+                name=field, number=number, type=kind, label=label, type_name=f".{PACKAGE}.{of}" if of else None
+            )
 
     outer = DescriptorProto(name=name)
     describe(outer, fields)

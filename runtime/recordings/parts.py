@@ -32,7 +32,9 @@ def heads(paths):
     """[Path]: those that do not go on with another one among them."""
     paths = [Path(path) for path in paths]
     names = {(path.parent, path.stem) for path in paths}
-    return [path for path in paths if (found := PART.fullmatch(path.stem)) is None or (path.parent, found[1]) not in names]
+    return [
+        path for path in paths if (found := PART.fullmatch(path.stem)) is None or (path.parent, found[1]) not in names
+    ]
 
 
 def whole(path, read, progress):
@@ -46,17 +48,19 @@ def whole(path, read, progress):
         number += 1
         try:
             second = read(following, progress)
-        except BadInput:                        # its recorder was killed, too, before its first tick
+        except BadInput:  # its recorder was killed, too, before its first tick
             continue
         if second.about.get("part") != number or run_of(second) != run_of(first):
-            break                               # of another run that had the same name
+            break  # of another run that had the same name
         join(first, second)
         paths.append(following)
     return first, paths
 
 
 def read_first(path, read, progress):
-    """(what was read, the number of the part, [its Path]). An empty file's recorder died at once: the next part begins where it should have."""
+    """(what was read, the number of the part, [its Path]). An empty file's recorder died at once: the next part begins
+    where it should have.
+    """
     following = path.parent / f"{path.stem}_part2{path.suffix}"
     if following.exists() and path.exists() and path.stat().st_size == 0:
         first = read(following, progress)
@@ -78,7 +82,14 @@ def join(first, second):
     drained = first.frames[-1].drained if first.frames else 0
     first.seams.append(Seam(rows, since, offset, first.began + drained))
     for frame in second.frames:
-        first.frames.append(replace(frame, drain=frame.drain + offset, row=frame.row + rows, drained=frame.drained if frame.drain else drained))
+        first.frames.append(
+            replace(
+                frame,
+                drain=frame.drain + offset,
+                row=frame.row + rows,
+                drained=frame.drained if frame.drain else drained,
+            )
+        )
     for topic in {**first.messages, **second.messages}:
         first.messages[topic] = first.messages.get(topic, [])[:rows] + second.messages.get(topic, [])
     first.events += [event for event in second.events if event["event"] != "begin"]
@@ -86,7 +97,8 @@ def join(first, second):
 
 
 def keep(first, second):
-    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was killed leaves more.
+    """How many rows of a part to keep: those before the next one begins. A recorder that was stopped before it was
+    killed leaves more.
 
     Returns (rows, as Seam has `since`).
     """
@@ -96,7 +108,9 @@ def keep(first, second):
         beyond = next((row for row, data in enumerate(kept) if number_of(data) >= begins), len(kept))
         if beyond < len(kept):
             since = second.frames[0].time if second.frames else None
-            first.frames = [frame for frame in first.frames if frame.row <= beyond and (since is None or frame.time < since)]
+            first.frames = [
+                frame for frame in first.frames if frame.row <= beyond and (since is None or frame.time < since)
+            ]
             return beyond, None if since is None else second.began + since
     return len(kept), None
 
@@ -106,7 +120,9 @@ def number_of(row):
 
 
 def drains_before(frames, following, rows):
-    """How many drains of the buses there were before a part whose count begins anew: there is one a row. rows : of what stands before it"""
+    """How many drains of the buses there were before a part whose count begins anew: there is one a row. rows : of what
+    stands before it
+    """
     here = next((frame.drain - frame.row for frame in reversed(frames) if frame.row > 0), None)
     there = next((frame.drain - frame.row for frame in following if frame.row > 0), None)
     if here is None or there is None:

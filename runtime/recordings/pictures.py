@@ -1,6 +1,7 @@
 """`python -m runtime plot`: signals of a recording over time, or over the gait cycle, as a picture.
 
-Faults stand as red lines over all plots, and red where a device reports a fault code; marks are blue, limits grey and dashed.
+Faults stand as red lines over all plots, and red where a device reports a fault code; marks are blue, limits grey and
+dashed.
 """
 
 import numpy as np
@@ -16,21 +17,25 @@ from runtime.recordings.grouping import CURVES, PLAIN, by_unit
 from runtime.recordings.messages import split
 from runtime.recordings.strides import beginnings, bounds, over, phase_of
 
-MOST = 100                      # plots of a picture
-LEVELS, CHARACTER = 3, 0.0085   # of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
-WIDEST = 44                     # characters of a name beside a plot
-ROOMY = 9                       # names beside a plot, in letters of their full size
-VAST = 1e150                    # what is larger has no place on an axis
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")      # (Okabe and Ito 2008)
+MOST = 100  # plots of a picture
+# of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
+LEVELS, CHARACTER = 3, 0.0085
+WIDEST = 44  # characters of a name beside a plot
+ROOMY = 9  # names beside a plot, in letters of their full size
+VAST = 1e150  # what is larger has no place on an axis
+# (Okabe and Ito 2008)
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")
 FAULT, MARK = "#C1121F", "#0072B2"
-ROW, WIDTH = 1.9, 10.0          # inches
+ROW, WIDTH = 1.9, 10.0  # inches
 JOINT = ("position", "velocity", "torque")
-CURVES_OF = ("angle", "velocity", "torque")     # the same, as inputs of a StrideReport
+CURVES_OF = ("angle", "velocity", "torque")  # the same, as inputs of a StrideReport
 STRIDE_REPORT = "blocks.recorders:StrideReport"
 
 
 def overview(trial):
-    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every element by itself."""
+    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every
+    element by itself.
+    """
     name = trial.about["name"]
     signals = [trial.row_of(path) | {"path": path} for path in trial.names]
     found = {}
@@ -42,14 +47,17 @@ def overview(trial):
 
 
 def rows_of(trial, paths):
-    """[[path], ...]: what a person has named, all of it, in their order: a plot a unit, or several where it would be too full. KeyError, BadInput
+    """[[path], ...]: what a person has named, all of it, in their order: a plot a unit, or several where it would be
+    too full. KeyError, BadInput
 
     paths : of signals, of blocks or of subsystems
     """
     kinds = {}
     for path in paths:
         for signal in named(trial, path):
-            kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(dict.fromkeys(elements(trial, signal)))
+            kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(
+                dict.fromkeys(elements(trial, signal))
+            )
     rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
     if len(rows) > MOST:
         raise BadInput(f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {MOST}: name fewer")
@@ -60,12 +68,14 @@ def named(trial, path):
     """Signals that a path means: one, or all of a block or a subsystem. KeyError"""
     within = [name for name in trial.names if path and name.startswith((f"{path}.", f"{path}/"))]
     if not within:
-        trial.find(path)                        # or says what it may have meant
+        trial.find(path)  # or says what it may have meant
     return within or [path]
 
 
 def alone(trial, path):
-    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a subsystem. KeyError"""
+    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a
+    subsystem. KeyError
+    """
     signals = named(trial, path)
     return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
 
@@ -80,31 +90,54 @@ def over_time(trial, rows, title, file, kind, told=""):
         for number, path in enumerate(paths):
             values = trial[path]
             steps = values.dtype != float
-            axis.plot(trial.time, drawable(values), color=COLOURS[number % len(COLOURS)], linewidth=1.2, label=str(number),
-                      drawstyle="steps-post" if steps else "default", marker="" if len(trial) > 1 else "o",
-                      linestyle="-" if number < len(COLOURS) else "--")
+            axis.plot(
+                trial.time,
+                drawable(values),
+                color=COLOURS[number % len(COLOURS)],
+                linewidth=1.2,
+                label=str(number),
+                drawstyle="steps-post" if steps else "default",
+                marker="" if len(trial) > 1 else "o",
+                linestyle="-" if number < len(COLOURS) else "--",
+            )
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
-        if len(limits) == 1:                    # several would need a legend of their own
+        if len(limits) == 1:  # several would need a legend of their own
             for place, end in enumerate(*limits):
-                axis.axhline(end, color=GREY, linewidth=0.9, linestyle=(0, (6, 4)), zorder=1, label="limit" if place == 0 else None)
+                axis.axhline(
+                    end,
+                    color=GREY,
+                    linewidth=0.9,
+                    linestyle=(0, (6, 4)),
+                    zorder=1,
+                    label="limit" if place == 0 else None,
+                )
         axis.set_ylabel(unit_label(trial.unit(paths[0])), color=INK)
         dress(axis)
         full = len(paths) > ROOMY
-        legend = axis.legend(fontsize=6.5 if full else 7.5, labelspacing=0.25 if full else 0.5, frameon=False, labelcolor=INK, loc="center left",
-                             bbox_to_anchor=(1.0, 0.5))
-        for text, path in zip(legend.get_texts(), paths):       # as a label, matplotlib would leave out a name that begins with _
+        legend = axis.legend(
+            fontsize=6.5 if full else 7.5,
+            labelspacing=0.25 if full else 0.5,
+            frameon=False,
+            labelcolor=INK,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+        )
+        # as a label, matplotlib would leave out a name that begins with _
+        for text, path in zip(legend.get_texts(), paths):
             text.set_text(plain(short(path.removeprefix(f"{told}/"), WIDEST)))
         if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
             axis.set_yticks(())
-            axis.annotate("no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9)
+            axis.annotate(
+                "no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9
+            )
         troubles(axis, trial)
     axes[-1].set_xlabel("time [s]", color=INK)
     if len(trial):
         first, last = trial.time[0], max([trial.time[-1], *(time for time, _, _ in moments(trial))])
-        if first == last:                       # one tick, in the middle
+        if first == last:  # one tick, in the middle
             first, last = first - 0.5 / trial.about["rate"], last + 0.5 / trial.about["rate"]
-        axes[-1].set_xlim(first, last + 0.005 * (last - first))         # a fault stands behind the last tick
+        axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault stands behind the last tick
     name_troubles(axes[0], trial)
     figure.align_ylabels(axes)
     picture.save(figure, file, kind)
@@ -113,7 +146,13 @@ def over_time(trial, rows, title, file, kind, told=""):
 def troubles(axis, trial):
     """Faults, marks, and fault codes of devices."""
     for time, _, colour in moments(trial):
-        axis.axvline(time, color=colour, linewidth=1.3 if colour == FAULT else 0.9, linestyle="-" if colour == FAULT else ":", zorder=5)
+        axis.axvline(
+            time,
+            color=colour,
+            linewidth=1.3 if colour == FAULT else 0.9,
+            linestyle="-" if colour == FAULT else ":",
+            zorder=5,
+        )
     for _, first, last in faulty(trial):
         axis.axvspan(trial.time[first], trial.time[last], color=FAULT, alpha=0.12, linewidth=0)
 
@@ -130,19 +169,39 @@ def codes(trial):
 
 
 def name_troubles(axis, trial):
-    """Words above the first plot, higher where they would stand on one another. Faults come first; of marks there are as many as have room."""
+    """Words above the first plot, higher where they would stand on one another. Faults come first; of marks there are
+    as many as have room.
+    """
     first, last = axis.get_xlim()
     taken = [[] for _ in range(LEVELS)]
-    for time, text, colour in sorted([*moments(trial), *codes(trial)], key=lambda moment: (moment[2] != FAULT, moment[0])):
+    for time, text, colour in sorted(
+        [*moments(trial), *codes(trial)], key=lambda moment: (moment[2] != FAULT, moment[0])
+    ):
         place, width = (time - first) / (last - first), len(text) * CHARACTER
         late = place > 0.5
         ends = (place - width, place) if late else (place, place + width)
-        level = next((level for level, others in enumerate(taken) if all(ends[1] <= other[0] or other[1] <= ends[0] for other in others)), None)
+        level = next(
+            (
+                level
+                for level, others in enumerate(taken)
+                if all(ends[1] <= other[0] or other[1] <= ends[0] for other in others)
+            ),
+            None,
+        )
         if level is None:
             continue
         taken[level].append(ends)
-        axis.annotate(plain(text), (time, 1.0), xycoords=("data", "axes fraction"), textcoords="offset points", fontsize=7.5, color=colour,
-                      xytext=(-3 if late else 3, 3 + 9.5 * level), ha="right" if late else "left", va="bottom")
+        axis.annotate(
+            plain(text),
+            (time, 1.0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=colour,
+            xytext=(-3 if late else 3, 3 + 9.5 * level),
+            ha="right" if late else "left",
+            va="bottom",
+        )
 
 
 def moments(trial):
@@ -167,8 +226,8 @@ def spells(truths):
 def legs(trial, events=None):
     """What runtime.recorder.picture draws of each leg, from the recorded rows. BadInput where none walks.
 
-    Legs are those of the diagram's StrideReports, with the signals that these were given, so that the figures are those of the run; then every other
-    joint with position, velocity and torque.
+    Legs are those of the diagram's StrideReports, with the signals that these were given, so that the figures are those
+    of the run; then every other joint with position, velocity and torque.
     """
     known = reports(trial)
     used = {signals["angle"] for _, _, signals in known}
@@ -176,7 +235,7 @@ def legs(trial, events=None):
     for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
         try:
             rows, phase, walking = gait(trial, signals, events)
-        except BadInput as error:               # this joint has no gait phase: another may have
+        except BadInput as error:  # this joint has no gait phase: another may have
             refused = refused or error
             continue
         average = AverageStride(trial.about["rate"])
@@ -199,7 +258,13 @@ def reports(trial):
             path = block["path"]
             wires = {wire["port"]: wire["from"] for wire in diagram["wires"] if wire["to"] == path}
             if set(wires) == set(INPUTS) and all(signal in trial.signals for signal in wires.values()):
-                found.append((block["parameters"].get("title") or path.rpartition("/")[0] or path, path, {name: wires[name] for name in INPUTS}))
+                found.append(
+                    (
+                        block["parameters"].get("title") or path.rpartition("/")[0] or path,
+                        path,
+                        {name: wires[name] for name in INPUTS},
+                    )
+                )
     return found
 
 
@@ -213,7 +278,8 @@ def joints(trial):
 
 
 def gait(trial, signals, events):
-    """(rows, phase, walking) of the part of the recording that counts; the names of both go into `signals`. events : as Trial.strides has them
+    """(rows, phase, walking) of the part of the recording that counts; the names of both go into `signals`. events : as
+    Trial.strides has them
 
     BadInput where there is no phase.
     """
@@ -227,11 +293,16 @@ def gait(trial, signals, events):
     signals["phase"] = events if isinstance(events, str) else "times that were given"
     if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
         return everything, trial[events], ones
-    return between(trial, beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()))
+    return between(
+        trial,
+        beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()),
+    )
 
 
 def between(trial, times):
-    """(rows, phase, walking) from the tick before the first event to the last one: the phase is the share of the way to the next. times : s"""
+    """(rows, phase, walking) from the tick before the first event to the last one: the phase is the share of the way to
+    the next. times : s
+    """
     near = 0.5 / trial.about["rate"]
     places = np.searchsorted(trial.time, times - near)
     events = np.unique(places[(places < len(trial)) & (times >= trial.time[:1].sum() - near)])
@@ -241,7 +312,7 @@ def between(trial, times):
     for first, last in zip(events[:-1], events[1:]):
         phase[first:last] = np.arange(last - first) / (last - first)
     begin = max(0, events[0] - 1)
-    if begin < events[0]:                       # a stride begins where the phase falls
+    if begin < events[0]:  # a stride begins where the phase falls
         phase[begin] = 1.0 - 1.0 / (events[1] - events[0])
     rows = slice(begin, events[-1] + 1)
     return rows, phase[rows], np.ones(events[-1] + 1 - begin)
@@ -258,7 +329,9 @@ def average_stride(trial, events, file, kind):
 
 
 def over_the_stride(trial, paths, events, file, kind):
-    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of subsystems"""
+    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of
+    subsystems
+    """
     paths = [signal for path in paths for signal in alone(trial, path)]
     if len(paths) > MOST:
         raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {MOST}: name fewer")
@@ -274,11 +347,20 @@ def over_the_stride(trial, paths, events, file, kind):
         cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
         axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
         [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
-        whole(axis, {trial.dtype(path)} & {"bool"})         # a mean of whole numbers is none
+        whole(axis, {trial.dtype(path)} & {"bool"})  # a mean of whole numbers is none
         axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
         axis.set_xlim(0, 100)
         dress(axis)
-        legend = axis.legend([line], ["1"], fontsize=8, frameon=False, labelcolor=INK, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2)
+        legend = axis.legend(
+            [line],
+            ["1"],
+            fontsize=8,
+            frameon=False,
+            labelcolor=INK,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.2,
+        )
         legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
     axes[-1].set_xlabel("gait cycle [%]", color=INK)
     picture.save(figure, file, kind)

@@ -1,6 +1,7 @@
 """The records of a recording's file, as far as they are good.
 
-A file that was cut off, or damaged, is read up to there. What is no recording is refused with a line that says what it is instead.
+A file that was cut off, or damaged, is read up to there. What is no recording is refused with a line that says what it
+is instead.
 """
 
 import difflib
@@ -15,18 +16,20 @@ from runtime.recordings import messages
 from runtime.recordings.chunks import Expander, TooLarge, compressed, parsed
 
 FORMATS = ("1",)
-DEEPEST = 64                    # levels of lists and objects in JSON
+DEEPEST = 64  # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
 MAGIC = b"\x89MCAP0\r\n"
-FRAME = struct.Struct("=qIBBBB64s")                 # struct Frame of cext/abi.pxd
-FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}     # of the identifier
+FRAME = struct.Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
+FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}  # of the identifier
 FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
-LOOK = 4096                     # records between two looks at how far the reading is
-CHUNK, CHUNK_HEAD = b"\x06", 49         # an MCAP chunk: its kind, and the bytes in front of its messages where it is not compressed
-RECORD = struct.Struct("<BQ")   # what an MCAP record begins with: its kind, the bytes that follow
-KINDS, LARGEST = range(1, 16), 64 << 20             # of records that we write
+LOOK = 4096  # records between two looks at how far the reading is
+# an MCAP chunk: its kind, and the bytes in front of its messages where it is not compressed
+CHUNK, CHUNK_HEAD = b"\x06", 49
+RECORD = struct.Struct("<BQ")  # what an MCAP record begins with: its kind, the bytes that follow
+KINDS, LARGEST = range(1, 16), 64 << 20  # of records that we write
 MENDED = "was cut off, and what there is of it was completed later"
-DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)       # what garbage makes of a reader
+# what garbage makes of a reader
+DAMAGE = (EOFError, struct.error, ValueError, LookupError, TypeError, OverflowError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -66,9 +69,9 @@ class Reader:
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}
         self.finished, self.trouble, self.library = False, "", ""
         need("mcap.stream_reader", "reading a recording")
-        self.spoilt = None          # where a chunk begins whose checksum is wrong
-        self.count, self.written = 0, None      # messages: those that were read, those that the recorder has counted
-        self.refused = ""           # why the file is not read any further, in words
+        self.spoilt = None  # where a chunk begins whose checksum is wrong
+        self.count, self.written = 0, None  # messages: those that were read, those that the recorder has counted
+        self.refused = ""  # why the file is not read any further, in words
         try:
             with open(path, "rb") as stream:
                 size = os.fstat(stream.fileno()).st_size
@@ -77,9 +80,15 @@ class Reader:
                 if not self.finished:
                     self.trouble = f"{path} {self.refused or matter(stream, good, size)}"
                 elif self.spoilt is not None:
-                    self.finished, self.trouble = False, f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"
+                    self.finished, self.trouble = (
+                        False,
+                        (f"{path} is damaged somewhere behind byte {self.spoilt}: a checksum is wrong"),
+                    )
                 elif self.written not in (None, self.count):
-                    self.finished, self.trouble = False, f"{path} is damaged: {self.count} of its {self.written} messages can be read"
+                    self.finished, self.trouble = (
+                        False,
+                        (f"{path} is damaged: {self.count} of its {self.written} messages can be read"),
+                    )
                 elif self.end is None:
                     self.finished, self.trouble = False, f"{path} {MENDED}"
         except FileNotFoundError:
@@ -91,15 +100,19 @@ class Reader:
         if self.about is None:
             raise BadInput(f"{path} {self.refused or self.what_else(path, size)}")
         if isinstance(self.about, dict) and self.about.get("format") not in FORMATS:
-            raise BadInput(f"{path} has format {self.about.get('format')!r}, and this Tickwork reads {', '.join(FORMATS)}: "
-                           "pip install --upgrade tickwork")
+            raise BadInput(
+                f"{path} has format {self.about.get('format')!r}, and this Tickwork reads "
+                f"{', '.join(FORMATS)}: "
+                "pip install --upgrade tickwork"
+            )
         if not sound(self.about):
             raise BadInput(f"{path} is damaged: its about.json does not say which signals it has")
 
     def read(self, stream, look):
         """Returns how many bytes are good.
 
-        Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong. A compressed one is read whole.
+        Messages stand one behind the other in a chunk, and are read so where it is torn or its checksum is wrong. A
+        compressed one is read whole.
         """
         from mcap.exceptions import McapError
 
@@ -122,7 +135,9 @@ class Reader:
             start = bad + CHUNK_HEAD
 
     def read_from(self, stream, look):
-        """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is being understood"""
+        """Records up to the end. `before`, `at`: where the newest begins and ends; `taking`: it could be read, and is
+        being understood
+        """
         from mcap.records import Attachment, Channel, Footer, Header, Message, Statistics
 
         for number, record in enumerate(self.records(stream)):
@@ -138,7 +153,9 @@ class Reader:
                 try:
                     setattr(self, record.name.removesuffix(".json"), parsed_json(record.data))
                 except TooDeep:
-                    raise BadInput(f"{stream.name} is damaged: its {record.name} is nested more than {DEEPEST} levels deep") from None
+                    raise BadInput(
+                        f"{stream.name} is damaged: its {record.name} is nested more than {DEEPEST} levels deep"
+                    ) from None
             elif isinstance(record, Channel):
                 self.topics[record.id] = record.topic
                 self.messages.setdefault(record.topic, [])
@@ -156,7 +173,9 @@ class Reader:
         from mcap.stream_reader import StreamReader, breakup_chunk
 
         size = os.fstat(stream.fileno()).st_size
-        for record in StreamReader(stream, self.at > 0, emit_chunks=True, validate_crcs=True, record_size_limit=size).records:
+        for record in StreamReader(
+            stream, self.at > 0, emit_chunks=True, validate_crcs=True, record_size_limit=size
+        ).records:
             if not isinstance(record, Chunk):
                 yield record
             elif record.compression:
@@ -171,7 +190,10 @@ class Reader:
         if size == 0 or mcap and self.library == LIBRARY:
             return "was cut off before its first tick: there is nothing in it"
         if mcap:
-            return f"is an MCAP file of something else ({self.library or 'it does not say what'}): only recordings of Tickwork are read"
+            return (
+                f"is an MCAP file of something else ({self.library or 'it does not say what'}): only recordings "
+                "of Tickwork are read"
+            )
         beside = path.parent / f"{path.stem}.mcap"
         cure = f"{beside} is" if beside != path and beside.exists() else "name the .mcap file of the run"
         return f"is no recording of Tickwork: {cure}"
@@ -220,7 +242,12 @@ def parsed_json(text):
         raise TooDeep from None
     layer = [found]
     for _ in range(DEEPEST + 1):
-        layer = [item for held in layer if isinstance(held, (dict, list)) for item in (held.values() if isinstance(held, dict) else held)]
+        layer = [
+            item
+            for held in layer
+            if isinstance(held, (dict, list))
+            for item in (held.values() if isinstance(held, dict) else held)
+        ]
         if not layer:
             return found
     raise TooDeep
@@ -229,7 +256,11 @@ def parsed_json(text):
 def sound(about):
     """Whether all is there that tells what the messages mean."""
     try:
-        said = [about["name"], *about["buses"], *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype"))]
+        said = [
+            about["name"],
+            *about["buses"],
+            *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype")),
+        ]
         return all(isinstance(word, str) for word in said) and about["rate"] > 0 and isinstance(about["metadata"], dict)
     except (LookupError, TypeError):
         return False

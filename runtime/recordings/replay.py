@@ -1,8 +1,10 @@
-"""`python -m runtime replay`: a recorded run once more, from what its buses received, tick by tick on the recorded clock.
+"""`python -m runtime replay`: a recorded run once more, from what its buses received, tick by tick on the recorded
+clock.
 
     Trial ──> Tape, TapeBus ──> Executor ──> a new recording ──> compare
 
-An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a divergence, never a guess.
+An unchanged diagram must give every recorded signal and every frame again, bit for bit. What the recording lacks is a
+divergence, never a guess.
 """
 
 import hashlib
@@ -32,19 +34,20 @@ from runtime.recordings.trial import Trial
 from runtime.rig.file import parse
 from runtime.telling.progress import Progress
 
-RING = 1 << 22                  # bytes
-PIECE = 1 << 20                 # bytes of a file that are read at once
+RING = 1 << 22  # bytes
+PIECE = 1 << 20  # bytes of a file that are read at once
 SINKS = ("blocks.recorders:CsvRecorder", "blocks.sinks:PlotJuggler", "blocks.sinks:Rerun")
-FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")      # ends whose cause is not among what was recorded
+# ends whose cause is not among what was recorded
+FROM_OUTSIDE = ("bus error", "fenced", "foreign command", "hung", "overrun", "unguarded")
 
 
 @dataclass(frozen=True)
 class Source:
     """Where the diagram to run comes from.
 
-    file : Path of Python that is run; None for the diagram that is stored in the recording, which runs no code but that of installed libraries
-    sha256 : hex digest of the only content of `file` that may be run; None for any, where the operator has named it
-    instead : why the stored diagram is used, not the recorded file
+    file : Path of Python that is run; None for the diagram that is stored in the recording, which runs no code but that
+    of installed libraries sha256 : hex digest of the only content of `file` that may be run; None for any, where the
+    operator has named it instead : why the stored diagram is used, not the recorded file
     """
 
     file: Path | None
@@ -104,8 +107,8 @@ def opened(path):
 def source_of(trial, file=None):
     """The Source of the diagram to run.
 
-    A recording may come from anywhere, and to load a diagram file is to run it. So a file that only the recording names is run if its
-    content is the recorded one, and not looked at by Python otherwise.
+    A recording may come from anywhere, and to load a diagram file is to run it. So a file that only the recording names
+    is run if its content is the recorded one, and not looked at by Python otherwise.
 
     file : a diagram file that the operator has named
     """
@@ -158,9 +161,23 @@ def replay(trial, source, folder=None):
         with Progress("comparing") as progress:
             here = Trial(next(name for name in files if name.endswith(".mcap")), progress.part(0.0, 0.9))
     mine, theirs = sent_frames(trial), sent_frames(here)
-    frame = next((index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b), None if len(mine) == len(theirs) else min(len(mine), len(theirs)))
+    frame = next(
+        (index for index, (a, b) in enumerate(zip(mine, theirs)) if a != b),
+        None if len(mine) == len(theirs) else min(len(mine), len(theirs)),
+    )
     unchanged = computation(trial.diagram or {}) == computation(json.loads(to_json(diagram)))
-    return Replayed(trial, here, source, unchanged, outcome, compare(trial, here, order(schedule)), frame, len(mine), files if folder else [], fault)
+    return Replayed(
+        trial,
+        here,
+        source,
+        unchanged,
+        outcome,
+        compare(trial, here, order(schedule)),
+        frame,
+        len(mine),
+        files if folder else [],
+        fault,
+    )
 
 
 def check(trial):
@@ -169,7 +186,9 @@ def check(trial):
         raise BadInput(f"{trial.path} is part {trial.about['part']} of a recording, and a run begins in part 1")
     dropped = (trial.end or {}).get("statistics", {}).get("dropped", 0)
     if dropped:
-        raise BadInput(f"{trial.path}: {dropped} records were dropped while it was made, so that it cannot be run again")
+        raise BadInput(
+            f"{trial.path}: {dropped} records were dropped while it was made, so that it cannot be run again"
+        )
     if not len(trial):
         raise BadInput(f"{trial.path} holds no tick")
 
@@ -195,7 +214,9 @@ def stored(trial, source):
     try:
         return from_json(json.dumps(trial.diagram))
     except DiagramError as error:
-        raise BadInput(f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{cure}") from None
+        raise BadInput(
+            f"{trial.path}: {source.instead}, and the diagram in the recording cannot be used: {error}\n{cure}"
+        ) from None
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{trial.path} is damaged: its diagram.json describes no diagram ({error!r}); {cure}") from None
 
@@ -213,7 +234,8 @@ def computation(description):
     taking = {block["path"] for block in description.get("blocks", []) if block["type"] in SINKS}
     return {key: value for key, value in description.items() if key not in ("hash", "blocks", "wires", "libraries")} | {
         "blocks": [block for block in description.get("blocks", []) if block["path"] not in taking],
-        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in taking]}
+        "wires": [wire for wire in description.get("wires", []) if wire["to"] not in taking],
+    }
 
 
 def buses(trial, schedule):
@@ -223,7 +245,9 @@ def buses(trial, schedule):
     for name in schedule.buses:
         if name not in trial.about["buses"]:
             known = ", ".join(trial.about["buses"]) or "none"
-            raise BadInput(f"the diagram is on bus {name!r}, of which the recording has no frames; its buses are {known}")
+            raise BadInput(
+                f"the diagram is on bus {name!r}, of which the recording has no frames; its buses are {known}"
+            )
         reel = [[] for _ in range(drains)]
         for frame in trial.frames:
             if frame.bus == name and not frame.sent and frame.drain > 0:
@@ -247,33 +271,48 @@ def tape(trial):
 def drained_before(trial):
     """ns from the run's begin of each time that the buses were drained before tick 0."""
     times = {frame.drain: frame.drained for frame in trial.frames if frame.row == 0}
-    first = next((frame.drain - frame.row for frame in trial.frames if frame.row > 0), max(times, default=0))    # of tick 0: one drain a row
+    # of tick 0: one drain a row
+    first = next((frame.drain - frame.row for frame in trial.frames if frame.row > 0), max(times, default=0))
     before = []
-    for drain in range(1, first):                              # one that found nothing, and was followed by nothing sent, left no trace
+    for drain in range(1, first):  # one that found nothing, and was followed by nothing sent, left no trace
         before.append(times.get(drain, before[-1] + round(1e9 / trial.about["rate"]) if before else 0))
     return before
 
 
 def up_to_the_first_fault(trial):
-    """A run that was armed again is run again up to there: cut it, and return the tick. None where there was no such fault."""
+    """A run that was armed again is run again up to there: cut it, and return the tick. None where there was no such
+    fault.
+    """
     fault = next((event for event in trial.events if event["event"] == "fault"), None)
     if fault is None:
         return None
     kept = trial.tick < fault["tick"]
-    trial.tick, trial.time, trial.lateness, trial.rows = trial.tick[kept], trial.time[kept], trial.lateness[kept], trial.rows[kept]
+    trial.tick, trial.time, trial.lateness, trial.rows = (
+        trial.tick[kept],
+        trial.time[kept],
+        trial.lateness[kept],
+        trial.rows[kept],
+    )
     trial.end = {**(trial.end or {}), "end": {key: fault[key] for key in ("status", "culprit", "tick", "late")}}
     return fault["tick"]
 
 
 def order(schedule):
-    """Paths of what is recorded, in the order in which a tick computes it; devices last, as what they heard is the same and what they sent an effect."""
+    """Paths of what is recorded, in the order in which a tick computes it; devices last, as what they heard is the same
+    and what they sent an effect.
+    """
     devices = {device.name for device in schedule.devices}
-    place = {column.path: (column.path.rpartition(".")[0] in devices, int(slot)) for slot, column in zip(schedule.columns, schedule.recorded)}
+    place = {
+        column.path: (column.path.rpartition(".")[0] in devices, int(slot))
+        for slot, column in zip(schedule.columns, schedule.recorded)
+    }
     return sorted(place, key=place.get)
 
 
 def live_changes(trial, schedule):
-    """What was changed while it ran: (tick, index among the live parameters, value, slew). BadInput for what the diagram does not allow."""
+    """What was changed while it ran: (tick, index among the live parameters, value, slew). BadInput for what the
+    diagram does not allow.
+    """
     index = {live.path: number for number, live in enumerate(schedule.live)}
     changes = []
     for event in trial.events:
@@ -300,7 +339,13 @@ def run(trial, diagram, schedule, ends, changes, folder, origin):
         program.live.follow(changes)
         executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.lifeline, tape=tape(trial))
         outcome = executor.run()
-        end = {"event": "end", "status": outcome.status, "culprit": outcome.culprit, "tick": outcome.tick, "signal": outcome.signal}
+        end = {
+            "event": "end",
+            "status": outcome.status,
+            "culprit": outcome.culprit,
+            "tick": outcome.tick,
+            "signal": outcome.signal,
+        }
         while not page.push(RECORD_EVENT, json.dumps(end).encode()) and recorder.alive:
             pass
         page.close()
@@ -312,11 +357,22 @@ def run(trial, diagram, schedule, ends, changes, folder, origin):
 
 def plan(trial, diagram, schedule, folder, origin):
     return {
-        "name": schedule.name, "folder": folder, "stem": f"{trial.path.stem}_replay", "rate": schedule.rate, "virtual": True,
-        "duration": float(trial.time[-1]) + 1.0 / schedule.rate, "keys": False,
-        "simulated": trial.about["simulated"], "signals": [vars(column) for column in schedule.recorded], "buses": schedule.buses,
-        "media": schedule.media, "bitrates": {load.bus: load.bitrate for load in schedule.loads}, "sinks": [],
-        "status_line": True, "diagram_json": to_json(diagram), "metadata": {**trial.about["metadata"], **origin, "replay_of": trial.path.name},
+        "name": schedule.name,
+        "folder": folder,
+        "stem": f"{trial.path.stem}_replay",
+        "rate": schedule.rate,
+        "virtual": True,
+        "duration": float(trial.time[-1]) + 1.0 / schedule.rate,
+        "keys": False,
+        "simulated": trial.about["simulated"],
+        "signals": [vars(column) for column in schedule.recorded],
+        "buses": schedule.buses,
+        "media": schedule.media,
+        "bitrates": {load.bus: load.bitrate for load in schedule.loads},
+        "sinks": [],
+        "status_line": True,
+        "diagram_json": to_json(diagram),
+        "metadata": {**trial.about["metadata"], **origin, "replay_of": trial.path.name},
     }
 
 
@@ -326,9 +382,13 @@ def told(result):
     what = "the diagram as it was recorded" if result.unchanged else "a changed diagram"
     lines = [f"{there.about['name']}: {comparison.ticks} ticks of {there.path.name} run again, {what}"]
     if result.source.file is None:
-        lines.append(f"  the diagram in the recording was run: {result.source.instead}. Pass --diagram FILE to run a file")
+        lines.append(
+            f"  the diagram in the recording was run: {result.source.instead}. Pass --diagram FILE to run a file"
+        )
     if result.fault is not None:
-        lines.append(f"  after the fault at tick {result.fault} it waited to be armed again: it was run again up to there")
+        lines.append(
+            f"  after the fault at tick {result.fault} it waited to be armed again: it was run again up to there"
+        )
     if not there.complete:
         lines.append("  the recording was cut off; it was run again up to its last complete tick")
     signals = len(comparison.same) + len(comparison.differences)
@@ -338,15 +398,25 @@ def told(result):
         lines.append(f"  then it ended from outside, which a replay does not repeat: {result.end['status']}")
     if comparison.differences:
         first = comparison.differences[0]
-        lines.append(f"  differs first: {first.path} at tick {first.first}: {first.here!r} was recorded, and now it is {first.there!r} {first.unit}")
-        lines.append(f"  {len(comparison.differences)} of {signals} signals differ, {len(comparison.same)} are the same")
+        lines.append(
+            f"  differs first: {first.path} at tick {first.first}: {first.here!r} was recorded, and now it "
+            f"is {first.there!r} {first.unit}"
+        )
+        lines.append(
+            f"  {len(comparison.differences)} of {signals} signals differ, {len(comparison.same)} are the same"
+        )
     if result.frame is not None:
         lines.append(f"  the frames sent differ from number {result.frame} of {result.frames} on")
     for label, paths in (("only in the recording", comparison.only_here), ("only now", comparison.only_there)):
         if paths:
             lines.append(f"  {label}: {', '.join(paths[:5])}{f' and {len(paths) - 5} more' if len(paths) > 5 else ''}")
     if any(comparison.missing):
-        lines.append(f"  {comparison.missing[0]} ticks of the recording did not run now, {comparison.missing[1]} ran now only")
+        lines.append(
+            f"  {comparison.missing[0]} ticks of the recording did not run now, {comparison.missing[1]} ran now only"
+        )
     if not result.ended_alike:
-        lines.append(f"  it ended otherwise: {result.end['status']} at {result.end['culprit']} then, {result.outcome.status} at {result.outcome.culprit} now")
+        lines.append(
+            f"  it ended otherwise: {result.end['status']} at {result.end['culprit']} then, "
+            f"{result.outcome.status} at {result.outcome.culprit} now"
+        )
     return lines + [f"  {path}" for path in result.files]

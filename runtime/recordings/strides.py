@@ -19,11 +19,15 @@ def over(trial, path, spans, points=101):
     if not len(spans):
         return np.empty((0, points, len(places)))
     at = spans[:, :1] + np.linspace(0.0, 1.0, points) * (spans[:, 1:] - spans[:, :1])
-    return interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at.ravel()).reshape(len(spans), points, len(places))
+    return interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at.ravel()).reshape(
+        len(spans), points, len(places)
+    )
 
 
 def bounds(trial, path, events=None):
-    """(strides, 2) array of the times at which whole strides begin and end, s. path : of the signal; events : as Trial.strides has them"""
+    """(strides, 2) array of the times at which whole strides begin and end, s. path : of the signal; events : as
+    Trial.strides has them
+    """
     walking = None
     if events is None:
         events, walking = phase_of(trial, path)
@@ -38,12 +42,16 @@ def bounds(trial, path, events=None):
     walks = None if walking is None else trial[walking] == 1
     for index in np.flatnonzero(good):
         first, last = np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near))
-        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (walks is None or bool(np.all(walks[first:last])))
+        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (
+            walks is None or bool(np.all(walks[first:last]))
+        )
     return spans[good]
 
 
 def phase_of(trial, path):
-    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any. BadInput unless it is one."""
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any.
+    BadInput unless it is one.
+    """
     folder = around = path.rpartition("/")[0]
     phases = [name for name in trial.names if name.endswith(".phase")]
     while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
@@ -52,8 +60,11 @@ def phase_of(trial, path):
     if len(gaits) != 1:
         where = f"subsystem {folder!r}" if folder else "the recording"
         what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
-        raise BadInput(f"strides of {path}: {where} {what}: say what they begin with: "
-                       "events=\"left/gait_phase.phase\" (in a command line --events left/gait_phase.phase), or times in s")
+        raise BadInput(
+            f"strides of {path}: {where} {what}: say what they begin with: "
+            'events="left/gait_phase.phase" (in a command line --events left/gait_phase.phase), or '
+            "times in s"
+        )
     walking = f"{gaits[0].removesuffix('phase')}walking"
     return gaits[0], walking if walking in trial.signals else None
 
@@ -67,6 +78,6 @@ def beginnings(trial, path):
         return trial.time[1:][values[1:] & ~values[:-1]]
     before, after = values[:-1].astype(float), values[1:].astype(float)
     places = np.flatnonzero(before - after > WRAP)
-    rest = 1.0 - before[places]                 # of the stride that ends, and `after` of the next one, between two samples
+    rest = 1.0 - before[places]  # of the stride that ends, and `after` of the next one, between two samples
     share = rest / np.maximum(rest + after[places], 1e-12)
     return trial.time[places] + np.clip(share, 0.0, 1.0) * (trial.time[places + 1] - trial.time[places])

@@ -5,7 +5,8 @@
     trial.unit("left/knee.position")        # "rad"
     trial.time                      # s
 
-A file that was cut off or damaged anywhere is read up to the last complete row before; `complete` then is False. What another recorder has gone on with belongs to it.
+A file that was cut off or damaged anywhere is read up to the last complete row before; `complete` then is False. What
+another recorder has gone on with belongs to it.
 """
 
 import re
@@ -47,24 +48,34 @@ class Trial:
         self.signals = {signal["path"]: signal for signal in self.about["signals"]}
         self.places = {path: place for place, path in enumerate(self.signals)}
         ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=messages.TICK_ROW)
-        self.tick, self.time, self.lateness = ticks["tick"].astype(np.int64), ticks["time"].astype(float), ticks["lateness"].astype(float)
+        self.tick, self.time, self.lateness = (
+            ticks["tick"].astype(np.int64),
+            ticks["time"].astype(float),
+            ticks["lateness"].astype(float),
+        )
         self.rows = np.full((len(ticks), len(self.signals)), np.nan)
         for subsystem in messages.subsystems(self.about["name"], [(i, path) for i, path in enumerate(self.signals)]):
             try:
-                subsystem.fill(self.rows, reader.messages.get(subsystem.topic, [])[:len(ticks)])
+                subsystem.fill(self.rows, reader.messages.get(subsystem.topic, [])[: len(ticks)])
             except ValueError:
-                raise BadInput(f"{path} is damaged: its rows are not of the signals that its about.json tells of") from None
+                raise BadInput(
+                    f"{path} is damaged: its rows are not of the signals that its about.json tells of"
+                ) from None
         self.frames, self.seams = reader.frames, reader.seams
 
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
-        return f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, {len(self.names)} signals{', ' if what else ''}{what}>"
+        return (
+            f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, {len(self.names)} "
+            f"signals{', ' if what else ''}{what}>"
+        )
 
     def __getitem__(self, path):
-        """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that is what it is.
+        """A signal over the ticks: (ticks,), or (ticks, ...) for one with elements. float64; int64 or bool where that
+        is what it is.
 
-        An int or bool of which a tick holds what its type has not got (NaN, an infinity, a number from 2⁶³ on) is float64, as it was recorded.
-        KeyError, with a suggestion, where there is none of that name.
+        An int or bool of which a tick holds what its type has not got (NaN, an infinity, a number from 2⁶³ on) is
+        float64, as it was recorded. KeyError, with a suggestion, where there is none of that name.
         """
         places, shape = self.find(path)
         values = self.rows[:, places[0]] if shape == () else self.rows[:, places].reshape(len(self), *shape)
@@ -78,7 +89,9 @@ class Trial:
         """(places in the row, shape of a sample) of a signal, or of one element of it. KeyError"""
         if path in self.places:
             return [self.places[path]], ()
-        indices = {place: ELEMENT.fullmatch(name)[2] for name, place in self.places.items() if name.startswith(f"{path}[")}
+        indices = {
+            place: ELEMENT.fullmatch(name)[2] for name, place in self.places.items() if name.startswith(f"{path}[")
+        }
         if not indices:
             hint = suggestion(path, [*self.names, *self.places])
             raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
@@ -95,7 +108,7 @@ class Trial:
         return self.row_of(path)["unit"]
 
     def dtype(self, path):
-        """"float", "int" or "bool"."""
+        """ "float", "int" or "bool"."""
         return self.row_of(path)["dtype"]
 
     def row_of(self, path):
@@ -114,8 +127,9 @@ class Trial:
     def resample(self, rate):
         """The same Trial at a fixed rate in Hz, from its first tick to its last; what ticks it had missed is filled in.
 
-        Floats go on straight lines between samples, phases and bearings the shorter way round, ints and bools keep their newest value, quaternions
-        turn at a constant rate. There is no filter: what is faster than half the rate must have been taken out before.
+        Floats go on straight lines between samples, phases and bearings the shorter way round, ints and bools keep
+        their newest value, quaternions turn at a constant rate. There is no filter: what is faster than half the rate
+        must have been taken out before.
         """
         from runtime.recordings.resample import resampled
 
@@ -124,18 +138,21 @@ class Trial:
     def strides(self, path, events=None, points=101):
         """A signal over the gait cycle: (strides, points), and the elements of the signal behind.
 
-        events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or of a gait phase, which
-            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, or the next around it, while its `walking` is true.
+        events : s, when each stride begins, such as heel strikes; or the path of a bool, which becomes true there; or
+        of a gait phase, which
+            falls from 1 to 0 there. By default the phase that the subsystem of the signal has, or the next around it,
+            while its `walking` is true.
 
-        Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError, BadInput
+        Strides that are shorter than 0.4 s or longer than 4 s, or in which a tick is missing, are left out. KeyError,
+        BadInput
         """
         from runtime.recordings.strides import strides
 
         return strides(self, path, events, points)
 
     def stride_times(self, path, events=None):
-        """When each of those strides begins and ends: (strides, 2), s. One that lasts twice as long as its neighbours is two, between which an
-        event was missed.
+        """When each of those strides begins and ends: (strides, 2), s. One that lasts twice as long as its neighbours
+        is two, between which an event was missed.
         """
         from runtime.recordings.strides import bounds
 
@@ -143,7 +160,9 @@ class Trial:
         return bounds(self, path, events)
 
     def table(self):
-        """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields of the trial. MissingExtra"""
+        """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields
+        of the trial. MissingExtra
+        """
         from runtime.recordings.trials import table
 
         return table(self)
@@ -151,5 +170,5 @@ class Trial:
 
 def holds(kind, values):
     """Whether a type has every one of these doubles."""
-    low, high = (0.0, 1.0) if kind is np.bool_ else (-2.0**63, np.nextafter(2.0**63, 0.0))
-    return bool(np.all((values >= low) & (values <= high)))         # NaN fails every comparison
+    low, high = (0.0, 1.0) if kind is np.bool_ else (-(2.0**63), np.nextafter(2.0**63, 0.0))
+    return bool(np.all((values >= low) & (values <= high)))  # NaN fails every comparison

@@ -1,9 +1,9 @@
 """Recordings as a table: one of them, or several below each other with the fields of each trial.
 
-    trials = load("trials/*.mcap")
-    trials["left/knee.torque"]          # array over the rows of all
-    trials["subject"]                   # of each row
-    trials[0]                           # the first Trial
+trials = load("trials/*.mcap")
+trials["left/knee.torque"]          # array over the rows of all
+trials["subject"]                   # of each row
+trials[0]                           # the first Trial
 """
 
 import glob
@@ -33,21 +33,23 @@ def load(path):
     return Trials([Trial(entry) for entry in heads(found)])
 
 
-OWN = ("trial", "tick", "time")     # columns that every table has
+OWN = ("trial", "tick", "time")  # columns that every table has
 
 
 class Trials:
     """Several trials as one table, a row a tick of each, in their order.
 
-    trials : [Trial]
-    labels : of each trial, what the column "trial" calls it: the name of its file, with its folder where several files have one name
-    fields : columns of what they say of themselves: "subject", "condition", ...; one that is called as a column of all is "trial.time"
+    trials : [Trial] labels : of each trial, what the column "trial" calls it: the name of its file, with its folder
+    where several files have one name fields : columns of what they say of themselves: "subject", "condition", ...; one
+    that is called as a column of all is "trial.time"
     """
 
     def __init__(self, trials):
         self.trials = list(trials)
         self.labels = labels([trial.path for trial in self.trials])
-        self._fields = {f"trial.{name}" if name in OWN else name: name for trial in self.trials for name in trial.fields}
+        self._fields = {
+            f"trial.{name}" if name in OWN else name: name for trial in self.trials for name in trial.fields
+        }
         self.fields = list(self._fields)
 
     def __repr__(self):
@@ -63,16 +65,24 @@ class Trials:
     @property
     def names(self):
         """Columns: "trial", the fields, "tick", "time", and the signals of all."""
-        return ["trial", *self.fields, "tick", "time", *dict.fromkeys(name for trial in self.trials for name in trial.names)]
+        return [
+            "trial",
+            *self.fields,
+            "tick",
+            "time",
+            *dict.fromkeys(name for trial in self.trials for name in trial.names),
+        ]
 
     @property
     def time(self):
         return self["time"]
 
     def __getitem__(self, name):
-        """The Trial of a number; or a column over all rows: a signal, a field of the trials ("" where one has not got it), "trial", "tick", "time".
+        """The Trial of a number; or a column over all rows: a signal, a field of the trials ("" where one has not got
+        it), "trial", "tick", "time".
 
-        A signal that some trials have not got is NaN there. KeyError where no trial has it, BadInput where two have it in different units or shapes.
+        A signal that some trials have not got is NaN there. KeyError where no trial has it, BadInput where two have it
+        in different units or shapes.
         """
         if not isinstance(name, str):
             return self.trials[name]
@@ -84,10 +94,11 @@ class Trials:
         parts = [signal(trial, name) for trial in self.trials]
         shape = next((part.shape[1:] for part in parts if part is not None), None)
         if shape is None:
-            return self.trials[0][name]         # which says what it has instead
+            return self.trials[0][name]  # which says what it has instead
         self.check(name, parts)
-        return np.concatenate([
-            np.full((len(trial), *shape), np.nan) if part is None else part for trial, part in zip(self.trials, parts)])
+        return np.concatenate(
+            [np.full((len(trial), *shape), np.nan) if part is None else part for trial, part in zip(self.trials, parts)]
+        )
 
     def words(self, field):
         """What each trial says in a field, "" where it has not got it. field : name of the column"""
@@ -105,7 +116,9 @@ class Trials:
             raise BadInput(f"{name} is not the same in all trials: {said}; take those that are alike")
 
     def strides(self, path, events=None, points=101):
-        """Those of every trial, in their order: (strides, points, ...). events : a path, or nothing, as Trial.strides has it"""
+        """Those of every trial, in their order: (strides, points, ...). events : a path, or nothing, as Trial.strides
+        has it
+        """
         self.check(path, [trial[path] for trial in self.trials])
         return np.concatenate([trial.strides(path, events, points) for trial in self.trials])
 

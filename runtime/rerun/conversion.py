@@ -6,12 +6,13 @@ from runtime.errors import BadInput
 from runtime.extras import need
 from runtime.rerun.scene import Scene
 
-CHUNK = 5000                    # rows
-FLUSHED = 60.0                  # s, for a slow disk
+CHUNK = 5000  # rows
+FLUSHED = 60.0  # s, for a slow disk
 
 
 def check(trial, kind):
-    os.environ.setdefault("RUST_LOG", "off")        # or it says on standard error, in lines of its own, what is told here in one
+    # or it says on standard error, in lines of its own, what is told here in one
+    os.environ.setdefault("RUST_LOG", "off")
     need("rerun", "a file of Rerun")
 
 

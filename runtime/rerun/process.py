@@ -1,7 +1,9 @@
-"""The process that feeds Rerun: rows and events come over a socket, and go into Rerun's own queues, which may block it as they like.
+"""The process that feeds Rerun: rows and events come over a socket, and go into Rerun's own queues, which may block it
+as they like.
 
-    order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time, values); E, an event as JSON; Q, all is told
-    answers     lines of JSON: {"ready": ...} or {"error": ...}, then {"gone": ...} if the viewer has gone, or at the end
+    order       4 bytes of length, a letter, and its content: P, the plan as JSON; R, rows of doubles (tick, time,
+    values); E, an event as JSON; Q, all is told answers     lines of JSON: {"ready": ...} or {"error": ...}, then
+    {"gone": ...} if the viewer has gone, or at the end
                 {"done": {"rows": how many were shown, "problem": null}}
 
 It ends when all is shown, when the recorder has died, or when its viewer has gone.
@@ -16,11 +18,11 @@ import time
 from struct import Struct
 
 HEAD = Struct("<IB")
-LOOK = 1.0                      # s between looks at the viewer
-FLUSH = 0.2                     # s between flushes
-SERVER_END = 5.0                # s for the server of the part before to have ended
-PATIENCE = 5.0                  # s for a flush, before the viewer or the disk counts as gone
-RECEIVE = 1 << 20               # bytes at once
+LOOK = 1.0  # s between looks at the viewer
+FLUSH = 0.2  # s between flushes
+SERVER_END = 5.0  # s for the server of the part before to have ended
+PATIENCE = 5.0  # s for a flush, before the viewer or the disk counts as gone
+RECEIVE = 1 << 20  # bytes at once
 PLAN, ROWS, EVENT, QUIT = b"PREQ"
 
 
@@ -44,9 +46,12 @@ def main(answers, control, descriptor):
         say(answers, {"done": {"rows": feed.count, "problem": None}})
     except Gone as error:
         say(answers, {"gone": str(error)})
-    except Exception as error:                          # Rerun's, the disk's, the network's: told, as nobody sees this process
-        say(answers, {"gone" if ready else "error": getattr(error, "strerror", None) or str(error) or type(error).__name__})
-    os._exit(0)                                         # Rerun would wait for a viewer that has gone
+    except Exception as error:  # Rerun's, the disk's, the network's: told, as nobody sees this process
+        say(
+            answers,
+            {"gone" if ready else "error": getattr(error, "strerror", None) or str(error) or type(error).__name__},
+        )
+    os._exit(0)  # Rerun would wait for a viewer that has gone
 
 
 def follow(orders, feed):
@@ -114,7 +119,8 @@ class Orders:
 
 
 class Feed:
-    """What is told, in Rerun. patience : s for ports to become free; plan : of the run, with `target`, as runtime.rerun.target.Target has it, and `path` of the file
+    """What is told, in Rerun. patience : s for ports to become free; plan : of the run, with `target`, as
+    runtime.rerun.target.Target has it, and `path` of the file
 
     told : what the person at the terminal shall know
     count : rows that were shown
@@ -144,7 +150,10 @@ class Feed:
             elif kind == "serve":
                 self.process, host = viewer.serve(place, port, plan["web_port"], patience)
                 there = viewer.reached_at(place)
-                self.told = f"Rerun in a browser: http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
+                self.told = (
+                    "Rerun in a browser: "
+                    f"http://{bracketed(there)}:{plan['web_port']}/?url={url(there, port).replace('+', '%2B')}"
+                )
             else:
                 host = place
                 viewer.meet(host, port)
@@ -177,13 +186,15 @@ class Feed:
         try:
             self.recording.flush(timeout_sec=PATIENCE)
         except RuntimeError:
-            self.look()                                 # which may tell it better
-            raise Gone(f"cannot write {self.path}: is the disk full?" if self.path else f"{self.where} takes nothing any more") from None
+            self.look()  # which may tell it better
+            raise Gone(
+                f"cannot write {self.path}: is the disk full?" if self.path else f"{self.where} takes nothing any more"
+            ) from None
 
     def finish(self):
         self.flush()
         if self.path:
-            self.recording.disconnect()                 # which writes the end of the file
+            self.recording.disconnect()  # which writes the end of the file
 
 
 def quiet():
@@ -198,6 +209,6 @@ def say(descriptor, message):
     """Returns True: it has been said, to whoever listens."""
     try:
         os.write(descriptor, json.dumps(message).encode() + b"\n")
-    except OSError:                                     # nobody listens any more
+    except OSError:  # nobody listens any more
         pass
     return True

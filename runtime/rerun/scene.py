@@ -1,7 +1,9 @@
-"""What recorded signals become in a viewer: a plot a subsystem, limits, limbs with coloured joints, inertial sensors, faults.
+"""What recorded signals become in a viewer: a plot a subsystem, limits, limbs with coloured joints, inertial sensors,
+faults.
 
-A limb model is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle` (or ending so, as in `left_knee`) with a
-`position` in rad; what is not there stays straight. Angles are flexion: of the hip and of the ankle forward, of the knee back.
+A limb model is found by its names: in one subsystem, actuators called `hip`, `knee` and `ankle` (or ending so, as in
+`left_knee`) with a `position` in rad; what is not there stays straight. Angles are flexion: of the hip and of the ankle
+forward, of the knee back.
 """
 
 from dataclasses import dataclass, field
@@ -9,10 +11,11 @@ from dataclasses import dataclass, field
 from runtime.recordings.messages import split
 
 JOINTS, SEGMENTS = ("hip", "knee", "ankle"), ("thigh", "shank", "foot")
-COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (240, 228, 66))       # (Okabe and Ito 2008)
-PALE = 0.45                                 # of white, in the colour of a position beside its torque
-SHOWN = ("position", "torque")              # ports of an actuator that a person wants to see together
-MOST = 8                                    # lines that are shown where there is no actuator
+# (Okabe and Ito 2008)
+COLOURS = ((0, 114, 178), (213, 94, 0), (0, 158, 115), (204, 121, 167), (230, 159, 0), (86, 180, 233), (240, 228, 66))
+PALE = 0.45  # of white, in the colour of a position beside its torque
+SHOWN = ("position", "torque")  # ports of an actuator that a person wants to see together
+MOST = 8  # lines that are shown where there is no actuator
 
 
 @dataclass
@@ -35,7 +38,9 @@ class Plot:
     def order(self):
         """What is shown comes first: a legend is as long as it finds room."""
         places = sorted(range(len(self.columns)), key=lambda place: not self.shown[place])
-        self.columns, self.labels, self.shown = ([what[place] for place in places] for what in (self.columns, self.labels, self.shown))
+        self.columns, self.labels, self.shown = (
+            [what[place] for place in places] for what in (self.columns, self.labels, self.shown)
+        )
 
     def paint(self):
         """An actuator's torque and position in one hue, the position paler; each other signal in one of its own."""
@@ -71,7 +76,9 @@ class Limb:
 
 @dataclass(frozen=True)
 class Sensor:
-    """An inertial sensor. columns : of its quaternion, w first; side, segment : where it sits, "" where the names do not tell"""
+    """An inertial sensor. columns : of its quaternion, w first; side, segment : where it sits, "" where the names do
+    not tell
+    """
 
     path: str
     columns: tuple
@@ -99,19 +106,24 @@ class Scene:
         plots, limits = {}, {}
         for path, place in self.places.items():
             folder, block, port = split(path)
-            title = folder or self.name                     # where a subsystem is called as the diagram, both are in one
+            title = folder or self.name  # where a subsystem is called as the diagram, both are in one
             plot = plots.setdefault(title, Plot(title, tuple(folder.split("/")) if folder else (self.name,)))
             unit = self.signals[place]["unit"]
             plot.columns.append(place)
             plot.labels.append(path.removeprefix(f"{folder}/") + (f" [{unit}]" if unit not in ("1", "any") else ""))
-            plot.shown.append(port in SHOWN and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN))
+            plot.shown.append(
+                port in SHOWN and all(f"{folder}/{block}.{other}".lstrip("/") in self.places for other in SHOWN)
+            )
             if path in self.limits and plot.shown[-1]:
                 low, high = self.limits[path]
                 for end, value in (("≤", high), ("≥", low)):
                     limits.setdefault(folder, {}).setdefault((port, end, value, unit), []).append(block)
         for folder, plot in plots.items():
-            plot.limits = [(f"{', '.join(blocks)}.{port} {end} {value:g} {unit}", value)
-                           for (port, end, value, unit), blocks in limits.get(folder, {}).items()]         # equal ones are one line
+            plot.limits = [
+                (f"{', '.join(blocks)}.{port} {end} {value:g} {unit}", value)
+                # equal ones are one line
+                for (port, end, value, unit), blocks in limits.get(folder, {}).items()
+            ]
             if not any(plot.shown):
                 plot.shown = [number < MOST for number in range(len(plot.columns))]
             plot.order()
@@ -131,7 +143,9 @@ class Scene:
                 continue
             torque = f"{path.removesuffix('position')}torque"
             low, high = self.limits.get(torque, (-10.0, 10.0))
-            found.setdefault(folder or self.name, {})[joint] = Joint(joint, place, self.places.get(torque), max(abs(low), abs(high)))
+            found.setdefault(folder or self.name, {})[joint] = Joint(
+                joint, place, self.places.get(torque), max(abs(low), abs(high))
+            )
         return [Limb(side, place, joints) for place, (side, joints) in enumerate(found.items())]
 
     def find_sensors(self):

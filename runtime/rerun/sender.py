@@ -1,7 +1,7 @@
 """The recorder's end of Rerun: rows and events go to a process of its own, over a socket that is never waited for.
 
-What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run waits instead. Each part of a
-recording has a process and a Rerun recording of its own.
+What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run
+waits instead. Each part of a recording has a process and a Rerun recording of its own.
 """
 
 import json
@@ -21,13 +21,13 @@ from runtime.recorder.service import Service
 from runtime.rerun.process import EVENT, HEAD, PLAN, QUIT, ROWS
 from runtime.rerun.target import parse
 
-BATCH = 0.05                    # s of rows that go together
-MOST_ROWS = 2000                # in a batch
-HELD = 64 << 20                 # bytes that may wait
-READY = 25.0                    # s for Rerun to be imported and a viewer to be started
-END = 20.0                      # s for what is left at the end
-STUCK = 20.0                    # s in virtual time without anything being taken
-BUFFER = 1 << 20                # bytes of the socket
+BATCH = 0.05  # s of rows that go together
+MOST_ROWS = 2000  # in a batch
+HELD = 64 << 20  # bytes that may wait
+READY = 25.0  # s for Rerun to be imported and a viewer to be started
+END = 20.0  # s for what is left at the end
+STUCK = 20.0  # s in virtual time without anything being taken
+BUFFER = 1 << 20  # bytes of the socket
 
 
 class RerunError(OSError):
@@ -87,9 +87,16 @@ class RerunSender(Service):
         with theirs:
             self.child = Feeder(theirs.fileno())
         plan = {
-            "name": self.plan["name"], "stem": self.plan["stem"], "rate": self.plan["rate"], "signals": self.sink["columns"],
-            "limits": self.plan.get("limits", {}), "target": asdict(target), "path": path, "web_port": parameters["web_port"],
-            "part": self.plan.get("part", 1)}
+            "name": self.plan["name"],
+            "stem": self.plan["stem"],
+            "rate": self.plan["rate"],
+            "signals": self.sink["columns"],
+            "limits": self.plan.get("limits", {}),
+            "target": asdict(target),
+            "path": path,
+            "web_port": parameters["web_port"],
+            "part": self.plan.get("part", 1),
+        }
         self.put(PLAN, json.dumps(plan).encode())
         self.drain(READY)
         answer = self.child.answer(READY) or {"error": f"it was not ready within {READY:g} s"}
@@ -172,7 +179,9 @@ class RerunSender(Service):
             slow = f"{self.lost} of {self.rows} rows were not shown, as Rerun was too slow"
             problem = f"{slow}; {problem}" if problem else slow
         for path in self.files:
-            self.files[path] = f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
+            self.files[path] = (
+                f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
+            )
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 
     def end(self):

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from runtime.errors import BadInput
 
 LOOPBACK = "127.0.0.1"
-PORT, WEB_PORT = 9876, 9090     # Rerun's own
+PORT, WEB_PORT = 9876, 9090  # Rerun's own
 EXPECTED = "expected nothing, a file.rrd, serve, serve:ADDRESS, or HOST:PORT of a viewer"
 
 
 @dataclass(frozen=True)
 class Target:
-    """
-    kind : "viewer", on this machine, started where none is; "file"; "serve", for a browser; or "connect", to a viewer elsewhere
-    place : path of the file; address to serve on; or host
-    port : of the viewer, or of the server
+    """kind : "viewer", on this machine, started where none is; "file"; "serve", for a browser; or "connect", to a
+    viewer elsewhere place : path of the file; address to serve on; or host port : of the viewer, or of the server
     """
 
     kind: str
@@ -32,7 +30,14 @@ def parse(text, port=PORT):
     if text == "serve" or text.startswith("serve:"):
         return Target("serve", text.removeprefix("serve").removeprefix(":").strip("[]") or LOOPBACK, port)
     found = re.fullmatch(r"(?:rerun\+http://)?(\[[0-9A-Fa-f:.]+\]|[\w.-]+?)(?::(\d+))?(?:/proxy)?", text)
-    if found is None or "." in text and text.rpartition(".")[2].isalpha() and found[2] is None and "/" in text or not 0 < int(found[2] or port) < 65536:
+    if (
+        found is None
+        or "." in text
+        and text.rpartition(".")[2].isalpha()
+        and found[2] is None
+        and "/" in text
+        or not 0 < int(found[2] or port) < 65536
+    ):
         raise BadInput(f"--rerun {text}: {EXPECTED}")
     return Target("connect", found[1].strip("[]"), int(found[2] or port))
 

@@ -1,4 +1,6 @@
-"""Viewers and servers that are started for a run. They listen on loopback unless told otherwise: Rerun's own default is every address."""
+"""Viewers and servers that are started for a run. They listen on loopback unless told otherwise: Rerun's own default is
+every address.
+"""
 
 import ctypes
 import errno
@@ -10,14 +12,15 @@ import time
 
 from runtime.rerun.target import LOOPBACK, bracketed
 
-PR_SET_PDEATHSIG = 1            # linux/prctl.h
-STARTED = 15.0                  # s for a server to answer
-LOOK = 0.02                     # s between looks whether it does
-QUICK = 0.5                     # s for a port to answer
-ANYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}       # where to reach what listens everywhere
-GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])       # HTTP/2 with empty settings (RFC 9113, 3.4)
-SETTINGS = 4                    # the first frame of whoever speaks it (6.5)
-GREETED = 3.0                   # s for that
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
+STARTED = 15.0  # s for a server to answer
+LOOK = 0.02  # s between looks whether it does
+QUICK = 0.5  # s for a port to answer
+ANYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}  # where to reach what listens everywhere
+# HTTP/2 with empty settings (RFC 9113, 3.4)
+GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+SETTINGS = 4  # the first frame of whoever speaks it (6.5)
+GREETED = 3.0  # s for that
 
 
 class ViewerFailed(Exception):
@@ -55,12 +58,15 @@ def free(address, port):
     """Refuse an address that a server could not listen on. ViewerFailed"""
     family = socket.AF_INET6 if ":" in address else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)         # one that has just ended is no hindrance
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # one that has just ended is no hindrance
         try:
             probe.bind((address, port))
         except OSError as error:
             if error.errno == errno.EADDRINUSE:
-                raise ViewerFailed(f"somebody listens on {address} port {port} already: end that, or choose another port of the Rerun block") from None
+                raise ViewerFailed(
+                    f"somebody listens on {address} port {port} already: end that, or choose another "
+                    "port of the Rerun block"
+                ) from None
             if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
                 raise ViewerFailed(f"cannot serve on {address}: this computer has no such address") from None
             raise ViewerFailed(f"cannot serve on {address} port {port}: {error.strerror}") from None
@@ -78,13 +84,16 @@ def become_free(address, port, patience):
 
 
 def reached_at(address):
-    """How others reach what listens on an address: of every address, the one that this computer has towards the rest of the network."""
+    """How others reach what listens on an address: of every address, the one that this computer has towards the rest of
+    the network.
+    """
     if address not in ANYWHERE:
         return address
-    family, far = (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")         # of documents: nobody's
+    # of documents: nobody's
+    family, far = (socket.AF_INET6, "2001:db8::1") if ":" in address else (socket.AF_INET, "192.0.2.1")
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((far, 9))                     # sends nothing
+            probe.connect((far, 9))  # sends nothing
             return probe.getsockname()[0]
         except OSError:
             return socket.gethostname()
@@ -102,13 +111,18 @@ def start(*words, mortal):
 
     def before():
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_DFL)                   # we ignore them, and it would inherit that
+            signal.signal(number, signal.SIG_DFL)  # we ignore them, and it would inherit that
         if mortal:
             prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
     return subprocess.Popen(
-        [executable(), *map(str, words)], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        start_new_session=True, preexec_fn=before)
+        [executable(), *map(str, words)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=before,
+    )
 
 
 def await_port(process, host, port, doubt):
@@ -129,16 +143,23 @@ def viewer(port):
         meet(LOOPBACK, port)
         return None, LOOPBACK
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise ViewerFailed("there is no screen for Rerun's viewer; --rerun serve shows the run in a browser, --rerun trial.rrd writes a file")
+        raise ViewerFailed(
+            "there is no screen for Rerun's viewer; --rerun serve shows the run in a browser, --rerun "
+            "trial.rrd writes a file"
+        )
     process = start("--bind", LOOPBACK, "--port", port, "--expect-data-soon", mortal=False)
     await_port(process, LOOPBACK, port, "can it draw on this screen?")
     return process, LOOPBACK
 
 
 def origins(address, web_port):
-    """Where the page that a browser elsewhere shows may come from: the names of this computer. Of loopback Rerun allows it anyhow."""
+    """Where the page that a browser elsewhere shows may come from: the names of this computer. Of loopback Rerun allows
+    it anyhow.
+    """
     name = socket.gethostname()
-    return [f"http://{bracketed(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))]
+    return [
+        f"http://{bracketed(host)}:{web_port}" for host in dict.fromkeys((reached_at(address), name, f"{name}.local"))
+    ]
 
 
 def serve(address, port, web_port, patience=0.0):
@@ -146,7 +167,16 @@ def serve(address, port, web_port, patience=0.0):
     host = ANYWHERE.get(address, address)
     for number in (port, web_port):
         become_free(address, number, patience)
-    process = start("--serve-web", "--bind", address, "--port", port, "--web-viewer-port", web_port,
-                    *(word for origin in origins(address, web_port) for word in ("--cors-allow-origin", origin)), mortal=True)
+    process = start(
+        "--serve-web",
+        "--bind",
+        address,
+        "--port",
+        port,
+        "--web-viewer-port",
+        web_port,
+        *(word for origin in origins(address, web_port) for word in ("--cors-allow-origin", origin)),
+        mortal=True,
+    )
     await_port(process, host, port, f"are ports {port} and {web_port} free?")
     return process, host

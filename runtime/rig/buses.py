@@ -25,14 +25,14 @@ SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this inter
 GONE = (errno.ENODEV, errno.ENXIO)
 
 
-NATIVE = (SOCKETCAN, UDP)       # kinds that the loop drives itself
-ONE_PROCESS = ("virtual",)      # kinds whose other nodes would have to be in the process that opens them
+NATIVE = (SOCKETCAN, UDP)  # kinds that the loop drives itself
+ONE_PROCESS = ("virtual",)  # kinds whose other nodes would have to be in the process that opens them
 
 
 @dataclass
 class OpenBus:
-    interface: object           # Interface, or Carried
-    can: object                 # SocketCan, or Line
+    interface: object  # Interface, or Carried
+    can: object  # SocketCan, or Line
 
 
 class Carried:
@@ -48,7 +48,8 @@ class Carried:
 
 
 class RigBuses:
-    """The interfaces behind the buses of a robot, and the guardian of both. RigError with everything that keeps them from it.
+    """The interfaces behind the buses of a robot, and the guardian of both. RigError with everything that keeps them
+    from it.
 
     SocketCAN is open from here on, the others are from `watch` on.
 
@@ -74,7 +75,9 @@ class RigBuses:
                     self.buses[name] = OpenBus(*self.streams.lines[name])
                 continue
             try:
-                self.buses[name] = self.open(index, name, [block for block in devices if block.bus == name], machine or Machine())
+                self.buses[name] = self.open(
+                    index, name, [block for block in devices if block.bus == name], machine or Machine()
+                )
             except SeveralRefused as refused:
                 troubles += refused.troubles
             except Refused as refused:
@@ -86,32 +89,54 @@ class RigBuses:
     def open(self, index, name, devices, machine):
         bus = self.rig.buses[name]
         if (bus.interface == I2C) != (self.media[name] == "i2c"):
-            raise Refused(Trouble(
-                "TW105", f"[bus.{name}] interface = {bus.interface!r}, and what is on it speaks {'I2C' if bus.interface != I2C else 'CAN'}",
-                'write interface = "i2c" and channel = "/dev/i2c-1"' if bus.interface != I2C else 'write interface = "socketcan"'))
+            raise Refused(
+                Trouble(
+                    "TW105",
+                    f"[bus.{name}] interface = {bus.interface!r}, and what is on it speaks "
+                    f"{'I2C' if bus.interface != I2C else 'CAN'}",
+                    'write interface = "i2c" and channel = "/dev/i2c-1"'
+                    if bus.interface != I2C
+                    else 'write interface = "socketcan"',
+                )
+            )
         if bus.interface in ONE_PROCESS:
-            raise Refused(Trouble(
-                "TW105", f"[bus.{name}] interface = {bus.interface!r} has no nodes outside of one process",
-                "run without --rig, where every device is emulated; or udp_multicast, whose nodes are processes of this machine"))
+            raise Refused(
+                Trouble(
+                    "TW105",
+                    f"[bus.{name}] interface = {bus.interface!r} has no nodes outside of one process",
+                    "run without --rig, where every device is emulated; or udp_multicast, whose nodes are processes of "
+                    "this machine",
+                )
+            )
         try:
             self.locks.append(BusLock(bus.interface, bus.channel))
         except BusTaken as taken:
-            raise Refused(Trouble(
-                "TW106", f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
-                "end that one first: a bus has one controller")) from None
+            raise Refused(
+                Trouble(
+                    "TW106",
+                    f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
+                    "end that one first: a bus has one controller",
+                )
+            ) from None
         if bus.interface == I2C:
             interface = I2cInterface(bus, devices)
             return OpenBus(interface, interface)
         if bus.interface == UDP:
             interface = UdpInterface(bus, devices)
-            return OpenBus(interface, SocketCan(interface.socket, shared=True, patience=TX_QUEUE_FULL_LIMIT, mute=not bus.peer))
+            return OpenBus(
+                interface, SocketCan(interface.socket, shared=True, patience=TX_QUEUE_FULL_LIMIT, mute=not bus.peer)
+            )
         if bus.interface != SOCKETCAN:
             look_at_port(bus)
             return OpenBus(Carried(bus), Line(self.lines, index, self.bell))
         heard = [device.hears() for device in devices]
         listens = None if None in heard else sorted({pattern for patterns in heard for pattern in patterns})
-        interface = Interface(bus, listens, sorted({address for device in devices for address in device.addresses()}), machine)
-        return OpenBus(interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT))
+        interface = Interface(
+            bus, listens, sorted({address for device in devices for address in device.addresses()}), machine
+        )
+        return OpenBus(
+            interface, SocketCan(interface.socket, fd=bus.fd, shared=interface.virtual, patience=TX_QUEUE_FULL_LIMIT)
+        )
 
     def ends(self):
         """The robot's end of each bus, in the schedule's order."""
@@ -128,36 +153,61 @@ class RigBuses:
         page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
         """
         relays = [
-            {"descriptor": self.buses[block.bus].can.fileno(), "gpio": block.line == "gpio", "frames": [frame.hex() for frame in block.relay_frames()],
-             "hold": block.relay_time}
-            for block in robot if isinstance(block, StreamDevice) and block.relay_time]
-        self.guardian = GuardianProcess(page, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays])
+            {
+                "descriptor": self.buses[block.bus].can.fileno(),
+                "gpio": block.line == "gpio",
+                "frames": [frame.hex() for frame in block.relay_frames()],
+                "hold": block.relay_time,
+            }
+            for block in robot
+            if isinstance(block, StreamDevice) and block.relay_time
+        ]
+        self.guardian = GuardianProcess(
+            page, self.lines, self.bell, self.locks, [relay["descriptor"] for relay in relays]
+        )
         buses = [
             {
-                "name": name, "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel,
-                "bitrate": bus.interface.bus.bitrate, "fd": bus.interface.bus.fd, "virtual": bus.interface.virtual,
-                "options": bus.interface.bus.options, "line": index if isinstance(bus.can, Line) else None,
+                "name": name,
+                "interface": bus.interface.bus.interface,
+                "channel": bus.interface.bus.channel,
+                "bitrate": bus.interface.bus.bitrate,
+                "fd": bus.interface.bus.fd,
+                "virtual": bus.interface.virtual,
+                "options": bus.interface.bus.options,
+                "line": index if isinstance(bus.can, Line) else None,
             }
-            for index, (name, bus) in enumerate(self.buses.items()) if self.media[name] == "can"
+            for index, (name, bus) in enumerate(self.buses.items())
+            if self.media[name] == "can"
         ]
         self.start_sensors(max(priority - 1, 0) if priority else 0)
         try:
             self.guardian.configure(guardians_plan(buses, schedule, robot, priority, relays))
         except GuardianError as error:
             troubles = [
-                Trouble("TW119", f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}", SEE_PYTHON_CAN)
-                for name, why in error.troubles.items()]
-            raise RigError(self.rig.path, troubles or [Trouble("TW120", str(error), "it says why on the terminal")]) from None
+                Trouble(
+                    "TW119",
+                    f"[bus.{name}] {self.rig.buses[name].interface} {self.rig.buses[name].channel}: {why}",
+                    SEE_PYTHON_CAN,
+                )
+                for name, why in error.troubles.items()
+            ]
+            raise RigError(
+                self.rig.path, troubles or [Trouble("TW120", str(error), "it says why on the terminal")]
+            ) from None
 
     def start_sensors(self, priority):
-        """The threads that read what is not on CAN. priority : of SCHED_FIFO where that is granted, 0 for ordinary ones"""
+        """The threads that read what is not on CAN. priority : of SCHED_FIFO where that is granted, 0 for ordinary
+        ones
+        """
         self.streams.start(priority)
         for name, bus in self.buses.items():
             if self.media[name] == "i2c":
                 bus.interface.start(priority)
 
     def take_over(self):
-        """The guardian does not answer: stop the actuators from here. Returns the names of those that have not confirmed."""
+        """The guardian does not answer: stop the actuators from here. Returns the names of those that have not
+        confirmed.
+        """
         died, troubles, stop = self.guardian.take_over()
         self.report = {"stop": None, "troubles": troubles, "died": died, "taken_over": stop}
         return tuple(stop["unconfirmed"])
@@ -189,11 +239,18 @@ class RigBuses:
     def count(self, bus):
         strangers, ids = bus.interface.strangers.heard() if bus.interface.strangers is not None else (0, [])
         return {
-            "interface": bus.interface.bus.interface, "channel": bus.interface.bus.channel, **bus.can.counts, "strangers": strangers,
-            "stranger_ids": ids, "worst_state": getattr(bus.can, "worst", None)}
+            "interface": bus.interface.bus.interface,
+            "channel": bus.interface.bus.channel,
+            **bus.can.counts,
+            "strangers": strangers,
+            "stranger_ids": ids,
+            "worst_state": getattr(bus.can, "worst", None),
+        }
 
     def correct(self, frames):
-        """Frames as a run's statistics count them, with what did not reach the robot: {kind: number}. To be asked after `finish`."""
+        """Frames as a run's statistics count them, with what did not reach the robot: {kind: number}. To be asked after
+        `finish`.
+        """
         kinds = ("errors", "strangers", "refused", "echoes", "corrupt", "overflows")
         can = [bus for name, bus in self.after.items() if self.media[name] == "can"]
         total = {kind: sum(bus[kind] for bus in can) for kind in kinds}
@@ -222,21 +279,32 @@ class RigBuses:
 
     def failures(self):
         """(path, what was counted, why it failed last) of devices on I2C that did not always answer."""
-        return [(path, told, error_in_words(told["error"])) for name, bus in self.after.items() if self.media[name] == "i2c"
-                for path, told in bus["devices"].items() if told["failures"]]
+        return [
+            (path, told, error_in_words(told["error"]))
+            for name, bus in self.after.items()
+            if self.media[name] == "i2c"
+            for path, told in bus["devices"].items()
+            if told["failures"]
+        ]
 
     def unheard(self):
         """Channels on which nobody has acknowledged our frames."""
         return [
-            bus["channel"] for name, bus in self.after.items()
-            if self.media[name] == "can" and (bus["worst_state"] in ("passive", "off") or bus["refused"])]
+            bus["channel"]
+            for name, bus in self.after.items()
+            if self.media[name] == "can" and (bus["worst_state"] in ("passive", "off") or bus["refused"])
+        ]
 
     def line(self, name):
         """Where a line that streams leads, and whether it is there, in words."""
         bus = self.buses[name]
         counts = self.after[name] if hasattr(self, "after") else bus.can.counts
         lost, back = counts["losses"], counts["returns"]
-        gone = f", which was lost {lost} time{'s' * (lost > 1)}" + (" and is gone" if lost > back else " and is back") if lost else ", which is there"
+        gone = (
+            f", which was lost {lost} time{'s' * (lost > 1)}" + (" and is gone" if lost > back else " and is back")
+            if lost
+            else ", which is there"
+        )
         other = ", and something else answers in its place" if lost > back and counts["strangers"] else ""
         return f"{bus.interface.bus.channel}{gone}{other}"
 
@@ -248,7 +316,9 @@ class RigBuses:
             return f"{bus.interface} {bus.channel}: {said}", "is the adapter plugged in, and its supply on?"
         if bus.interface == UDP:
             return failed(self.buses[name].can.trouble, bus)
-        return in_words(self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual)
+        return in_words(
+            self.buses[name].can.trouble, self.buses[name].interface.bus, self.buses[name].interface.virtual
+        )
 
 
 def in_words(trouble, bus, virtual):
@@ -259,13 +329,21 @@ def in_words(trouble, bus, virtual):
     """
     channel = bus.channel
     if trouble == "bus-off":
-        return f"{channel} is bus-off: its controller has withdrawn after too many errors", f"{WIRING}; then: {again(bus)}"
+        return (
+            f"{channel} is bus-off: its controller has withdrawn after too many errors",
+            f"{WIRING}; then: {again(bus)}",
+        )
     if trouble == "full":
-        return (f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames, or they are more than it carries",
-                f"{WIRING}; room for more: sudo ip link set {channel} txqueuelen 128")
+        return (
+            f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames, "
+            "or they are more than it carries",
+            f"{WIRING}; room for more: sudo ip link set {channel} txqueuelen 128",
+        )
     if trouble == errno.ENETDOWN:
         return f"{channel} was taken down", take_up(bus, virtual)
     if trouble in GONE:
-        return f"{channel} is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {take_up(bus, virtual)}"
+        return f"{channel} is gone: its adapter was unplugged, or lost its supply", (
+            f"plug it in, then: {take_up(bus, virtual)}"
+        )
     said = os.strerror(trouble) if trouble else "a frame went neither in nor out"
     return f"{channel}: {said}", f"look at: ip -details -statistics link show {channel}"

@@ -1,11 +1,14 @@
-"""The chips of an I2C bus as smbus2 reaches them, through whatever multiplexers: to set them up, and to say which there are."""
+"""The chips of an I2C bus as smbus2 reaches them, through whatever multiplexers: to set them up, and to say which there
+are.
+"""
 
 import errno
 
 from blocks.i2c import CHANNELS, MUX
 
-FIRST, LAST = 0x08, 0x77        # addresses that a device may have
-FRAGILE = {*range(0x30, 0x38), *range(0x50, 0x60)}     # memories, which a write without data could harm: a byte is read of these
+FIRST, LAST = 0x08, 0x77  # addresses that a device may have
+# memories, which a write without data could harm: a byte is read of these
+FRAGILE = {*range(0x30, 0x38), *range(0x50, 0x60)}
 
 
 class NoAnswer(Exception):
@@ -21,13 +24,15 @@ class Chips:
 
     def __init__(self, wires):
         self.wires = wires
-        self.open = (0, 0)      # multiplexer and channel that are open; 0: none that we have opened
+        self.open = (0, 0)  # multiplexer and channel that are open; 0: none that we have opened
 
     def close(self):
         self.wires.close()
 
     def read(self, address, register, count):
-        """A word, on the wire two bytes, is what an adapter without blocks reads of registers that are two bytes wide."""
+        """A word, on the wire two bytes, is what an adapter without blocks reads of registers that are two bytes
+        wide.
+        """
         with answered(address):
             if count == 1:
                 return bytes((self.wires.read_byte_data(address, register),))
@@ -93,10 +98,10 @@ class Chips:
                 self.probe(address)
                 found.append(address)
             except NoAnswer as error:
-                if error.errno == errno.EBUSY:                  # a driver of the kernel has it
+                if error.errno == errno.EBUSY:  # a driver of the kernel has it
                     found.append(address)
                 elif error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
-                    break                                       # a bus that hangs would take seconds for each
+                    break  # a bus that hangs would take seconds for each
         return found
 
 
@@ -119,14 +124,18 @@ class KnownChips:
 
     # address: (register, {value: name}, mask); an address with several is asked for each
     REGISTERS = {
-        0x68: ((0x75, {0x71: "MPU-9250", 0x73: "MPU-9255", 0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}, 0xFF),
-               (0x00, {0xEA: "ICM-20948"}, 0xFF)),
+        0x68: (
+            (0x75, {0x71: "MPU-9250", 0x73: "MPU-9255", 0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}, 0xFF),
+            (0x00, {0xEA: "ICM-20948"}, 0xFF),
+        ),
         0x0C: ((0x00, {0x48: "AK8963"}, 0xFF), (0x01, {0x09: "AK09916"}, 0xFF)),
         0x2A: ((0x1F, {0x0F: "NAU7802"}, 0x0F),),
     }
     REGISTERS[0x69] = REGISTERS[0x68]
-    GUESSES = {**{address: "ADS1115 or ADS1015" for address in range(0x48, 0x4C)},
-               **{address: "TCA9548A multiplexer" for address in range(MUX, MUX + 8)}}
+    GUESSES = {
+        **{address: "ADS1115 or ADS1015" for address in range(0x48, 0x4C)},
+        **{address: "TCA9548A multiplexer" for address in range(MUX, MUX + 8)},
+    }
 
     def __init__(self, chips):
         self.chips = chips
@@ -143,12 +152,14 @@ class KnownChips:
         return (self.GUESSES[address], "by its address") if address in self.GUESSES else ("", "")
 
     def everywhere(self):
-        """Every chip there is: [(mux, channel, address, name, how)], mux 0 for the bus itself. Those of the bus are told once."""
+        """Every chip there is: [(mux, channel, address, name, how)], mux 0 for the bus itself. Those of the bus are
+        told once.
+        """
         self.chips.leave()
         here = self.chips.answering()
         muxes = [address for address in here if MUX <= address < MUX + 8]
         for mux in muxes:
-            self.chips.select(mux, 0)                           # what a run before has left open
+            self.chips.select(mux, 0)  # what a run before has left open
         here = [address for address in self.chips.answering()]
         found = [(0, 0, address, *self.name(address)) for address in here]
         for mux in muxes:
@@ -158,7 +169,10 @@ class KnownChips:
                 except NoAnswer:
                     break
                 found += [
-                    (mux, channel, address, *self.name(address)) for address in self.chips.answering() if address not in here]
+                    (mux, channel, address, *self.name(address))
+                    for address in self.chips.answering()
+                    if address not in here
+                ]
         self.chips.leave()
         return found
 

@@ -1,4 +1,6 @@
-"""Game controllers and keyboards, as /dev/input has them. What a block says in `opening`: device, a path, best one below /dev/input/by-id."""
+"""Game controllers and keyboards, as /dev/input has them. What a block says in `opening`: device, a path, best one
+below /dev/input/by-id.
+"""
 
 import errno
 import os
@@ -8,7 +10,7 @@ from pathlib import Path
 from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
-EVENT = 24                      # bytes of struct input_event where a time has 64 bits
+EVENT = 24  # bytes of struct input_event where a time has 64 bits
 BY_ID = Path("/dev/input/by-id")
 
 
@@ -27,7 +29,10 @@ def opened(who, device):
         return Opened(os.open(device, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), device, path=device, record=EVENT)
     except OSError as error:
         if error.errno in (errno.EACCES, errno.EPERM):
-            hint = "sudo usermod -aG input $USER, then log in again: who is in that group can read every key that is pressed on this computer"
+            hint = (
+                "sudo usermod -aG input $USER, then log in again: who is in that group can read every key that is "
+                "pressed on this computer"
+            )
             raise Refused(Trouble("TW118", f"{name}: {error.strerror}", hint)) from None
         raise Refused(Trouble("TW127", f"{name}: {error.strerror}", there())) from None
 

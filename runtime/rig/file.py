@@ -1,4 +1,5 @@
-"""Rig files: which interface stands behind each logical bus, and which devices are mounted otherwise than the diagram says.
+"""Rig files: which interface stands behind each logical bus, and which devices are mounted otherwise than the diagram
+says.
 
     [bus.legs]
     interface = "socketcan"
@@ -26,9 +27,9 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
-SLOWEST, FASTEST = 10_000, 1_000_000        # bit/s that CAN is specified for
-LONGEST_NAME = 15                           # characters of a network interface
-KEYS = {                                    # of a bus: type, example, whether it must be there
+SLOWEST, FASTEST = 10_000, 1_000_000  # bit/s that CAN is specified for
+LONGEST_NAME = 15  # characters of a network interface
+KEYS = {  # of a bus: type, example, whether it must be there
     "interface": (str, '"socketcan"', True),
     "channel": (str, '"can0"', True),
     "bitrate": (int, "1_000_000", False),
@@ -36,16 +37,14 @@ KEYS = {                                    # of a bus: type, example, whether i
     "peer": (str, '"192.168.4.2:9871"', False),
     "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
-OWN = ("interface", "channel", "bitrate", "fd")         # that `options` cannot say again
+OWN = ("interface", "channel", "bitrate", "fd")  # that `options` cannot say again
 WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dict: "a table"}
 
 
 @dataclass(frozen=True)
 class RigBus:
-    """
-    interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries CAN FD
-    peer : where UDP sends to, "" for nowhere
-    options : more that the interface of python-can is given, as it is
+    """interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries
+    CAN FD peer : where UDP sends to, "" for nowhere options : more that the interface of python-can is given, as it is
     """
 
     name: str
@@ -82,7 +81,9 @@ def parse(path, text):
     hint = 'write [bus.NAME] or [device."PATH"]'
     troubles = [
         Trouble("TW102", f"[{key}]: a rig has buses and devices", suggestion(key, ("bus", "device")) or hint)
-        for key in content if key not in ("bus", "device")]
+        for key in content
+        if key not in ("bus", "device")
+    ]
     buses = {name: bus(name, table, troubles) for name, table in tables(content, "bus", "NAME", troubles)}
     devices = dict(tables(content, "device", '"PATH"', troubles))
     troubles += shared_channels([found for found in buses.values() if found is not None])
@@ -113,7 +114,10 @@ def tables(content, kind, name, troubles):
         return []
     hint = f"write [{kind}.{name}], and what it says below that"
     troubles += [
-        Trouble("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint) for key, value in found.items() if not isinstance(value, dict)]
+        Trouble("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint)
+        for key, value in found.items()
+        if not isinstance(value, dict)
+    ]
     return [(key, value) for key, value in found.items() if isinstance(value, dict)]
 
 
@@ -142,16 +146,20 @@ def bus(name, table, troubles):
     if not SLOWEST <= found.bitrate <= FASTEST:
         wrong(f"bitrate = {found.bitrate}: CAN has {SLOWEST} to {FASTEST} bit/s", "write bitrate = 1_000_000")
     if found.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % LONGEST_NAME, found.channel):
-        wrong(f"channel = {found.channel!r}: no network interface has such a name",
-              'write channel = "can0"; `ip link` lists those of this machine')
+        wrong(
+            f"channel = {found.channel!r}: no network interface has such a name",
+            'write channel = "can0"; `ip link` lists those of this machine',
+        )
     check_options(found, wrong)
     if found.interface == UDP:
         check_udp(found, wrong)
     elif found.peer:
         wrong("peer is of UDP alone", "take it out")
     if found.interface not in (SOCKETCAN, UDP) and found.interface not in kinds():
-        wrong(f"interface = {found.interface!r}: python-can has none of that name",
-              suggestion(found.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"')
+        wrong(
+            f"interface = {found.interface!r}: python-can has none of that name",
+            suggestion(found.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"',
+        )
     return found if len(troubles) == before else None
 
 
@@ -178,7 +186,10 @@ def check_udp(bus, wrong):
             if text:
                 Endpoint(text)
         except ValueError as error:
-            wrong(f"{key} = {text!r}: {error}", f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'))
+            wrong(
+                f"{key} = {text!r}: {error}",
+                f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'),
+            )
     if bus.fd:
         wrong("fd = true: a datagram of UDP is a classic frame", "take it out")
 
@@ -187,14 +198,21 @@ def check_i2c(bus, table, wrong):
     """wrong : called with what is wrong, and the cure"""
     for key in table:
         if key not in ("interface", "channel"):
-            wrong(f"{key}: an I2C bus has none", "take it out; how fast it is, the system's configuration says: dtparam=i2c_arm_baudrate")
+            wrong(
+                f"{key}: an I2C bus has none",
+                "take it out; how fast it is, the system's configuration says: dtparam=i2c_arm_baudrate",
+            )
     if not bus.channel.startswith("/dev/"):
-        wrong(f"channel = {bus.channel!r}: an I2C bus is a file in /dev",
-              'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine')
+        wrong(
+            f"channel = {bus.channel!r}: an I2C bus is a file in /dev",
+            'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine',
+        )
 
 
 def kinds():
-    """Names of the interfaces that python-can has here. It takes a tenth of a second to import, so SocketCAN is not looked up."""
+    """Names of the interfaces that python-can has here. It takes a tenth of a second to import, so SocketCAN is not
+    looked up.
+    """
     from can import VALID_INTERFACES
 
     return sorted(VALID_INTERFACES)
@@ -206,5 +224,7 @@ def shared_channels(buses):
         other = first.setdefault((bus.interface, bus.channel), bus)
         if other is not bus:
             yield Trouble(
-                "TW102", f"[bus.{bus.name}] channel = {bus.channel!r} is that of [bus.{other.name}] too",
-                "two buses of a robot are two interfaces; what shares a wire has one bus in the diagram")
+                "TW102",
+                f"[bus.{bus.name}] channel = {bus.channel!r} is that of [bus.{other.name}] too",
+                "two buses of a robot are two interfaces; what shares a wire has one bus in the diagram",
+            )

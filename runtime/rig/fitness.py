@@ -7,16 +7,18 @@ from graph.block import suggestion
 from runtime.doctor.can import ARPHRD_CAN, bring_up
 from runtime.rig.troubles import Refused, Trouble
 
-UP = 1                                          # IFF_UP
-VIRTUAL = ("vcan", "vxcan")                     # kinds on which every node is a process of this machine
+UP = 1  # IFF_UP
+VIRTUAL = ("vcan", "vxcan")  # kinds on which every node is a process of this machine
 FD_MTU = 72
-DATA_BITRATE = 5_000_000                        # bit/s of CAN FD's second part, in the commands that are proposed
+DATA_BITRATE = 5_000_000  # bit/s of CAN FD's second part, in the commands that are proposed
 WIRING = "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all"
 
 
 @dataclass
 class Fitness:
-    """virtual : whether all other nodes are processes of this machine; remarks : what a person should know, but need not mend first"""
+    """virtual : whether all other nodes are processes of this machine; remarks : what a person should know, but need
+    not mend first
+    """
 
     virtual: bool
     remarks: list = field(default_factory=list)
@@ -59,7 +61,9 @@ def controller(bus, data):
     if bitrate is not None and bitrate != bus.bitrate:
         raise refused(bus, "TW115", f"{name} runs at {bitrate} bit/s, and the rig says {bus.bitrate}", again(bus))
     if state == "BUS-OFF":
-        raise refused(bus, "TW116", f"{name} has withdrawn from the bus after too many errors", f"{WIRING}; then: {again(bus)}")
+        raise refused(
+            bus, "TW116", f"{name} has withdrawn from the bus after too many errors", f"{WIRING}; then: {again(bus)}"
+        )
     if bitrate is None:
         yield f"{name}: its bitrate cannot be told; look at: ip -details link show {name}"
     if state in ("ERROR-WARNING", "ERROR-PASSIVE"):
@@ -85,7 +89,10 @@ def again(bus):
 
 def with_fd(bus, virtual):
     change = f"mtu {FD_MTU}" if virtual else f"type can bitrate {bus.bitrate} dbitrate {DATA_BITRATE} fd on"
-    return f"sudo ip link set {bus.channel} down && sudo ip link set {bus.channel} {change} && sudo ip link set {bus.channel} up"
+    return (
+        f"sudo ip link set {bus.channel} down && sudo ip link set {bus.channel} {change} && sudo ip link set "
+        f"{bus.channel} up"
+    )
 
 
 def absent(bus, machine):
@@ -101,5 +108,8 @@ def others(bus, machine):
     """Which CAN interfaces there are instead."""
     found = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
     if not found:
-        return "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command `doctor` looks closer"
+        return (
+            "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command "
+            "`doctor` looks closer"
+        )
     return suggestion(bus.channel, found) or f"this machine has {', '.join(found)}"

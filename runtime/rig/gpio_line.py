@@ -10,7 +10,7 @@ from datetime import timedelta
 from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
-EVENT = 48                      # bytes of struct gpio_v2_line_event
+EVENT = 48  # bytes of struct gpio_v2_line_event
 CONSUMER = "tickwork"
 
 
@@ -27,12 +27,23 @@ def opened(who, chip, pin, active_low, output, bias="as_is", debounce=0.0):
     try:
         import gpiod
     except ImportError:
-        raise Refused(Trouble("TW119", f"{name}: libgpiod's Python package is not installed", "pip install 'tickwork[gpio]'")) from None
+        raise Refused(
+            Trouble("TW119", f"{name}: libgpiod's Python package is not installed", "pip install 'tickwork[gpio]'")
+        ) from None
     from gpiod.line import Bias, Clock, Direction, Edge
 
-    settings = gpiod.LineSettings(direction=Direction.OUTPUT, active_low=active_low) if output else gpiod.LineSettings(
-        direction=Direction.INPUT, edge_detection=Edge.BOTH, bias=getattr(Bias, bias.upper()), active_low=active_low,
-        debounce_period=timedelta(seconds=debounce), event_clock=Clock.MONOTONIC)
+    settings = (
+        gpiod.LineSettings(direction=Direction.OUTPUT, active_low=active_low)
+        if output
+        else gpiod.LineSettings(
+            direction=Direction.INPUT,
+            edge_detection=Edge.BOTH,
+            bias=getattr(Bias, bias.upper()),
+            active_low=active_low,
+            debounce_period=timedelta(seconds=debounce),
+            event_clock=Clock.MONOTONIC,
+        )
+    )
     try:
         request = gpiod.request_lines(str(chip), {int(pin) if pin.isdecimal() else pin: settings}, consumer=CONSUMER)
     except (OSError, ValueError) as error:
@@ -43,13 +54,19 @@ def opened(who, chip, pin, active_low, output, bias="as_is", debounce=0.0):
 def in_words(name, chip, pin, error):
     number = getattr(error, "errno", None)
     if not os.path.exists(chip):
-        return Trouble("TW127", f"{name}: there is no such chip", "those there are: ls /dev/gpiochip*; their lines: gpioinfo")
+        return Trouble(
+            "TW127", f"{name}: there is no such chip", "those there are: ls /dev/gpiochip*; their lines: gpioinfo"
+        )
     if number in (errno.EACCES, errno.EPERM):
-        return Trouble("TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {group_of(chip)} $USER, then log in again")
+        return Trouble(
+            "TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {group_of(chip)} $USER, then log in again"
+        )
     if number == errno.EBUSY:
         return Trouble("TW119", f"{name}: somebody else has that line", "who it is: gpioinfo")
     if number is None or number in (errno.EINVAL, errno.ENOENT):
-        return Trouble("TW127", f"{name}: the chip has no such line, or it cannot do that ({error})", "its lines: gpioinfo")
+        return Trouble(
+            "TW127", f"{name}: the chip has no such line, or it cannot do that ({error})", "its lines: gpioinfo"
+        )
     return Trouble("TW119", f"{name}: {os.strerror(number)}", "is it a chip of GPIO lines? gpiodetect")
 
 

@@ -1,6 +1,7 @@
 """I2C buses of a rig: opened with smbus2, every chip asked what it is and set up, then handed over to a native thread.
 
-What cannot be is told in words: no such bus and how to have one, no permission, nobody at an address and who answers instead.
+What cannot be is told in words: no such bus and how to have one, no permission, nobody at an address and who answers
+instead.
 """
 
 import errno
@@ -15,10 +16,12 @@ from runtime.rig.chips import Chips, NoAnswer, in_hex
 from runtime.rig.serial_port import permission
 from runtime.rig.troubles import Refused, Trouble
 
-NODES = "i2c-*"                 # in /dev
+NODES = "i2c-*"  # in /dev
 ENABLE = (
-    "Raspberry Pi: sudo raspi-config nonint do_i2c 0, which makes /dev/i2c-1; Jetson: /dev/i2c-7 (Orin) or /dev/i2c-1 is on the header, "
-    "enabled by sudo /opt/nvidia/jetson-io/jetson-io.py; elsewhere: sudo modprobe i2c-dev")
+    "Raspberry Pi: sudo raspi-config nonint do_i2c 0, which makes /dev/i2c-1; Jetson: /dev/i2c-7 (Orin) or "
+    "/dev/i2c-1 is on the header, "
+    "enabled by sudo /opt/nvidia/jetson-io/jetson-io.py; elsewhere: sudo modprobe i2c-dev"
+)
 
 
 class I2cInterface:
@@ -35,7 +38,7 @@ class I2cInterface:
 
     def __init__(self, bus, devices, opened=None):
         self.bus, self.devices, self.remarks = bus, devices, []
-        self.said = {}                                      # what each says that it is, by which it is known when it was lost and is back
+        self.said = {}  # what each says that it is, by which it is known when it was lost and is back
         chips, adapter = opened or open_adapter(bus)
         troubles = []
         try:
@@ -93,9 +96,15 @@ class I2cInterface:
         if found is not None:
             identity, said = found
             wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
-            raise Refused(Trouble(
-                "TW134", f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
-                f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` tells what they are"))
+            raise Refused(
+                Trouble(
+                    "TW134",
+                    f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
+                    f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` "
+                    "tells "
+                    "what they are",
+                )
+            )
         self.said[device] = []
         for identity in device.identities():
             said = chips.read(device.address, identity.register, 1)[0] & identity.mask
@@ -115,15 +124,22 @@ class I2cInterface:
         try:
             device.learn(read, write)
         except ValueError as error:
-            raise Refused(Trouble("TW129", f"{who} {self.where(device)}: {error}", "docs/sensors.md tells of its set-up")) from None
+            raise Refused(
+                Trouble("TW129", f"{who} {self.where(device)}: {error}", "docs/sensors.md tells of its set-up")
+            ) from None
         check = device.check()
         if check is not None:
             said = chips.read(device.address, check[0], len(check[1]))
             if said != check[1]:
                 what = f"it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on"
-                raise Refused(Trouble(
-                    "TW129", f"{who} {self.where(device)}: {what}",
-                    "a wire that is too long or without pull-ups, two chips at one address, or a chip that only looks like one"))
+                raise Refused(
+                    Trouble(
+                        "TW129",
+                        f"{who} {self.where(device)}: {what}",
+                        "a wire that is too long or without pull-ups, two chips at one address, or a chip that only "
+                        "looks like one",
+                    )
+                )
 
     def where(self, device):
         there = f", multiplexer {device.mux:#04x} channel {device.channel}" if device.mux else ""
@@ -133,30 +149,48 @@ class I2cInterface:
         """Why a chip did not answer, as a Trouble."""
         if error.errno == errno.EBUSY:
             return Trouble(
-                "TW135", f"{who} {self.where(device)}: a driver of the kernel has this address",
-                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt")
+                "TW135",
+                f"{who} {self.where(device)}: a driver of the kernel has this address",
+                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
+            )
         if error.mux:
             return Trouble(
-                "TW133", f"{who} {self.bus.channel}: no multiplexer answers at {device.mux:#04x}",
-                f"{in_hex(chips.answering(outside=True))} answer on the bus itself: the mux of this device, its supply, or its reset pin")
+                "TW133",
+                f"{who} {self.bus.channel}: no multiplexer answers at {device.mux:#04x}",
+                f"{in_hex(chips.answering(outside=True))} answer on the bus itself: the mux of this device, its "
+                "supply, or its reset pin",
+            )
         if error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
             return Trouble(
-                "TW128", f"{who} {self.where(device)}: the bus hangs: {os.strerror(error.errno)}",
-                "a device holds a line low: take the supply of the sensors away and give it back; are there pull-ups, to one voltage?")
+                "TW128",
+                f"{who} {self.where(device)}: the bus hangs: {os.strerror(error.errno)}",
+                "a device holds a line low: take the supply of the sensors away and give it back; are there "
+                "pull-ups, to one voltage?",
+            )
         found = in_hex(chips.answering())
         place = f"channel {device.channel} of the multiplexer {device.mux:#04x}" if device.mux else "this bus"
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
         return Trouble(
-            "TW128", f"{who} {self.where(device)}: nobody answers {what}({os.strerror(error.errno)})",
-            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in {who}; or its supply")
+            "TW128",
+            f"{who} {self.where(device)}: nobody answers {what}({os.strerror(error.errno)})",
+            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in "
+            f"{who}; or its supply",
+        )
 
     def hand_over(self, device):
         at = device.address
         check = device.check()
         self.wires.add(
-            device.place, at, tuple((at if w.address is None else w.address, w.register, bytes(w.data), w.wait) for w in device.set_up()),
-            check, tuple((one.period, one.settle, tuple(exchange(transfer, at) for transfer in one.transfers)) for one in device.rounds()),
-            self.said[device])
+            device.place,
+            at,
+            tuple((at if w.address is None else w.address, w.register, bytes(w.data), w.wait) for w in device.set_up()),
+            check,
+            tuple(
+                (one.period, one.settle, tuple(exchange(transfer, at) for transfer in one.transfers))
+                for one in device.rounds()
+            ),
+            self.said[device],
+        )
 
     @property
     def counts(self):
@@ -184,12 +218,16 @@ class SeveralRefused(Refused):
 
 def error_in_words(error):
     """Why a device failed last, as cext.i2c counts it."""
-    return {-1: "it had lost its settings", -2: "another kind of chip answers in its place"}.get(error) or os.strerror(error)
+    return {-1: "it had lost its settings", -2: "another kind of chip answers in its place"}.get(error) or os.strerror(
+        error
+    )
 
 
 def exchange(transfer, address):
     """As cext.i2c.I2cBus.add takes it."""
-    steps = tuple((step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps)
+    steps = tuple(
+        (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
+    )
     return transfer.number, address if transfer.address is None else transfer.address, steps, bytes(transfer.appended)
 
 
@@ -203,7 +241,13 @@ def open_adapter(bus):
 
         wires = SMBus(bus.channel)
     except ImportError:
-        raise Refused(Trouble("TW119", f"{name}: smbus2 is not installed", "pip install smbus2, into the environment that this runs in")) from None
+        raise Refused(
+            Trouble(
+                "TW119",
+                f"{name}: smbus2 is not installed",
+                "pip install smbus2, into the environment that this runs in",
+            )
+        ) from None
     except OSError as error:
         raise Refused(in_words(name, bus.channel, error)) from None
     try:
@@ -233,4 +277,3 @@ def paths(folder="/dev"):
     """Every I2C bus of this machine."""
     found = [str(path) for path in Path(folder).glob(NODES) if path.name.removeprefix("i2c-").isdigit()]
     return sorted(found, key=lambda path: int(path.rpartition("-")[2]))
-

@@ -1,7 +1,8 @@
 """The sockets of a SocketCAN interface.
 
-Frames of our own devices come through a socket with a filter in the kernel, so that nobody else's keep ours from being read in time. All
-others reach a second socket that nobody reads in a tick: the kernel counts them there, and keeps the first few, to say who they were.
+Frames of our own devices come through a socket with a filter in the kernel, so that nobody else's keep ours from being
+read in time. All others reach a second socket that nobody reads in a tick: the kernel counts them there, and keeps the
+first few, to say who they were.
 """
 
 import errno
@@ -12,14 +13,14 @@ import struct
 from runtime.rig.fitness import absent, look, refused, take_up
 from runtime.rig.troubles import Refused, Trouble
 
-SO_TIMESTAMPNS, SO_MEMINFO = 35, 55             # of Linux, which Python's socket has no names for
+SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # of Linux, which Python's socket has no names for
 SOL_CAN_RAW, FILTER, ERROR_FILTER, RECEIVE_OWN, FD_FRAMES, JOIN_FILTERS = 101, 1, 2, 4, 5, 6
-MEMINFO = struct.Struct("=9I")                  # its last number: frames dropped
+MEMINFO = struct.Struct("=9I")  # its last number: frames dropped
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 EXTENDED, REMOTE, INVERTED = 0x80000000, 0x40000000, 0x20000000
-MOST_FILTERS = 512                              # that the kernel takes
-TELLING = 0x004 | 0x040 | 0x100                 # classes of error frames: of the controller, bus-off, restarted
-FRAME = struct.Struct("=IB3x8s")                # struct can_frame
+MOST_FILTERS = 512  # that the kernel takes
+TELLING = 0x004 | 0x040 | 0x100  # classes of error frames: of the controller, bus-off, restarted
+FRAME = struct.Struct("=IB3x8s")  # struct can_frame
 
 
 class Interface:
@@ -83,12 +84,16 @@ class Strangers:
     """Frames on the wire that are for none of our devices: counted by the kernel, at no cost to a tick."""
 
     def __init__(self, bus, listens, speaks):
-        ours = [*listens, *((identifier, EXTENDED_MASK if extended else STANDARD_MASK, extended) for identifier, extended in speaks)]
+        ours = [
+            *listens,
+            *((identifier, EXTENDED_MASK if extended else STANDARD_MASK, extended) for identifier, extended in speaks),
+        ]
         self.socket = new_socket(bus)
         self.socket.setblocking(False)
         self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(pattern(*heard, INVERTED) for heard in ours))
         self.socket.setsockopt(SOL_CAN_RAW, JOIN_FILTERS, 1)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)                  # the least there is: the rest is counted, not kept
+        # the least there is: the rest is counted, not kept
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         self.socket.bind((bus.channel,))
 
     def close(self):
@@ -103,11 +108,15 @@ class Strangers:
                 identifier, _, _ = FRAME.unpack(self.socket.recv(FRAME.size))
             except OSError:
                 return dropped + len(names), list(dict.fromkeys(names))
-            names.append(f"{identifier & EXTENDED_MASK:08X}" if identifier & EXTENDED else f"{identifier & STANDARD_MASK:03X}")
+            names.append(
+                f"{identifier & EXTENDED_MASK:08X}" if identifier & EXTENDED else f"{identifier & STANDARD_MASK:03X}"
+            )
 
 
 def pattern(identifier, mask, extended, inverted=0):
-    """One filter of the kernel's: data frames of that kind whose identifiers agree with this one where the mask is 1."""
+    """One filter of the kernel's: data frames of that kind whose identifiers agree with this one where the mask is
+    1.
+    """
     kind = EXTENDED if extended else 0
     return struct.pack("=II", identifier | kind | inverted, mask | EXTENDED | REMOTE)
 
@@ -116,7 +125,9 @@ def new_socket(bus):
     """A raw CAN socket, not bound yet. Refused where the system gives none."""
     family = getattr(socket, "AF_CAN", None)
     if family is None:
-        raise Refused(Trouble("TW111", "this Python knows no CAN sockets", "SocketCAN is of Linux: use a Python built there"))
+        raise Refused(
+            Trouble("TW111", "this Python knows no CAN sockets", "SocketCAN is of Linux: use a Python built there")
+        )
     try:
         return socket.socket(family, socket.SOCK_RAW, socket.CAN_RAW)
     except PermissionError as error:
@@ -124,16 +135,26 @@ def new_socket(bus):
     except OSError as error:
         if error.errno not in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT, errno.ESOCKTNOSUPPORT):
             raise Refused(other(bus, error)) from None
-        raise Refused(Trouble(
-            "TW111", f"this kernel, {os.uname().release}, gives no CAN socket: {error.strerror}",
-            "sudo modprobe can_raw; where that fails, the kernel was built without CAN, as that of WSL 2 is: use another")) from None
+        raise Refused(
+            Trouble(
+                "TW111",
+                f"this kernel, {os.uname().release}, gives no CAN socket: {error.strerror}",
+                "sudo modprobe can_raw; where that fails, the kernel was built without CAN, as that of WSL 2 is: use "
+                "another",
+            )
+        ) from None
 
 
 def other(bus, error):
     name = bus.channel
-    return Trouble("TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"look at: ip -details -statistics link show {name}")
+    return Trouble(
+        "TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"look at: ip -details -statistics link show {name}"
+    )
 
 
 def denied(error):
     return Trouble(
-        "TW118", f"the system gives no CAN socket: {error.strerror}", "in a container, start it with the host's network: --network host")
+        "TW118",
+        f"the system gives no CAN socket: {error.strerror}",
+        "in a container, start it with the host's network: --network host",
+    )

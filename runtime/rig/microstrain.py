@@ -1,4 +1,5 @@
-"""MicroStrain's sensors on a rig: found by the last digits of their serial numbers wherever they are plugged in, and set up.
+"""MicroStrain's sensors on a rig: found by the last digits of their serial numbers wherever they are plugged in, and
+set up.
 
     idle, ping, device information     who is it?
     descriptors                        what commands and data does it have?
@@ -6,8 +7,8 @@
     heading source, low-pass           where the block says so
     streams, resume
 
-Two generations differ: the older has a format of its own for each set and calls the streams 1 and 3, the newer has one for all (0C 0F) and
-calls a stream by its set. What was sent is what a sensor is told again when it has been away.
+Two generations differ: the older has a format of its own for each set and calls the streams 1 and 3, the newer has one
+for all (0C 0F) and calls a stream by its set. What was sent is what a sensor is told again when it has been away.
 """
 
 import glob
@@ -23,14 +24,15 @@ from runtime.rig.serial_line import let_go
 from runtime.rig.streams import Opened
 from runtime.rig.troubles import Refused, Trouble
 
-PORTS = "TICKWORK_PORTS"        # in the environment: patterns of the ports to look at, in place of what pyserial lists
-VENDORS = (0x199B, 0x0403, 0x10C4, 0x067B, 0x1A86)              # MicroStrain, and makers of USB adapters
+PORTS = "TICKWORK_PORTS"  # in the environment: patterns of the ports to look at, in place of what pyserial lists
+VENDORS = (0x199B, 0x0403, 0x10C4, 0x067B, 0x1A86)  # MicroStrain, and makers of USB adapters
 BAUDRATES = "115200 and 921600 are what MicroStrain sells"
-QUICK = 0.25                    # s, in which one that is asked who it is answers
+QUICK = 0.25  # s, in which one that is asked who it is answers
 GENERIC_FORMAT, GENERIC_BASE_RATE = 0x0C0F, 0x0C0E
-LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}     # commands format and base rate, its reply, stream
+# commands format and base rate, its reply, stream
+LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}
 HEADING, MEASUREMENT, MAGNETIC_FIELD = 0x0D18, 0x0D50, 0x8006
-INVALID_PARAMETER = 3           # of an acknowledgement
+INVALID_PARAMETER = 3  # of an acknowledgement
 MAGNETOMETER_HEADING, MAGNETOMETER_MEASUREMENT = 1, 4
 NEW_LOW_PASS, OLD_LOW_PASS = 0x0C54, 0x0C50
 
@@ -40,15 +42,19 @@ def open_lines(devices):
     found, waiting, seen = {}, [], Seen()
     for device in devices:
         if device.port:
-            found[device] = attempt(device, lambda: opened(device, ports.open_port(device.path, device.port, device.baudrate)))
+            found[device] = attempt(
+                device, lambda: opened(device, ports.open_port(device.path, device.port, device.baudrate))
+            )
         else:
             waiting.append(device)
     if waiting:
         seen.look(waiting[0].baudrate, [device.serial for device in waiting])
-    with ThreadPoolExecutor(8) as pool:                            # each waits for its own sensor
+    with ThreadPoolExecutor(8) as pool:  # each waits for its own sensor
         for device in waiting:
             found[device] = pool.submit(attempt, device, lambda device=device: opened(device, seen.take(device)))
-        found = {device: answer if not hasattr(answer, "result") else answer.result() for device, answer in found.items()}
+        found = {
+            device: answer if not hasattr(answer, "result") else answer.result() for device, answer in found.items()
+        }
     seen.close()
     return {device: found[device] for device in devices}
 
@@ -71,7 +77,8 @@ def candidates():
 class Seen:
     """The sensors of this machine that nobody else has open.
 
-    open : {path: (MipPort, Information)}; troubles : of ports that could not be asked; silent : paths where no sensor answers
+    open : {path: (MipPort, Information)}; troubles : of ports that could not be asked; silent : paths where no sensor
+    answers
     """
 
     def __init__(self):
@@ -109,9 +116,17 @@ class Seen:
         if len(found) == 1:
             return self.open.pop(found[0])[0].port
         if not device.serial:
-            raise Refused(Trouble("TW127", f"{where} names neither a serial number nor a port", f'write serial = "133931"; {self.words()}'))
+            raise Refused(
+                Trouble(
+                    "TW127",
+                    f"{where} names neither a serial number nor a port",
+                    f'write serial = "133931"; {self.words()}',
+                )
+            )
         what = f"{len(found)} sensors have" if found else "no sensor has"
-        raise Refused(Trouble("TW127", f'{where} serial = "{device.serial}": {what} a serial number that ends so', self.words()))
+        raise Refused(
+            Trouble("TW127", f'{where} serial = "{device.serial}": {what} a serial number that ends so', self.words())
+        )
 
     def words(self):
         seen = ", ".join(f"{about.serial} ({about.model}, {path})" for path, (_, about) in sorted(self.open.items()))
@@ -134,21 +149,33 @@ def opened(device, port):
     try:
         about = sensor.identify()
         if device.serial and not about.ends_with(device.serial):
-            raise Refused(Trouble("TW127", f'{where} serial = "{device.serial}": that sensor is {about.serial}', "correct one of the two"))
+            raise Refused(
+                Trouble(
+                    "TW127",
+                    f'{where} serial = "{device.serial}": that sensor is {about.serial}',
+                    "correct one of the two",
+                )
+            )
         setup = SetUp(device, sensor, sensor.known())
         setup.send()
     except Silent:
         port.close()
-        raise Refused(Trouble(
-            "TW128", f"{where}: no MicroStrain sensor answers at {device.baudrate} bit/s",
-            f"is that its port, and its supply on? With a real serial line: its baud rate; {BAUDRATES}")) from None
+        raise Refused(
+            Trouble(
+                "TW128",
+                f"{where}: no MicroStrain sensor answers at {device.baudrate} bit/s",
+                f"is that its port, and its supply on? With a real serial line: its baud rate; {BAUDRATES}",
+            )
+        ) from None
     except (Refused, OSError, ValueError) as error:
         port.close()
         if isinstance(error, Refused):
             raise
         raise Refused(Trouble("TW128", f"{where}: {error}", "unplug it, and plug it in again")) from None
-    remarks = tuple(f'{path}: {about.model} {about.serial} {remark}' for remark in setup.remarks)
-    return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(setup.messages), remarks=remarks, proof=sensor.proof())
+    remarks = tuple(f"{path}: {about.model} {about.serial} {remark}" for remark in setup.remarks)
+    return Opened(
+        let_go(port), path, path=ports.by_id(path), setup=tuple(setup.messages), remarks=remarks, proof=sensor.proof()
+    )
 
 
 class SetUp:
@@ -169,7 +196,10 @@ class SetUp:
         if lacking:
             self.remarks.append(f"has no {', '.join(lacking)}: those outputs are NaN")
         if not any(formats.values()):
-            self.refuse(f"it has none of {', '.join(field.name for field in self.device.fields)}", "ask for what it has: channels=...")
+            self.refuse(
+                f"it has none of {', '.join(field.name for field in self.device.fields)}",
+                "ask for what it has: channels=...",
+            )
         for descriptor_set, fields in formats.items():
             if self.has_set(descriptor_set):
                 self.format(descriptor_set, fields)
@@ -182,16 +212,21 @@ class SetUp:
         self.tell(mip.command(mip.BASE, mip.RESUME), "to resume")
 
     def has(self, field):
-        return field.set << 8 | field.descriptor in self.known or (field.set == 0x100 and any(
-            descriptor_set << 8 | field.descriptor in self.known for descriptor_set in (SENSOR, FILTER)))
+        return field.set << 8 | field.descriptor in self.known or (
+            field.set == 0x100
+            and any(descriptor_set << 8 | field.descriptor in self.known for descriptor_set in (SENSOR, FILTER))
+        )
 
     def has_set(self, descriptor_set):
         return any(number >> 8 == descriptor_set for number in self.known)
 
     def fields(self, descriptor_set):
         """Descriptors that the set is asked for, its time first; [] for none."""
-        wanted = [field.descriptor for field in self.device.fields if field.set in (descriptor_set, 0x100)
-                  and descriptor_set << 8 | field.descriptor in self.known]
+        wanted = [
+            field.descriptor
+            for field in self.device.fields
+            if field.set in (descriptor_set, 0x100) and descriptor_set << 8 | field.descriptor in self.known
+        ]
         own = [field for field in self.device.fields if field.set == descriptor_set and self.has(field)]
         if not own:
             return []
@@ -212,15 +247,19 @@ class SetUp:
     def decimation(self, descriptor_set):
         """By what its base rate has to be divided. Refused where that is no whole number"""
         if self.newer and GENERIC_BASE_RATE in self.known:
-            [base] = struct.unpack(">H", self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")[0x8E][1:3])
+            [base] = struct.unpack(
+                ">H", self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")[0x8E][1:3]
+            )
         else:
             _, command, reply, _ = LEGACY[descriptor_set]
             [base] = struct.unpack(">H", self.ask(mip.command(mip.COMMAND_3DM, command), "its base rate")[reply][:2])
         ratio = base / self.device.rate
         if ratio < 1.0 - 1e-6 or abs(ratio - round(ratio)) > 1e-6:
             near = sorted({base / divisor for divisor in (int(ratio) or 1, int(ratio) + 1)}, reverse=True)
-            self.refuse(f"{self.device.rate:g} Hz is not its base rate, {base} Hz, divided by a whole number",
-                        f"take {' or '.join(f'{rate:g}' for rate in near)} Hz")
+            self.refuse(
+                f"{self.device.rate:g} Hz is not its base rate, {base} Hz, divided by a whole number",
+                f"take {' or '.join(f'{rate:g}' for rate in near)} Hz",
+            )
         return round(ratio)
 
     def heading(self):
@@ -229,16 +268,23 @@ class SetUp:
         magnetic = self.device.heading == "magnetometer"
         if magnetic and (MAGNETIC_FIELD not in self.known or not {HEADING, MEASUREMENT} & set(self.known)):
             why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command that says so"
-            self.refuse(f"its filter cannot take its heading from a magnetometer: it has {why}", 'leave `heading` out, or give it "none"')
+            self.refuse(
+                f"its filter cannot take its heading from a magnetometer: it has {why}",
+                'leave `heading` out, or give it "none"',
+            )
         if HEADING in self.known:
-            self.tell(mip.command(mip.COMMAND_FILTER, 0x18, "BB", mip.WRITE, MAGNETOMETER_HEADING * magnetic), "its heading source")
+            self.tell(
+                mip.command(mip.COMMAND_FILTER, 0x18, "BB", mip.WRITE, MAGNETOMETER_HEADING * magnetic),
+                "its heading source",
+            )
         elif MEASUREMENT in self.known:
             self.measure(magnetic)
         else:
             self.remarks.append("has no command for its heading source: it stays as it is")
 
     def measure(self, magnetic):
-        """Whether its filter uses the magnetometer, of the newer generation: as MicroStrain's own examples for that tell it.
+        """Whether its filter uses the magnetometer, of the newer generation: as MicroStrain's own examples for that
+        tell it.
 
         One without a magnetometer says that there is no such source, and so it is as it was asked not to be used.
         """
@@ -260,9 +306,15 @@ class SetUp:
             if not self.has(field) or field not in self.device.fields:
                 continue
             if NEW_LOW_PASS in self.known:
-                self.tell(mip.command(mip.COMMAND_3DM, 0x54, "BBBBBf", mip.WRITE, SENSOR, field.descriptor, 1, 1, cutoff), f"the low-pass of {name}")
+                self.tell(
+                    mip.command(mip.COMMAND_3DM, 0x54, "BBBBBf", mip.WRITE, SENSOR, field.descriptor, 1, 1, cutoff),
+                    f"the low-pass of {name}",
+                )
             elif OLD_LOW_PASS in self.known:
-                self.tell(mip.command(mip.COMMAND_3DM, 0x50, "BBBBHB", mip.WRITE, field.descriptor, 1, 1, round(cutoff), 0), f"the low-pass of {name}")
+                self.tell(
+                    mip.command(mip.COMMAND_3DM, 0x50, "BBBBHB", mip.WRITE, field.descriptor, 1, 1, round(cutoff), 0),
+                    f"the low-pass of {name}",
+                )
             else:
                 self.remarks.append("has no command for its low-pass: it stays as it is")
                 return

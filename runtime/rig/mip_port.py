@@ -6,11 +6,17 @@ from contextlib import suppress
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.asking import Information
 
-PATIENCE = 0.25                 # s for an answer
+PATIENCE = 0.25  # s for an answer
 ATTEMPTS = 3
 NO_SUCH_COMMAND = 1
 WHO, TOLD = mip.command(mip.BASE, mip.INFO), 0x81
-WHY = {1: "it does not know the command", 2: "it got a wrong checksum", 3: "it does not take that value", 4: "it failed", 5: "it took too long"}
+WHY = {
+    1: "it does not know the command",
+    2: "it got a wrong checksum",
+    3: "it does not take that value",
+    4: "it failed",
+    5: "it took too long",
+}
 
 
 class Silent(Exception):
@@ -33,7 +39,9 @@ class MipPort:
         self.rest = self.told = b""
 
     def ask(self, packet, attempts=ATTEMPTS, patience=PATIENCE):
-        """{descriptor: data} of the fields that come back with the acknowledgement of a packet of one command. Silent, Refusal"""
+        """{descriptor: data} of the fields that come back with the acknowledgement of a packet of one command. Silent,
+        Refusal
+        """
         descriptor_set, [(command, _)] = packet[2], mip.fields(packet)
         for _ in range(attempts):
             self.port.write(packet)
@@ -50,7 +58,9 @@ class MipPort:
         packets, self.rest, _ = mip.split(self.rest)
         for packet in packets:
             found = mip.fields(packet)
-            if packet[2] == descriptor_set and (mip.ACKNOWLEDGE, command) in ((field, data[0]) for field, data in found if data):
+            if packet[2] == descriptor_set and (mip.ACKNOWLEDGE, command) in (
+                (field, data[0]) for field, data in found if data
+            ):
                 code = next(data[1] for field, data in found if field == mip.ACKNOWLEDGE)
                 if code:
                     raise Refusal(command, code)
@@ -67,7 +77,9 @@ class MipPort:
         return Information.of(self.told)
 
     def proof(self):
-        """(what asks who it is, what this one answers): with its serial number no other says the same. Once it was identified"""
+        """(what asks who it is, what this one answers): with its serial number no other says the same. Once it was
+        identified
+        """
         return WHO, bytes((2 + len(self.told), TOLD)) + self.told
 
     def known(self):

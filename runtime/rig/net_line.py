@@ -1,9 +1,10 @@
-"""Lines over a network: datagrams that come to a port of this computer, or a connection to a program that waits for one.
+"""Lines over a network: datagrams that come to a port of this computer, or a connection to a program that waits for
+one.
 
 What a block says in `opening`:
 
-    transport   "udp" or "tcp"
-    address     "HOST:PORT": of this computer for udp, such as 0.0.0.0:5005 for any of its networks; of the other end for tcp
+    transport   "udp" or "tcp" address     "HOST:PORT": of this computer for udp, such as 0.0.0.0:5005 for any of its
+    networks; of the other end for tcp
 
 A connection that is lost is made anew as soon as the program at the other end waits again.
 """
@@ -15,7 +16,7 @@ import socket
 from runtime.rig.streams import Opened, one_by_one
 from runtime.rig.troubles import Refused, Trouble
 
-PATIENCE = 3.0                  # s for a connection
+PATIENCE = 3.0  # s for a connection
 
 
 def open_lines(devices):
@@ -48,10 +49,16 @@ def in_words(name, transport, port, error):
         hint = f"end that one, or choose another port; who it is: ss -lunp sport = :{port}"
         return Trouble("TW121", f"{name}: another program has UDP port {port} open", hint)
     if transport == "udp" and error.errno == errno.EADDRNOTAVAIL:
-        return Trouble("TW122", f"{name} is an address of another machine", f"for udp it is where this computer listens: 0.0.0.0:{port}")
+        return Trouble(
+            "TW122",
+            f"{name} is an address of another machine",
+            f"for udp it is where this computer listens: 0.0.0.0:{port}",
+        )
     if error.errno == errno.EACCES:
         return Trouble("TW123", f"{name}: {os.strerror(error.errno)}", "choose a port above 1023")
     if transport == "tcp":
         said = "nobody answers" if isinstance(error, TimeoutError) else os.strerror(error.errno)
-        return Trouble("TW128", f"{name}: {said}", "is the bridge running, and does its computer's firewall let it be reached?")
+        return Trouble(
+            "TW128", f"{name}: {said}", "is the bridge running, and does its computer's firewall let it be reached?"
+        )
     return Trouble("TW119", f"{name}: {os.strerror(error.errno)}", "is that address one of this computer?")

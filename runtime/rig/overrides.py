@@ -1,4 +1,6 @@
-"""What a rig changes in a diagram: hardware parameters of its devices, and the bitrates of its buses. Controllers stay as they are."""
+"""What a rig changes in a diagram: hardware parameters of its devices, and the bitrates of its buses. Controllers stay
+as they are.
+"""
 
 from graph import Device, DiagramError
 from graph.block import suggestion
@@ -31,17 +33,23 @@ def other_bitrates(rig, devices):
         bus = rig.buses.get(device.bus)
         if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
             yield Trouble(
-                "TW103", f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, and {device.path} is set to {device.bitrate / 1e3:g} kbit/s",
-                f'give it a bus of its own, or set the device itself to {bus.bitrate / 1e3:g} kbit/s and say so: [device."{device.path}"] '
-                f"bitrate = {bus.bitrate}")
+                "TW103",
+                f"[bus.{device.bus}] has {bus.bitrate / 1e3:g} kbit/s, and {device.path} is set to "
+                f"{device.bitrate / 1e3:g} kbit/s",
+                f"give it a bus of its own, or set the device itself to {bus.bitrate / 1e3:g} kbit/s and say so: "
+                f'[device."{device.path}"] '
+                f"bitrate = {bus.bitrate}",
+            )
 
 
 def unmapped(rig, wanted):
     for name in sorted(wanted - rig.buses.keys()):
         near = suggestion(name, rig.buses.keys() - wanted)
         yield Trouble(
-            "TW104", f"nothing stands behind the bus {name!r}" + (f"; {near}" if near else ""),
-            f'add [bus.{name}] with interface = "socketcan" and channel = "can0"')
+            "TW104",
+            f"nothing stands behind the bus {name!r}" + (f"; {near}" if near else ""),
+            f'add [bus.{name}] with interface = "socketcan" and channel = "can0"',
+        )
 
 
 def stranger(path, diagram, devices):
@@ -49,11 +57,15 @@ def stranger(path, diagram, devices):
     if path in diagram.blocks:
         kind = type(diagram.blocks[path]).__name__
         return Trouble(
-            "TW103", f'[device."{path}"] is a {kind} and no device',
-            f"a rig changes hardware alone; for one run, --set {path}.PARAMETER=VALUE changes any block")
+            "TW103",
+            f'[device."{path}"] is a {kind} and no device',
+            f"a rig changes hardware alone; for one run, --set {path}.PARAMETER=VALUE changes any block",
+        )
     return Trouble(
-        "TW103", f'[device."{path}"]: {diagram.name} has no such device',
-        suggestion(path, devices) or f"its devices are {', '.join(sorted(devices)) or 'none'}")
+        "TW103",
+        f'[device."{path}"]: {diagram.name} has no such device',
+        suggestion(path, devices) or f"its devices are {', '.join(sorted(devices)) or 'none'}",
+    )
 
 
 def changed(device, values):
@@ -65,7 +77,9 @@ def changed(device, values):
             if name in device.parameters:
                 yield Trouble("TW103", f"{entry} is no hardware parameter", f"set it in the diagram; {known}")
             else:
-                yield Trouble("TW103", f"{entry}: there is no such parameter", suggestion(name, device.hardware) or known)
+                yield Trouble(
+                    "TW103", f"{entry}: there is no such parameter", suggestion(name, device.hardware) or known
+                )
             continue
         try:
             device.set(name, value)

@@ -1,4 +1,6 @@
-"""Serial ports of this machine: which there are, who is behind them, opened with the cause in words where that fails."""
+"""Serial ports of this machine: which there are, who is behind them, opened with the cause in words where that
+fails.
+"""
 
 import errno
 import os
@@ -35,12 +37,22 @@ def with_serial(who, digits):
     found = [port for port in there if digits and (port.serial_number or "").endswith(digits)]
     if len(found) == 1:
         return found[0].device
-    seen = ", ".join(f"{port.serial_number or 'no serial number'} ({port.device})" for port in there) or "no serial port at all"
+    seen = (
+        ", ".join(f"{port.serial_number or 'no serial number'} ({port.device})" for port in there)
+        or "no serial port at all"
+    )
     if not digits:
-        raise Refused(Trouble("TW127", f'[device."{who}"] names neither a port nor a serial number',
-                              f'write serial = "..." or port = "/dev/ttyACM0"; this machine has {seen}'))
+        raise Refused(
+            Trouble(
+                "TW127",
+                f'[device."{who}"] names neither a port nor a serial number',
+                f'write serial = "..." or port = "/dev/ttyACM0"; this machine has {seen}',
+            )
+        )
     what = f"{len(found)} ports have" if found else "nothing here has"
-    raise Refused(Trouble("TW127", f'[device."{who}"] serial = "{digits}": {what} a serial number that ends so', f"seen: {seen}"))
+    raise Refused(
+        Trouble("TW127", f'[device."{who}"] serial = "{digits}": {what} a serial number that ends so', f"seen: {seen}")
+    )
 
 
 def open_port(who, path, baudrate, timeout=0.0):
@@ -53,10 +65,12 @@ def open_port(who, path, baudrate, timeout=0.0):
             port.reset_input_buffer()
             return port
         raise Refused(Trouble("TW125", f"{device(who)}{path} is no serial port", others(path)))
-    except OSError as error:                        # pyserial's SerialException is one
+    except OSError as error:  # pyserial's SerialException is one
         raise Refused(in_words(who, path, error, baudrate)) from None
     except ValueError as error:
-        raise Refused(Trouble("TW119", f"{device(who)}{path}: {error}", f"is {baudrate} bit/s what the port can do?")) from None
+        raise Refused(
+            Trouble("TW119", f"{device(who)}{path}: {error}", f"is {baudrate} bit/s what the port can do?")
+        ) from None
 
 
 def device(who):
@@ -73,8 +87,16 @@ def in_words(who, path, error, baudrate):
         return Trouble("TW125", f"{name}: there is no such port", others(path))
     if number in (errno.EBUSY, errno.EAGAIN):
         owner = locker(path) or holder(path) or f"a process that this user may not see; who it is: sudo fuser -v {path}"
-        return Trouble("TW126", f"{name} is in use by {owner}", "end that one first: two that read one port take each other's bytes")
-    return Trouble("TW119", f"{name}: {os.strerror(number) if number else error}", f"is it plugged in, and does it take {baudrate} bit/s?")
+        return Trouble(
+            "TW126",
+            f"{name} is in use by {owner}",
+            "end that one first: two that read one port take each other's bytes",
+        )
+    return Trouble(
+        "TW119",
+        f"{name}: {os.strerror(number) if number else error}",
+        f"is it plugged in, and does it take {baudrate} bit/s?",
+    )
 
 
 def locker(path):
@@ -92,4 +114,6 @@ def locker(path):
 def others(path):
     there = [port.device for port in listed()]
     near = suggestion(str(path), there)
-    return (f"{near} " if near else "") + (f"there are {', '.join(there)}" if there else "this machine has no serial port: is it plugged in?")
+    return (f"{near} " if near else "") + (
+        f"there are {', '.join(there)}" if there else "this machine has no serial port: is it plugged in?"
+    )

@@ -17,12 +17,13 @@ RULES = "/etc/udev/rules.d/70-tickwork.rules"
 
 
 def look_at_port(bus, folder="/dev"):
-    """Refused, with the cause in words, if the channel of a bus names a device that cannot be opened. Other channels are left alone.
+    """Refused, with the cause in words, if the channel of a bus names a device that cannot be opened. Other channels
+    are left alone.
 
     bus : RigBus
     folder : where the ports of this machine are
     """
-    path = bus.channel.partition("@")[0]                    # slcan's "PORT@BAUDRATE"
+    path = bus.channel.partition("@")[0]  # slcan's "PORT@BAUDRATE"
     if not path.startswith("/"):
         return
     name = f"[bus.{bus.name}] {path}"
@@ -53,7 +54,11 @@ def taken(name, owner):
     cure = "end that one first: two that read one port take each other's bytes"
     if owner:
         return Trouble("TW126", f"{name} is in use by {owner}", cure)
-    return Trouble("TW126", f"{name} is in use by a process that this user may not see", f"{cure}; who it is: sudo fuser -v {name.split()[-1]}")
+    return Trouble(
+        "TW126",
+        f"{name} is in use by a process that this user may not see",
+        f"{cure}; who it is: sudo fuser -v {name.split()[-1]}",
+    )
 
 
 def holder(path):

@@ -1,9 +1,12 @@
-"""The lines of a robot on its rig: everything with a descriptor that is no CAN bus, opened and set up before anything is armed.
+"""The lines of a robot on its rig: everything with a descriptor that is no CAN bus, opened and set up before anything
+is armed.
 
-A block says which kind of line it has and what is known of it (graph.StreamDevice: line, opening); the module of that kind opens all lines of
-its kind at once, since who is found by a serial number is looked for at every port. From `start` on one native thread reads them all.
+A block says which kind of line it has and what is known of it (graph.StreamDevice: line, opening); the module of that
+kind opens all lines of its kind at once, since who is found by a serial number is looked for at every port. From
+`start` on one native thread reads them all.
 
-A module of KINDS has `open_lines(devices)`, which returns {device: Opened, or the Trouble that keeps it from being opened}.
+A module of KINDS has `open_lines(devices)`, which returns {device: Opened, or the Trouble that keeps it from being
+opened}.
 """
 
 import importlib
@@ -13,7 +16,7 @@ from dataclasses import dataclass
 from cext.streams import Streams
 from runtime.rig.troubles import Refused
 
-KINDS = {                       # kind of line: the module that opens it
+KINDS = {  # kind of line: the module that opens it
     "serial": "runtime.rig.serial_line",
     "evdev": "runtime.rig.evdev_line",
     "gpio": "runtime.rig.gpio_line",
@@ -26,9 +29,9 @@ KINDS = {                       # kind of line: the module that opens it
 class Opened:
     """A line that is open and set up.
 
-    fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None
-    channel : which one, for people
-    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio, reconnects, proof : as of
+    fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None channel :
+    which one, for people path : where it can be opened again, "" for nowhere; setup : messages that it is then told;
+    record, is_gpio, reconnects, proof : as of
         cext.streams.Streams.add
     remarks : lines that a person should read before the run
     """
@@ -46,7 +49,9 @@ class Opened:
 
 
 def one_by_one(devices, opened):
-    """`open_lines` of a kind whose lines have nothing to do with each other. opened : makes the Opened of a device, or raises Refused"""
+    """`open_lines` of a kind whose lines have nothing to do with each other. opened : makes the Opened of a device, or
+    raises Refused
+    """
     found = {}
     for device in devices:
         try:
@@ -61,7 +66,7 @@ class Line:
     """What stands behind a line, as runtime.rig.file.RigBus has it of a bus."""
 
     name: str
-    interface: str              # its kind
+    interface: str  # its kind
     channel: str
 
 
@@ -81,7 +86,8 @@ class StreamLines:
     """
     devices : graph.StreamDevice of the robot, as the rig has it
 
-    lines : {name of its bus: (StreamInterface, cext.streams.Stream)}, of those that could be opened; troubles : of the others
+    lines : {name of its bus: (StreamInterface, cext.streams.Stream)}, of those that could be opened; troubles : of the
+    others
     """
 
     def __init__(self, devices):
@@ -99,8 +105,15 @@ class StreamLines:
 
     def add(self, device, kind, opened):
         stream = self.streams.add(
-            opened.fd, device.bus, path=opened.path, setup=opened.setup, record=opened.record, is_gpio=opened.is_gpio,
-            reconnects=opened.reconnects, proof=opened.proof)
+            opened.fd,
+            device.bus,
+            path=opened.path,
+            setup=opened.setup,
+            record=opened.record,
+            is_gpio=opened.is_gpio,
+            reconnects=opened.reconnects,
+            proof=opened.proof,
+        )
         os.close(opened.fd)
         if opened.close is not None:
             self.closers.append(opened.close)
@@ -117,7 +130,7 @@ class StreamLines:
             return
         self.streams.end()
         for _, stream in self.lines.values():
-            stream.close()                          # its port is somebody else's from here on
+            stream.close()  # its port is somebody else's from here on
         self.streams, closers, self.closers = None, self.closers, []
         for close in closers:
             close()

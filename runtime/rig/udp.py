@@ -1,11 +1,13 @@
-"""UDP as a bus: each datagram is one classic CAN frame, 16 bytes, as Linux has it in struct can_frame on a little-endian machine.
+"""UDP as a bus: each datagram is one classic CAN frame, 16 bytes, as Linux has it in struct can_frame on a
+little-endian machine.
 
     bytes 0 to 3    id, least significant byte first; bit 31 set for an extended id
     byte 4          how many data bytes there are, 0 to 8
     bytes 5 to 7    0
     bytes 8 to 15   the data
 
-For buttons and sensors that come over a network. The loop receives by itself; the guardian has no part in it, so no actuator may be on such a bus.
+For buttons and sensors that come over a network. The loop receives by itself; the guardian has no part in it, so no
+actuator may be on such a bus.
 """
 
 import errno
@@ -18,8 +20,8 @@ from pathlib import Path
 from runtime.rig.troubles import Refused, Trouble
 
 UDP = "udp"
-SO_TIMESTAMPNS = 35                             # of Linux, which Python's socket has no name for
-ROOM = 128 * 1024                               # bytes: some hundred datagrams. What waits longer than a few ticks is better lost
+SO_TIMESTAMPNS = 35  # of Linux, which Python's socket has no name for
+ROOM = 128 * 1024  # bytes: some hundred datagrams. What waits longer than a few ticks is better lost
 EXAMPLE = '"0.0.0.0:9871" (any address of this machine), "127.0.0.1:9871" or "[::]:9871"'
 
 
@@ -61,9 +63,14 @@ class UdpInterface:
         self.bus, self.remarks = bus, []
         moving = [device.path for device in devices if device.zero_frames() or device.disable_frames()]
         if moving:
-            raise Refused(Trouble(
-                "TW105", f"[bus.{bus.name}] interface = {UDP!r} cannot carry {', '.join(moving)}: the guardian could not stop it",
-                "UDP is for buttons and sensors; put what moves on CAN"))
+            raise Refused(
+                Trouble(
+                    "TW105",
+                    f"[bus.{bus.name}] interface = {UDP!r} cannot carry {', '.join(moving)}: the guardian could "
+                    "not stop it",
+                    "UDP is for buttons and sensors; put what moves on CAN",
+                )
+            )
         here = Endpoint(bus.channel)
         self.socket = socket.socket(here.family, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK | socket.SOCK_CLOEXEC)
         try:
@@ -86,17 +93,23 @@ def in_words(bus, here, error):
     if error.errno == errno.EADDRINUSE:
         owner = owner_of(port)
         return Trouble(
-            "TW121", f"[bus.{bus.name}] UDP port {port} is in use" + (f" by {owner}" if owner else ""),
-            "end that one first, or take another port here and at whoever sends")
+            "TW121",
+            f"[bus.{bus.name}] UDP port {port} is in use" + (f" by {owner}" if owner else ""),
+            "end that one first, or take another port here and at whoever sends",
+        )
     if error.errno == errno.EADDRNOTAVAIL:
         own = ", ".join(addresses())
         return Trouble(
-            "TW122", f"[bus.{bus.name}] {address} is no address of this machine" + (f"; it has {own}" if own else ""),
-            f'write channel = "{"[::]" if ":" in address else "0.0.0.0"}:{port}" for any of its addresses')
+            "TW122",
+            f"[bus.{bus.name}] {address} is no address of this machine" + (f"; it has {own}" if own else ""),
+            f'write channel = "{"[::]" if ":" in address else "0.0.0.0"}:{port}" for any of its addresses',
+        )
     if error.errno in (errno.EACCES, errno.EPERM):
         return Trouble(
-            "TW123", f"[bus.{bus.name}] port {port} is a privileged one: {error.strerror}",
-            "take a port from 1024 on, such as 9871")
+            "TW123",
+            f"[bus.{bus.name}] port {port} is a privileged one: {error.strerror}",
+            "take a port from 1024 on, such as 9871",
+        )
     return Trouble("TW119", f"[bus.{bus.name}] udp {bus.channel}: {error.strerror}", "look at: ip address; ss -ulnp")
 
 
@@ -106,7 +119,10 @@ def failed(trouble, bus):
         return f"nobody listens at {bus.peer}", "is its power on, and its program running?"
     if trouble in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.ENETDOWN):
         return f"there is no way to {bus.peer}: {os.strerror(trouble)}", "look at: ip address; ip route"
-    return f"udp {bus.channel}: {os.strerror(trouble) if trouble and trouble > 0 else 'it takes no datagrams'}", "look at: ip address; ss -ulnp"
+    return (
+        f"udp {bus.channel}: {os.strerror(trouble) if trouble and trouble > 0 else 'it takes no datagrams'}",
+        "look at: ip address; ss -ulnp",
+    )
 
 
 def owner_of(port):
@@ -122,7 +138,9 @@ def owner_of(port):
 
 
 def holder_of(is_it):
-    """'NAME (process PID)' of the first process that has a file open, as far as this user may see. is_it : of what its descriptor points at"""
+    """'NAME (process PID)' of the first process that has a file open, as far as this user may see. is_it : of what its
+    descriptor points at
+    """
     for folder in sorted(Path("/proc").glob("[0-9]*"), key=lambda path: int(path.name)):
         with suppress(OSError):
             for descriptor in (folder / "fd").iterdir():

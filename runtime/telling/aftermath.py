@@ -1,15 +1,18 @@
-"""What a fault leaves for whoever has to mend it: the last ticks before it, and each actuator: what it was asked, what it said."""
+"""What a fault leaves for whoever has to mend it: the last ticks before it, and each actuator: what it was asked, what
+it said.
+"""
 
 import math
 
 from graph import Actuator
 from graph.diagram import Signal
 
-MOST = 8                        # signals of the last ticks
+MOST = 8  # signals of the last ticks
 
 
 def ticks(result, block):
-    """Lines: the signals at a block over the last ticks, with the one that failed at the end. Of the actuators where it is no block's fault.
+    """Lines: the signals at a block over the last ticks, with the one that failed at the end. Of the actuators where it
+    is no block's fault.
 
     result : runtime.run.Result
     """
@@ -43,12 +46,18 @@ def instead(result, block):
 
 
 def nearby(diagram, block):
-    """Paths of the scalar signals that a block takes and gives; of what is asked of every actuator and heard from it if there is no block."""
+    """Paths of the scalar signals that a block takes and gives; of what is asked of every actuator and heard from it if
+    there is no block.
+    """
     wanted = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
     for each in wanted:
-        yield from (wire.source.path for wire in diagram.wires if wire.block is each and isinstance(wire.source, Signal))
+        yield from (
+            wire.source.path for wire in diagram.wires if wire.block is each and isinstance(wire.source, Signal)
+        )
     for each in wanted:
-        yield from (Signal(each, name).path for name in each.outputs if block is not None or name in ("position", "torque"))
+        yield from (
+            Signal(each, name).path for name in each.outputs if block is not None or name in ("position", "torque")
+        )
 
 
 def actuators(result):
@@ -59,18 +68,37 @@ def actuators(result):
         if not isinstance(block, Actuator):
             continue
         outputs = {name: values[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
-        sent = {name: value for name in block.sent_outputs if (value := outputs.pop(name)) is not None and name.endswith("_sent")}
+        sent = {
+            name: value
+            for name in block.sent_outputs
+            if (value := outputs.pop(name)) is not None and name.endswith("_sent")
+        }
         wired = {wire.port for wire in result.diagram.wires if wire.block is block}
         asked = {name: value for name, value in inputs(block.path).items() if name in wired}
-        table.append([
-            block.path, spelled(block.inputs, asked, "_command") + "".join(f"; {text}" for text in [spelled(block.outputs, sent)] if text),
-            spelled(block.outputs, {name: value for name, value in outputs.items() if name not in ("fault", "age") and not absent(name, value)}),
-            meaning(block, outputs, result)])
+        table.append(
+            [
+                block.path,
+                spelled(block.inputs, asked, "_command")
+                + "".join(f"; {text}" for text in [spelled(block.outputs, sent)] if text),
+                spelled(
+                    block.outputs,
+                    {
+                        name: value
+                        for name, value in outputs.items()
+                        if name not in ("fault", "age") and not absent(name, value)
+                    },
+                ),
+                meaning(block, outputs, result),
+            ]
+        )
     return aligned(table) if len(table) > 1 else []
 
 
 def spelled(ports, values, suffix=""):
-    return ", ".join(f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}" for name, value in values.items())
+    return ", ".join(
+        f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}"
+        for name, value in values.items()
+    )
 
 
 def absent(name, value):
@@ -101,10 +129,17 @@ def number(value):
 def aligned(table):
     """Rows of cells as lines, each column as wide as its widest cell; numbers to the right."""
     widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
-    numeric = {place for place in range(1, len(widths)) if all(is_number(row[place]) for row in table[1:] if place < len(row))}
+    numeric = {
+        place for place in range(1, len(widths)) if all(is_number(row[place]) for row in table[1:] if place < len(row))
+    }
     return [
-        "  " + "  ".join(cell.rjust(width) if place in numeric else cell.ljust(width) for place, (cell, width) in enumerate(zip(row, widths))).rstrip()
-        for row in table]
+        "  "
+        + "  ".join(
+            cell.rjust(width) if place in numeric else cell.ljust(width)
+            for place, (cell, width) in enumerate(zip(row, widths))
+        ).rstrip()
+        for row in table
+    ]
 
 
 def is_number(cell):

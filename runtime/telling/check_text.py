@@ -4,7 +4,7 @@ from graph.drawing.cards import unit_text
 from runtime.telling.lines import count
 from runtime.telling.preflight_text import covered
 
-BAR = 24                        # columns of a picture of an interval
+BAR = 24  # columns of a picture of an interval
 
 
 def text(found, paper):
@@ -37,12 +37,17 @@ def section(title, paper, note=""):
 
 # Ports
 
+
 def ports(found, paper):
     lines = section("ports", paper)
     names = [port["name"] for block in found["blocks"] for port in block["inputs"] + block["outputs"]]
     width = max((len(name) for name in names), default=0)
-    units = max((len(unit_text(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0)
-    ranges = max((len(interval(port["low"], port["high"])) for block in found["blocks"] for port in block["outputs"]), default=0)
+    units = max(
+        (len(unit_text(port)) for block in found["blocks"] for port in block["inputs"] + block["outputs"]), default=0
+    )
+    ranges = max(
+        (len(interval(port["low"], port["high"])) for block in found["blocks"] for port in block["outputs"]), default=0
+    )
     for block in found["blocks"]:
         holds = f", holds {count(block['hold_exceptions'], 'exception')} in a row" if block["hold_exceptions"] else ""
         lines += paper.hang(f"  {paper.bold(block['path'])}  ", f"{block['type']}, {block['made']}{holds}", paper.faint)
@@ -52,9 +57,14 @@ def ports(found, paper):
             origin = f"← {port['source']}" if "source" in port else f"= {port['constant']}"
             lines += paper.hang(f"    in   {port['name']:<{width}}  {unit_text(port):<{units}}  ", origin)
         if unwired:
-            lines += paper.hang("    in   ", "not wired: " + ", ".join(f"{p['name']} = {p['default']}" for p in unwired), paper.faint)
+            lines += paper.hang(
+                "    in   ", "not wired: " + ", ".join(f"{p['name']} = {p['default']}" for p in unwired), paper.faint
+            )
         for port in block["outputs"]:
-            row = f"    out  {port['name']:<{width}}  {unit_text(port):<{units}}  {interval(port['low'], port['high']):<{ranges}}  "
+            row = (
+                f"    out  {port['name']:<{width}}  {unit_text(port):<{units}}  "
+                f"{interval(port['low'], port['high']):<{ranges}}  "
+            )
             lines += paper.hang(row, "→ " + ", ".join(port["targets"]) if port["targets"] else "")
         if not block["inputs"] and not block["outputs"]:
             lines.append("    in   every port")
@@ -70,6 +80,7 @@ def interval(low, high):
 
 # Schedule
 
+
 def schedule(found, paper):
     plan = found["schedule"]
     steps = plan["output"] + plan["update"]
@@ -83,7 +94,10 @@ def schedule(found, paper):
         for number, step in enumerate(plan[phase], 1):
             how = "native" if step["native"] else "Python"
             gil = f"GIL {step['gil']}" if step["gil"] else ""
-            row = f"  {phase if number == 1 else '':<6}  {number:>3}  {step['block']:<{width}}  {how}  {step['rate']:>5g} Hz  {gil:<6}"
+            row = (
+                f"  {phase if number == 1 else '':<6}  {number:>3}  {step['block']:<{width}}  {how}  "
+                f"{step['rate']:>5g} Hz  {gil:<6}"
+            )
             lines += paper.hang(row, "while " + " and ".join(step["while"]) if step["while"] else "")
         if phase == "output" and plan["devices"]:
             lines += paper.hang("  command  ", ", ".join(plan["devices"]))
@@ -110,6 +124,7 @@ def holds(found, paper):
 
 # Proof
 
+
 def proofs(found, paper):
     if not found["proofs"]:
         return []
@@ -123,9 +138,14 @@ def proofs(found, paper):
         wired = [proof for proof in own if proof["bounded_by"] != "a constant"]
         for proof in wired:
             name = proof["command"].rpartition(".")[2]
-            inside = f"{interval(proof['low'], proof['high'])} inside {interval(proof['limit_low'], proof['limit_high'])} {proof['unit']}"
+            inside = (
+                f"{interval(proof['low'], proof['high'])} inside "
+                f"{interval(proof['limit_low'], proof['limit_high'])} {proof['unit']}"
+            )
             lines += paper.hang(f"    {name:<{width}}  {paper.good(bar(proof))}  ", inside)
-            lines += paper.hang(f"    {'':<{width}}  ", f"bounded by {proof['bounded_by']}, {proof['at']}{slew(proof)}", paper.faint)
+            lines += paper.hang(
+                f"    {'':<{width}}  ", f"bounded by {proof['bounded_by']}, {proof['at']}{slew(proof)}", paper.faint
+            )
         still = [f"{proof['command'].rpartition('.')[2]} = {proof['low']:g}" for proof in own if proof not in wired]
         if still:
             lines += paper.hang("    constant: ", ", ".join(still), paper.faint)
@@ -141,14 +161,19 @@ def slew(proof):
         return "; it may step"
     if not proof["slew"]:
         return "; it cannot change"
-    return f"; from end to end in {(proof['high'] - proof['low']) / proof['slew']:.3g} s at the fastest, {proof['slew']:g} {proof['unit']}/s"
+    return (
+        f"; from end to end in {(proof['high'] - proof['low']) / proof['slew']:.3g} s at the fastest, "
+        f"{proof['slew']:g} {proof['unit']}/s"
+    )
 
 
 def torque(bound, paper):
     """What bounds the torque of an actuator, where that is more than its commands."""
     if bound is None or bound["bound"] == "proved":
         return []
-    words = {"assumed": f"holds {bound['holds']}", "none": bound["holds"]}.get(bound["bound"], f"limited {bound['holds']}")
+    words = {"assumed": f"holds {bound['holds']}", "none": bound["holds"]}.get(
+        bound["bound"], f"limited {bound['holds']}"
+    )
     limit = "" if bound["limit"] is None else f"{bound['limit']:g} N·m, "
     lines = paper.hang("    torque, not proved: ", limit + words, paper.dubious)
     for figure in bound["figures"]:
@@ -168,6 +193,7 @@ def bar(proof):
 
 
 # Buses
+
 
 def buses(found, paper):
     if not found["buses"]:
@@ -191,6 +217,7 @@ def buses(found, paper):
 
 
 # What is wrong
+
 
 def complaint(problem, paper, ink, severity):
     """A diagnostic, in the words and order in which a run tells it."""
@@ -220,5 +247,7 @@ def verdict(found, paper):
 def claim(bound):
     """On what a torque limit rests, in a few words."""
     return {
-        "assumed": f"the torque limit of {{}} holds {bound['holds']}", "drive": "the torque of {} is limited by the drive alone",
-        "none": "nothing here limits the torque of {}"}[bound["bound"]]
+        "assumed": f"the torque limit of {{}} holds {bound['holds']}",
+        "drive": "the torque of {} is limited by the drive alone",
+        "none": "nothing here limits the torque of {}",
+    }[bound["bound"]]

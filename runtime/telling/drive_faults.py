@@ -1,4 +1,6 @@
-"""What the watch over an actuator's motion and torque has found, in words: the value, what it must be inside of, and what to do."""
+"""What the watch over an actuator's motion and torque has found, in words: the value, what it must be inside of, and
+what to do.
+"""
 
 import math
 
@@ -12,45 +14,66 @@ def text(status, block, program):
 
 def acceleration(block, about, value, bound):
     return (
-        f"the joint goes on accelerating by more than its max_acceleration of {bound:g} rad/s² (up to {value:.0f} rad/s²): with stiffness or "
-        f"damping its limit rests on that. Find what hits or shakes it; raise max_acceleration where such motion is meant")
+        f"the joint goes on accelerating by more than its max_acceleration of {bound:g} rad/s² (up to {value:.0f} "
+        "rad/s²): with stiffness or "
+        "damping its limit rests on that. Find what hits or shakes it; raise max_acceleration where such motion is "
+        "meant"
+    )
 
 
 def excess_torque(block, about, value, bound):
     accuracy = block.watched().motion.accuracy
     return (
-        f"the drive measures {value:.3g} N·m; its limit is {bound:.3g} N·m, and its measurement is trusted to {accuracy:.2g} N·m. Compare "
-        f"wire_stiffness, wire_damping and wire_torque with the drive's firmware")
+        f"the drive measures {value:.3g} N·m; its limit is {bound:.3g} N·m, and its measurement is trusted to "
+        f"{accuracy:.2g} N·m. Compare "
+        f"wire_stiffness, wire_damping and wire_torque with the drive's firmware"
+    )
 
 
 def over_travel(block, about, value, bound):
     low, high = block.range
-    return f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find out why before it is armed again"
+    return (
+        f"position {value:.3f} rad is outside the joint's range of {low:g} to {high:g} rad. Find out why before "
+        "it is armed again"
+    )
 
 
 def overspeed(block, about, value, bound):
-    return f"velocity {value:.3g} rad/s is beyond {bound:.3g} rad/s{'' if block.max_velocity else ', which max_velocity is by default'}"
+    return (
+        f"velocity {value:.3g} rad/s is beyond {bound:.3g} "
+        f"rad/s{'' if block.max_velocity else ', which max_velocity is by default'}"
+    )
 
 
 def not_following(block, about, value, bound):
     return (
-        f"the drive gives {value:.2g} N·m where {bound:.2g} N·m are commanded: it is disabled, as after a loss of its power, or at a limit "
-        f"of its own. Check its supply, and arm it again")
+        f"the drive gives {value:.2g} N·m where {bound:.2g} N·m are commanded: it is disabled, as after a loss of "
+        "its power, or at a limit "
+        f"of its own. Check its supply, and arm it again"
+    )
 
 
 def scale_mismatch(block, about, value, bound):
     if about == "velocity":
         if value < 0.0:
-            return "the reported velocity has the other sign than the position's rate: the drive's firmware is not the one of its model's table"
+            return (
+                "the reported velocity has the other sign than the position's rate: the drive's firmware is not "
+                "the one of its model's table"
+            )
         if not 0.01 < value < 100.0:
             still, moves = ("position", "velocity") if value > 1.0 else ("velocity", "position")
-            return f"the reported {still} stands still while the reported {moves} says that the joint moves: an encoder, or the drive's firmware"
+            return (
+                f"the reported {still} stands still while the reported {moves} says that the joint moves: an "
+                "encoder, or the drive's firmware"
+            )
         cure = wire_cure(block, value)
         return f"the reported velocity is {value:.3g} of the rate of the reported position: {cure}"
     constant = " or the torque constant" if "current" in block.outputs else ""
     return (
-        f"the measured torque is {value:.3g} of what was sent: wire_torque, wire_stiffness, wire_damping{constant} of {block.found.name} "
-        f"are not those of the drive's firmware. Compare them with its manual")
+        f"the measured torque is {value:.3g} of what was sent: wire_torque, wire_stiffness, wire_damping{constant} "
+        f"of {block.found.name} "
+        f"are not those of the drive's firmware. Compare them with its manual"
+    )
 
 
 def wire_cure(block, value):
@@ -59,17 +82,27 @@ def wire_cure(block, value):
         return f"the pole pairs or the gear of {block.found.name} are not the drive's. Check the model's name"
     ratio = block.gear_ratio
     return (
-        f"set wire_velocity={block.wire[1] * ratio / value:.4g}, or wire_position={block.wire[0] * ratio * value:.4g}, whichever is the "
-        f"range of the drive's firmware")
+        f"set wire_velocity={block.wire[1] * ratio / value:.4g}, or "
+        f"wire_position={block.wire[0] * ratio * value:.4g}, whichever is the "
+        f"range of the drive's firmware"
+    )
 
 
 def implausible(block, about, value, bound):
     if about == "temperature":
-        return f"implausible temperature {value:g} °C: the drive's sensor is broken, or it is not the model {block.found.name}"
+        return (
+            f"implausible temperature {value:g} °C: the drive's sensor is broken, or it is not the model "
+            f"{block.found.name}"
+        )
     return f"it reports a {about} of {value if math.isfinite(value) else str(float(value))}, which is no measurement"
 
 
 WORDS = {
-    "acceleration": acceleration, "excess torque": excess_torque, "over-travel": over_travel, "overspeed": overspeed,
-    "not following": not_following, "scale mismatch": scale_mismatch, "implausible": implausible,
+    "acceleration": acceleration,
+    "excess torque": excess_torque,
+    "over-travel": over_travel,
+    "overspeed": overspeed,
+    "not following": not_following,
+    "scale mismatch": scale_mismatch,
+    "implausible": implausible,
 }

@@ -19,7 +19,10 @@ def explain(result):
         diagram, schedule, program = result.simulation.diagram, result.simulation.plant, result.simulation.program
     block = diagram.blocks.get(outcome.culprit)
     where = f" of {diagram.name}, the plant" if result.failed_in_plant else ""
-    lines = [f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: {what(result, block, program)}{before_fault(result)}"]
+    lines = [
+        f"FAULT at {outcome.culprit or diagram.name}{where}, {when(result)}: "
+        f"{what(result, block, program)}{before_fault(result)}"
+    ]
     if block is not None:
         lines += [f"  {line}" for line in circumstances(outcome, diagram, schedule, program, block)]
     if outcome.error is not None:
@@ -45,40 +48,55 @@ def what(result, block, program):
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
     if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
         timeout += f"; {result.rig.line(block.bus)}"
-    return {
-        "not finite": "a command is NaN or infinite" if not result.failed_in_plant else "what it would answer is NaN or infinite",
-        "out of limits": "a command has left the interval that was proved",
-        "exception": raised(outcome),
-        "no answer": unanswered(result),
-        "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
-        "device fault": "the device reports a fault",
-        "bus error": "the bus can neither send nor receive",
-        "overrun": overran(result),
-        "fenced": fenced(result),
-        "unguarded": unguarded(result),
-        "foreign command": foreign_command(block),
-        "rms torque": "its RMS torque is above the rated one" + seen(program, block, "rms", "N·m"),
-        "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
-        "e-stop": "the emergency stop was pressed",
-        "hung": hung(outcome),
-        "unclear pose": unclear(result),
-    }.get(outcome.status) or drive_faults.text(outcome.status, block, program) or f"it ended with {outcome.status}"
+    return (
+        {
+            "not finite": "a command is NaN or infinite"
+            if not result.failed_in_plant
+            else "what it would answer is NaN or infinite",
+            "out of limits": "a command has left the interval that was proved",
+            "exception": raised(outcome),
+            "no answer": unanswered(result),
+            "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
+            "device fault": "the device reports a fault",
+            "bus error": "the bus can neither send nor receive",
+            "overrun": overran(result),
+            "fenced": fenced(result),
+            "unguarded": unguarded(result),
+            "foreign command": foreign_command(block),
+            "rms torque": "its RMS torque is above the rated one" + seen(program, block, "rms", "N·m"),
+            "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
+            "e-stop": "the emergency stop was pressed",
+            "hung": hung(outcome),
+            "unclear pose": unclear(result),
+        }.get(outcome.status)
+        or drive_faults.text(outcome.status, block, program)
+        or f"it ended with {outcome.status}"
+    )
 
 
 def unclear(result):
     """Which joints may stand elsewhere than their drives read."""
-    return "; ".join(result.poses.refusals.values()) if getattr(result, "poses", None) is not None else "a joint may stand elsewhere than its drive reads"
+    return (
+        "; ".join(result.poses.refusals.values())
+        if getattr(result, "poses", None) is not None
+        else "a joint may stand elsewhere than its drive reads"
+    )
 
 
 def raised(outcome):
-    """What a Python block did: an exception is a bug, leaving the program is not one but ends the run just as safely."""
+    """What a Python block did: an exception is a bug, leaving the program is not one but ends the run just as
+    safely.
+    """
     leaves = isinstance(outcome.error, (SystemExit, KeyboardInterrupt))
     return f"it left the program ({words(outcome.error)})" if leaves else "its step raised an exception"
 
 
 def seen(program, block, what, unit):
     """': 9.1 N·m' of what the watch has seen at its most."""
-    return next((f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path), "")
+    return next(
+        (f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path),
+        "",
+    )
 
 
 def unanswered(result):
@@ -89,8 +107,12 @@ def unanswered(result):
     if len(instead) == len(silent):
         return f"no answer from {names}; {'; '.join(instead)}"
     heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
-    frames = f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
-    return f"no answer from {names}; {'; '.join([*instead, frames])}" + (on_the_rig(result.rig) if result.rig is not None else "")
+    frames = (
+        f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
+    )
+    return f"no answer from {names}; {'; '.join([*instead, frames])}" + (
+        on_the_rig(result.rig) if result.rig is not None else ""
+    )
 
 
 def read_instead(result, block):
@@ -110,7 +132,10 @@ def where_it_is(block, rig):
 def on_the_rig(rig):
     """What the buses themselves know of why nobody answered."""
     words = [f" (on {name} ids {', '.join(ids)})" for name, ids in rig.strangers().items()]
-    words += [f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate" for channel in rig.unheard()]
+    words += [
+        f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate"
+        for channel in rig.unheard()
+    ]
     words += [f"; {path} failed {told['failures']} times: {why}" for path, told, why in rig.failures()]
     return "".join(words)
 
@@ -128,7 +153,10 @@ def unguarded(result):
     if result.rig is None:
         return "there is no guardian"
     report = result.rig.report
-    how = f"the guardian did not answer, and nothing moves without it (process {result.rig.guardian.pid}, {report['died']})"
+    how = (
+        f"the guardian did not answer, and nothing moves without it (process {result.rig.guardian.pid}, "
+        f"{report['died']})"
+    )
     if "taken_over" not in report:
         return how
     unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
@@ -169,17 +197,25 @@ def circumstances(outcome, diagram, schedule, program, block):
         for name, limit in block.command_limits().items():
             if inputs.get(name) not in limit:
                 unit = block.inputs[name].unit
-                lines.append(f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream promises a range it does not keep")
+                lines.append(
+                    f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream promises a "
+                    "range it does not keep"
+                )
     if outcome.status == "not finite":
         source = origin(diagram, schedule, program.final, block)
         if source is not None:
             given = ", ".join(f"{name} = {value:g}" for name, value in program.inputs(source.block.path).items())
             value = worst(signal_values(schedule, program.final, source))
-            lines.append(f"it arose in {source.path} = {value:g}, made at {source.block.location}" + (f", from {given}" if given else ""))
+            lines.append(
+                f"it arose in {source.path} = {value:g}, made at {source.block.location}"
+                + (f", from {given}" if given else "")
+            )
     if outcome.status == "device fault":
         outputs = {name: program.final[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
         said = ", ".join(
-            f"{name} = {int(value)}" if block.outputs[name].dtype == "int" else f"{name} = {value:g}" for name, value in outputs.items())
+            f"{name} = {int(value)}" if block.outputs[name].dtype == "int" else f"{name} = {value:g}"
+            for name, value in outputs.items()
+        )
         lines.append(f"it says: {block.fault_in_words(int(outputs['fault']))} ({said})")
     return lines
 
@@ -187,8 +223,8 @@ def circumstances(outcome, diagram, schedule, program, block):
 def origin(diagram, schedule, values, block):
     """The signal upstream of a block that is NaN or infinite although every input of its own block is finite.
 
-    A limiter makes NaN of an infinity, so both count. None where every input of the block is finite. Of a loop in which no signal is
-    finite any more, the last one that was looked at.
+    A limiter makes NaN of an infinity, so both count. None where every input of the block is finite. Of a loop in which
+    no signal is finite any more, the last one that was looked at.
     """
     wires = {}
     for wire in diagram.wires:
@@ -196,8 +232,16 @@ def origin(diagram, schedule, values, block):
             wires.setdefault(wire.block, []).append(wire.source)
 
     def spoilt(at):
-        measures = isinstance(at, Device) and at is not block           # its inputs are of the end of the tick
-        return [] if measures else [signal for signal in wires.get(at, ()) if not all(map(math.isfinite, signal_values(schedule, values, signal)))]
+        measures = isinstance(at, Device) and at is not block  # its inputs are of the end of the tick
+        return (
+            []
+            if measures
+            else [
+                signal
+                for signal in wires.get(at, ())
+                if not all(map(math.isfinite, signal_values(schedule, values, signal)))
+            ]
+        )
 
     found, waiting, seen = None, spoilt(block), {block}
     while waiting:
@@ -224,5 +268,9 @@ def worst(elements):
 
 def own_traceback(file, error):
     """The exception of a user's block: its own lines, none of ours."""
-    said = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)        # that one is the watchdog's, not the block's
-    return [*(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)), *said]
+    # that one is the watchdog's, not the block's
+    said = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)
+    return [
+        *(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)),
+        *said,
+    ]

@@ -14,7 +14,8 @@ def held(file, program, plant=None):
     left = within(TEXT_LIMIT)
     return [
         {"block": path, "count": number, "first_tick": first, "last": words(error, left()), "at": place(file, error)}
-        for path, number, first, error in rows]
+        for path, number, first, error in rows
+    ]
 
 
 def place(file, error):
@@ -26,5 +27,9 @@ def place(file, error):
 def text(entry, rate):
     """One of `held`, in words."""
     at = f" ({entry['at']})" if entry["at"] else ""
-    first = f"the first at {entry['first_tick'] / rate:g} s" if entry["count"] > 1 else f"at {entry['first_tick'] / rate:g} s"
+    first = (
+        f"the first at {entry['first_tick'] / rate:g} s"
+        if entry["count"] > 1
+        else f"at {entry['first_tick'] / rate:g} s"
+    )
     return f"{entry['block']} held {count(entry['count'], 'exception')}, {first}; the last: {entry['last']}{at}"

@@ -1,4 +1,6 @@
-"""Text for a terminal or a pipe: as wide as the terminal and in colour there; in a pipe one fact a line, however long."""
+"""Text for a terminal or a pipe: as wide as the terminal and in colour there; in a pipe one fact a line, however
+long.
+"""
 
 import os
 import re
@@ -9,7 +11,7 @@ from dataclasses import dataclass
 
 from runtime.telling.terminal import relative
 
-LEAST, INDENT = 20, 8           # columns: beside a head, and where a text goes for which they are too few
+LEAST, INDENT = 20, 8  # columns: beside a head, and where a text goes for which they are too few
 _INK = re.compile(r"\x1b\[[0-9]*m")
 
 
@@ -39,16 +41,24 @@ class Paper:
         return self.ink(text, 33)
 
     def hang(self, head, text, ink=str, indent=None):
-        """Lines: the head, then the text beside it, continued where the paper ends: below its own beginning, or `indent` columns in."""
+        """Lines: the head, then the text beside it, continued where the paper ends: below its own beginning, or
+        `indent` columns in.
+        """
         column = length(head)
         indent = column if indent is None else indent
         if self.width is None or not text or column + len(text) <= self.width:
             return [head + ink(text)]
-        if self.width - column < LEAST:                 # too little is left beside the head
+        if self.width - column < LEAST:  # too little is left beside the head
             return [head.rstrip(), *self.hang(" " * INDENT, text, ink)] if column > INDENT else [head + ink(text)]
         room = self.width - indent
         first, *rest = textwrap.wrap(
-            text, room, initial_indent=" " * max(0, column - indent), break_long_words=False, break_on_hyphens=False, drop_whitespace=True)
+            text,
+            room,
+            initial_indent=" " * max(0, column - indent),
+            break_long_words=False,
+            break_on_hyphens=False,
+            drop_whitespace=True,
+        )
         return [head + ink(first.lstrip()), *(" " * indent + ink(piece) for piece in rest)]
 
     def cut(self, text):
@@ -61,7 +71,9 @@ def paper(stream=None):
     stream = stream or sys.stdout
     if not stream.isatty():
         return Paper()
-    return Paper(shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb")
+    return Paper(
+        shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    )
 
 
 def length(text):

@@ -6,8 +6,8 @@ from runtime.telling.lines import count
 from runtime.telling.timing import micro
 
 CURE = "machine too busy, see --realtime"
-LOST_TICKS_MINIMUM = 2          # that are lost among the newest rows; a single one is common and explains no fault
-EXPLAINED = ("silent", "no answer", "not following")    # faults that a loop which does not run can cause
+LOST_TICKS_MINIMUM = 2  # that are lost among the newest rows; a single one is common and explains no fault
+EXPLAINED = ("silent", "no answer", "not following")  # faults that a loop which does not run can cause
 
 
 def before_fault(result):
@@ -33,7 +33,13 @@ def before_fault(result):
 
 
 def cause(overruns, first):
-    """What took the time of the ticks lost since tick `first`: a block by its path, or the machine. overruns : of the Result"""
+    """What took the time of the ticks lost since tick `first`: a block by its path, or the machine. overruns : of the
+    Result
+    """
     recent = [row for row in overruns if row["at_tick"] >= first]
     worst = max(recent, key=lambda row: row["longest"], default=None)
-    return CURE if worst is None or worst["name"] == MACHINE else f"{worst['name']} took {micro(worst['longest'])} (tick {worst['at_tick']})"
+    return (
+        CURE
+        if worst is None or worst["name"] == MACHINE
+        else (f"{worst['name']} took {micro(worst['longest'])} (tick {worst['at_tick']})")
+    )

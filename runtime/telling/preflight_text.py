@@ -26,10 +26,17 @@ def devices(rows, paper):
     heads = ("device", "bus and id", "answered", "age", "position", "velocity", "temperature", "fault")
     keys = (None, None, "answered", "age", "position", "velocity", "temperature", "fault")
     table = [cells(row) for row in rows]
-    widths = [max(len(head), *(len(line[place]) for line in table), 0) for place, head in enumerate(heads)] if table else [0] * len(heads)
+    widths = (
+        [max(len(head), *(len(line[place]) for line in table), 0) for place, head in enumerate(heads)]
+        if table
+        else [0] * len(heads)
+    )
     lines = ["  " + paper.faint("  ".join(f"{head:<{width}}" for head, width in zip(heads, widths)).rstrip())]
     for row, line in zip(rows, table):
-        painted = [paper.bad(f"{cell:<{width}}") if key in row["marks"] else f"{cell:<{width}}" for key, cell, width in zip(keys, line, widths)]
+        painted = [
+            paper.bad(f"{cell:<{width}}") if key in row["marks"] else f"{cell:<{width}}"
+            for key, cell, width in zip(keys, line, widths)
+        ]
         lines += paper.hang("  " + "  ".join(painted) + "  ", standing(row), paper.faint, indent=4)
     return lines
 
@@ -43,10 +50,13 @@ def cells(row):
 
     span = f" in [{row['low']:g}, {row['high']:g}]" if row["low"] is not None else ""
     return [
-        row["device"], f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}", "yes" if row["answered"] else "no",
+        row["device"],
+        f"{row['bus']} {', '.join(map(str, row['ids'])) or '-'}",
+        "yes" if row["answered"] else "no",
         marked("age", "-" if row["age"] is None else f"{row['age'] * 1e3:.1f} ms"),
         marked("position", "-" if row["position"] is None else f"{row['position']:.3f} rad{span}"),
-        number("velocity", 2, "rad/s"), marked("temperature", number("temperature", 0, "°C")),
+        number("velocity", 2, "rad/s"),
+        marked("temperature", number("temperature", 0, "°C")),
         marked("fault", "-" if row["fault_words"] is None else row["fault_words"] or "none"),
     ]
 
@@ -55,7 +65,11 @@ def standing(row):
     """What does not change: the limit, the drive's own time-out, the safe stop."""
     words = [] if row["limit"] is None else [f"limit {row['limit']:g} N·m"]
     if row["stop"] != "nothing to stop":
-        words.append("own time-out: none known" if row["own_timeout"] is None else f"own time-out: {row['own_timeout'] * 1e3:g} ms")
+        words.append(
+            "own time-out: none known"
+            if row["own_timeout"] is None
+            else f"own time-out: {row['own_timeout'] * 1e3:g} ms"
+        )
     return "; ".join([*words, f"safe stop: {row['stop']}"])
 
 
@@ -63,7 +77,9 @@ def buses(rows, paper):
     lines = []
     for bus in rows:
         load = f", load {bus['typical']:.0%}, {bus['worst']:.0%} at worst" if bus["typical"] is not None else ""
-        lines += paper.hang(f"  bus {bus['bus']}  ", f"{bus['interface'] or 'simulated'} {bus['channel'] or ''}".rstrip() + load)
+        lines += paper.hang(
+            f"  bus {bus['bus']}  ", f"{bus['interface'] or 'simulated'} {bus['channel'] or ''}".rstrip() + load
+        )
         lines += covered(bus["coverage"], paper, "    ")
     return lines
 

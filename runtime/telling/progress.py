@@ -5,10 +5,10 @@ import time
 from runtime.recorder.status import bar
 from runtime.recorder.terminal import Terminal
 
-PATIENCE = 1.0                  # s before anything is shown
-REFRESH = 0.1                   # s
-BAR, LEAST = 20, 8              # characters, at most and at least
-ROOM = " 100 %, 1000 s left"     # that the longest ending takes: the bar keeps its width while it changes
+PATIENCE = 1.0  # s before anything is shown
+REFRESH = 0.1  # s
+BAR, LEAST = 20, 8  # characters, at most and at least
+ROOM = " 100 %, 1000 s left"  # that the longest ending takes: the bar keeps its width while it changes
 
 
 class Progress:
@@ -46,8 +46,8 @@ class Progress:
         text = f" {bar(share, self.terminal.unicode, narrow)}{told}"
         what, most = self.what, max(0, width - LEAST - 1 - len(ROOM))
         if len(what) > most:
-            what = what[:max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
-        return f"{what}{text}"[:max(0, width)]
+            what = what[: max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
+        return f"{what}{text}"[: max(0, width)]
 
     def part(self, first, last):
         """The same for a step that goes from one share of the whole to another."""

@@ -12,9 +12,14 @@ from runtime.telling.held import text as held_text
 from runtime.telling.lines import count
 from runtime.telling.timing import spread, timing
 
-SPOILT = {                      # kinds of frames that are no replies
-    "foreign": "foreign", "malformed": "malformed", "corrupt": "corrupt", "echoes": "of this machine", "errors": "about errors",
-    "overflows": "about frames lost", "refused": "not sent as the queue was full",
+SPOILT = {  # kinds of frames that are no replies
+    "foreign": "foreign",
+    "malformed": "malformed",
+    "corrupt": "corrupt",
+    "echoes": "of this machine",
+    "errors": "about errors",
+    "overflows": "about frames lost",
+    "refused": "not sent as the queue was full",
 }
 STREAMED = "runtime.recorder.plotjuggler:PlotJugglerSender"
 
@@ -40,7 +45,13 @@ def summary(result):
     """Lines for standard output."""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
-    how = "no devices" if not schedule.devices else "simulated" if result.rig is None else f"on the rig {result.request.rig}"
+    how = (
+        "no devices"
+        if not schedule.devices
+        else "simulated"
+        if result.rig is None
+        else f"on the rig {result.request.rig}"
+    )
     how += ", in virtual time" if result.request.fast else ""
     rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
 
@@ -58,7 +69,10 @@ def summary(result):
         row("buses", buses_text(schedule.buses, statistics["frames"]))
     events = [event["event"] for event in result.recording.get("events", [])]
     if "set" in events or "mark" in events:
-        row("changes", f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}")
+        row(
+            "changes",
+            f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}",
+        )
     for index, (path, found) in enumerate(result.control.latencies.items()):
         if found["count"]:
             row("" if index else "answers", f"{path} after {spread(found)}")
@@ -74,7 +88,14 @@ def summary(result):
         for line in stride_details(stride):
             row("", line)
     if result.outcome.faults:
-        row("faults", "; ".join(f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}" for fault in result.outcome.faults) + ", survived")
+        row(
+            "faults",
+            "; ".join(
+                f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}"
+                for fault in result.outcome.faults
+            )
+            + ", survived",
+        )
     if schedule.devices:
         row("safe stop", stop_text(result.outcome, schedule))
     if result.rig is not None and (left := left_over(result.diagram)):
@@ -93,16 +114,23 @@ def ticks_text(statistics, asked):
 
 def buses_text(buses, frames):
     spoilt = ", ".join(f"{frames[kind]} {words}" for kind, words in SPOILT.items() if frames.get(kind))
-    return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (f" ({spoilt})" if spoilt else "")
+    return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (
+        f" ({spoilt})" if spoilt else ""
+    )
 
 
 def watch_text(entry, rate):
     """What the watch has told of one actuator, with how long it was so; "" where that is nothing."""
     told = [
-        f"{words} for {entry[key] / rate:.3g} s" for key, words in (
-            ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"), ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
+        f"{words} for {entry[key] / rate:.3g} s"
+        for key, words in (
+            ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"),
+            ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
             ("derated_ticks", "its limit lowered by temperature"),
-            ("acceleration_ticks", "stiffness and damping taken away by its acceleration")) if entry[key]]
+            ("acceleration_ticks", "stiffness and damping taken away by its acceleration"),
+        )
+        if entry[key]
+    ]
     return f"{entry['device']}: {'; '.join(told)}" if told else ""
 
 
@@ -112,8 +140,10 @@ def stride_text(stride):
     if not stride["strides"]:
         return f"no whole stride{left_out}; {peak}"
     return (
-        f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; {peak}; "
-        f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J")
+        f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; "
+        f"{peak}; "
+        f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J"
+    )
 
 
 def stride_details(stride):
@@ -148,7 +178,9 @@ def hints(result, program):
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
-    paths = [file["path"] for file in result.recording.get("files", []) if file.get("note") not in (INCOMPLETE, DELETED)]
+    paths = [
+        file["path"] for file in result.recording.get("files", []) if file.get("note") not in (INCOMPLETE, DELETED)
+    ]
     strides = result.recording.get("strides", [])
     picture = next((path for path in paths if path.endswith(".png")), None)
     log = next((path for path in paths if path.endswith(".mcap")), None)

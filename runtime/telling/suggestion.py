@@ -1,4 +1,6 @@
-"""What somebody may have meant. Imports nothing of the language (graph.block has the same for it), so that it is there where nothing was compiled."""
+"""What somebody may have meant. Imports nothing of the language (graph.block has the same for it), so that it is there
+where nothing was compiled.
+"""
 
 import difflib
 

@@ -1,6 +1,7 @@
 """What the command line says: results on standard output, complaints on standard error.
 
-However that goes, the run keeps its exit code: a reader that has gone away (`| head -1`), a full disk, a terminal that was closed.
+However that goes, the run keeps its exit code: a reader that has gone away (`| head -1`), a full disk, a terminal that
+was closed.
 """
 
 import os
@@ -10,7 +11,9 @@ import sys
 
 
 def program():
-    """How the person can start us again: with words that their shell understands, whether or not an environment is activated."""
+    """How the person can start us again: with words that their shell understands, whether or not an environment is
+    activated.
+    """
     script = os.path.abspath(sys.argv[0])
     if os.path.basename(script) == "tickwork":
         return "tickwork" if on_path("tickwork", script) else relative(script)
@@ -19,27 +22,59 @@ def program():
 
 
 def on_path(name, file):
-    """Whether the shell finds `file` by this name. Folders are compared: files of environments are links to one and the same."""
+    """Whether the shell finds `file` by this name. Folders are compared: files of environments are links to one and the
+    same.
+    """
     found = shutil.which(name)
     return found is not None and os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(file))
 
 
 # What stands for a character that the encoding of a terminal or file does not have.
-IN_ASCII = str.maketrans({
-    "µ": "u", "·": "*", "−": "-", "°": " deg", "²": "^2", "³": "^3", "±": "+-", "×": "x", "τ": "tau", "σ": "sigma", "Δ": "delta", "θ": "theta",
-    "ω": "omega", "…": "...", "–": "-", "→": "->", "≤": "<=", "≥": ">=", "━": "#", "╌": ".", "│": "|", "─": "-", "“": '"', "”": '"', "’": "'"})
+IN_ASCII = str.maketrans(
+    {
+        "µ": "u",
+        "·": "*",
+        "−": "-",
+        "°": " deg",
+        "²": "^2",
+        "³": "^3",
+        "±": "+-",
+        "×": "x",
+        "τ": "tau",
+        "σ": "sigma",
+        "Δ": "delta",
+        "θ": "theta",
+        "ω": "omega",
+        "…": "...",
+        "–": "-",
+        "→": "->",
+        "≤": "<=",
+        "≥": ">=",
+        "━": "#",
+        "╌": ".",
+        "│": "|",
+        "─": "-",
+        "“": '"',
+        "”": '"',
+        "’": "'",
+    }
+)
 
 
-# What a terminal would obey, or show in another order, besides the ends of lines and tabs; and, first, the styles of our own.
+# What a terminal would obey, or show in another order, besides the ends of lines and tabs; and, first, the styles of
+# our own.
 CONTROL = re.compile("(\x1b\\[(?:0|1|2|31|32|33)m)|[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 def harmless(text, coloured):
-    """A text whose control characters are written out, as in \\x1b. Names, notes and events of a recording may hold any.
+    """A text whose control characters are written out, as in \\x1b. Names, notes and events of a recording may hold
+    any.
 
     coloured : whether our own styles may be in it
     """
-    return CONTROL.sub(lambda found: found[0] if found[1] and coloured else found[0].encode("unicode_escape").decode(), text)
+    return CONTROL.sub(
+        lambda found: found[0] if found[1] and coloured else found[0].encode("unicode_escape").decode(), text
+    )
 
 
 def tell(lines):
@@ -95,6 +130,6 @@ def relative(text):
     """A text with paths relative to the working folder, where they lie in it."""
     try:
         here = os.getcwd().rstrip("/") + "/"
-    except OSError:                             # it was removed
+    except OSError:  # it was removed
         return text
     return re.sub(rf"(?<![\w./~-]){re.escape(here)}(?=[^/\s])", "", text) if here != "/" else text

@@ -5,7 +5,7 @@ import re
 from runtime.errors import BadInput
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-LONGEST_SPIN = 1.0              # s
+LONGEST_SPIN = 1.0  # s
 
 
 def timing(result, passed):
@@ -16,9 +16,14 @@ def timing(result, passed):
         return
     if result.request.fast:
         waited = statistics["waited_for_recorder"]
-        yield "speed", (
-            f"{passed / rate / result.seconds:.0f} times real time: {micro(statistics['busy'] / statistics['ticks'])} a tick"
-            + (f", {waited:.1f} s of waiting for the recorder" if waited > 0.05 else ""))
+        yield (
+            "speed",
+            (
+                f"{passed / rate / result.seconds:.0f} times real time: "
+                f"{micro(statistics['busy'] / statistics['ticks'])} a tick"
+                + (f", {waited:.1f} s of waiting for the recorder" if waited > 0.05 else "")
+            ),
+        )
         return
     yield "rate", f"{rate * statistics['ticks'] / passed:.2f} Hz held"
     yield "late by", spread(late)
@@ -35,7 +40,13 @@ def details(statistics):
     if statistics["period"]["count"]:
         yield "period", f"off by {spread(statistics['period'])}"
     if statistics["gil"]["count"]:
-        yield "GIL", f"taken {statistics['gil_taken'] / statistics['ticks']:.3g} times a tick; waits {spread(statistics['gil'])}"
+        yield (
+            "GIL",
+            (
+                f"taken {statistics['gil_taken'] / statistics['ticks']:.3g} times a tick; waits "
+                f"{spread(statistics['gil'])}"
+            ),
+        )
     if statistics["bus"]["count"]:
         yield "on buses", spread(statistics["bus"])
     if statistics["spins"]:
@@ -46,7 +57,8 @@ def spread(found):
     """The percentiles of a histogram."""
     return (
         f"{micro(found['p50'])} median, {micro(found['p99'])} p99, {micro(found['p99.9'])} p99.9, "
-        f"{micro(found['max'])} at most (tick {found['max_at_tick']})")
+        f"{micro(found['max'])} at most (tick {found['max_at_tick']})"
+    )
 
 
 def overrun_text(row):

@@ -12,7 +12,9 @@ def sure(question, yes):
     if yes:
         return True
     if sys.stdin is None or not sys.stdin.isatty():
-        raise BadInput(f"{question}: nobody is here to say yes (standard input is no terminal); --yes does it without asking")
+        raise BadInput(
+            f"{question}: nobody is here to say yes (standard input is no terminal); --yes does it without asking"
+        )
     tell([f"{question}? yes or no"])
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 

@@ -22,8 +22,8 @@ from runtime.rig.serial_port import look_at_port
 from runtime.rig.troubles import Refused, Trouble
 
 ERROR_FILTER, EVERY_ERROR = 2, 0x1FFFFFFF
-PATIENCE = 0.05                 # s for a full queue to take a frame
-PAUSE = 0.001                   # s between two questions: a drive's answer takes a quarter of it
+PATIENCE = 0.05  # s for a full queue to take a frame
+PAUSE = 0.001  # s between two questions: a drive's answer takes a quarter of it
 
 
 class ToolBus:
@@ -38,20 +38,30 @@ class ToolBus:
         self.bus, self.sent, self.refused, self.errors = bus, [], 0, 0
         self.remarks = []
         if bus.interface in (*ONE_PROCESS, UDP, I2C):
-            raise Refused(Trouble(
-                "TW105", f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
-                "name a bus of CAN: socketcan, slcan, udp_multicast"))
+            raise Refused(
+                Trouble(
+                    "TW105",
+                    f"[bus.{bus.name}] interface = {bus.interface!r} has no drives",
+                    "name a bus of CAN: socketcan, slcan, udp_multicast",
+                )
+            )
         try:
             self.lock = BusLock(bus.interface, bus.channel)
         except BusTaken as taken:
-            raise Refused(Trouble(
-                "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
-                "end that one first: a bus has one controller")) from None
+            raise Refused(
+                Trouble(
+                    "TW106",
+                    f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
+                    "end that one first: a bus has one controller",
+                )
+            ) from None
         try:
             self.wire = self.open(bus, machine or Machine())
         except CannotOpen as error:
             self.lock.close()
-            raise Refused(Trouble("TW119", f"[bus.{bus.name}] {bus.interface} {bus.channel}: {error}", SEE_PYTHON_CAN)) from None
+            raise Refused(
+                Trouble("TW119", f"[bus.{bus.name}] {bus.interface} {bus.channel}: {error}", SEE_PYTHON_CAN)
+            ) from None
         except BaseException:
             self.lock.close()
             raise
@@ -110,7 +120,9 @@ class ToolBus:
         return found
 
     def ask(self, frame, why, reads, patience=0.1, attempts=2):
-        """The first answer to a question, None if there is none. reads : makes an answer of (identifier, is extended, data), or None"""
+        """The first answer to a question, None if there is none. reads : makes an answer of (identifier, is extended,
+        data), or None
+        """
         for _ in range(attempts):
             self.send(frame, why)
             for heard in self.listen(patience, lambda frames: any(reads(*frame) is not None for frame in frames)):
@@ -123,10 +135,18 @@ def add_bus(parser):
     """Options that say which bus."""
     parser.add_argument("--rig", type=Path, metavar="FILE", help="a rig file, such as lab.toml: its buses")
     parser.add_argument("--bus", metavar="NAME", help="this bus of the rig alone")
-    parser.add_argument("--interface", metavar="KIND", help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan; or i2c")
+    parser.add_argument(
+        "--interface",
+        metavar="KIND",
+        help="instead of a rig: one of python-can's interfaces, such as socketcan or slcan; or i2c",
+    )
     parser.add_argument("--channel", metavar="NAME", help="of the interface, such as can0, /dev/ttyACM0 or /dev/i2c-1")
-    parser.add_argument("--bitrate", type=count("--bitrate"), metavar="BPS",
-                        help="of the bus, in bit/s (default: the interface's own, or 1000000)")
+    parser.add_argument(
+        "--bitrate",
+        type=count("--bitrate"),
+        metavar="BPS",
+        help="of the bus, in bit/s (default: the interface's own, or 1000000)",
+    )
 
 
 def named_buses(options, machine=None):
@@ -155,8 +175,10 @@ def named_buses(options, machine=None):
     names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
     if not names:
         raise BadInput(
-            "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command `doctor` looks closer; "
-            "what is no interface of the network is named: --interface slcan --channel /dev/ttyACM0")
+            "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command "
+            "`doctor` looks closer; "
+            "what is no interface of the network is named: --interface slcan --channel /dev/ttyACM0"
+        )
     return [one_bus(SOCKETCAN, name, options.bitrate, machine) for name in names]
 
 
@@ -168,7 +190,9 @@ def one_bus(interface, channel, bitrate, machine):
     text = f"[bus.can]\ninterface = {quoted(interface)}\nchannel = {quoted(channel)}\n"
     bus = parse("the command line", text + (f"bitrate = {bitrate or own}\n" if bitrate or own else "")).buses["can"]
     plain = "".join(letter if letter.isalnum() else "_" for letter in channel).strip("_")
-    return replace(bus, name="imus") if interface == I2C else replace(bus, name=plain) if interface == SOCKETCAN else bus
+    return (
+        replace(bus, name="imus") if interface == I2C else replace(bus, name=plain) if interface == SOCKETCAN else bus
+    )
 
 
 def quoted(text):
@@ -200,7 +224,9 @@ def single_bus(options):
     buses = named_buses(options)
     if len(buses) != 1:
         names = ", ".join(f"{bus.name} ({bus.channel})" for bus in buses)
-        raise BadInput(f"which bus? {names}: " + ("add --bus NAME" if options.rig is not None else "add --channel NAME"))
+        raise BadInput(
+            f"which bus? {names}: " + ("add --bus NAME" if options.rig is not None else "add --channel NAME")
+        )
     return buses[0]
 
 
@@ -217,7 +243,9 @@ def i2c_bus(options):
             raise BadInput(f"which bus? as in --channel /dev/i2c-1; {known()}")
     buses = [bus for bus in named_buses(options) if bus.interface == I2C]
     if len(buses) != 1:
-        raise BadInput("which bus? " + (", ".join(f"--bus {bus.name}" for bus in buses) or "none that is named is one of I2C"))
+        raise BadInput(
+            "which bus? " + (", ".join(f"--bus {bus.name}" for bus in buses) or "none that is named is one of I2C")
+        )
     return buses[0]
 
 

@@ -1,4 +1,6 @@
-"""Who is on an I2C bus, and behind every multiplexer on it: each address is touched as i2cdetect does, and registers that tell are read."""
+"""Who is on an I2C bus, and behind every multiplexer on it: each address is touched as i2cdetect does, and registers
+that tell are read.
+"""
 
 from dataclasses import dataclass
 
@@ -8,14 +10,24 @@ from runtime.rig.i2c import open_adapter
 from runtime.rig.troubles import Refused, Trouble
 from runtime.tools.scan import Report
 
-BLOCKS = {"MPU-9250": "mpu9250", "MPU-9255": "mpu9250", "ICM-20948": "icm20948", "NAU7802": "nau7802", "ADS1115 or ADS1015": "ads1115"}
+BLOCKS = {
+    "MPU-9250": "mpu9250",
+    "MPU-9255": "mpu9250",
+    "ICM-20948": "icm20948",
+    "NAU7802": "nau7802",
+    "ADS1115 or ADS1015": "ads1115",
+}
 NOBODY = (
-    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 and 5 are bus 1")
+    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
+    "and 5 are bus 1"
+)
 
 
 @dataclass(frozen=True)
 class Chip:
-    """mux, channel : 0 on the bus itself; name : "" where it is not known; how : what tells that; block : that reads it, "" for none"""
+    """mux, channel : 0 on the bus itself; name : "" where it is not known; how : what tells that; block : that reads
+    it, "" for none
+    """
 
     mux: int
     channel: int
@@ -42,9 +54,13 @@ def look(bus, opened=None):
     try:
         lock = BusLock(bus.interface, bus.channel)
     except BusTaken as taken:
-        raise Refused(Trouble(
-            "TW106", f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
-            "end that one first: it has its multiplexers in its hands")) from None
+        raise Refused(
+            Trouble(
+                "TW106",
+                f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
+                "end that one first: it has its multiplexers in its hands",
+            )
+        ) from None
     try:
         chips, _ = opened or open_adapter(bus)
         try:

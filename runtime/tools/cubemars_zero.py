@@ -1,6 +1,8 @@
-"""The zero of a CubeMars: where it is becomes its position 0. It is the one thing of these drives that can be set up on the bus.
+"""The zero of a CubeMars: where it is becomes its position 0. It is the one thing of these drives that can be set up on
+the bus.
 
-    MIT mode               FF..FE after a disable; then the drive may be silent for a second. Whether it is kept when the power goes is the
+    MIT mode               FF..FE after a disable; then the drive may be silent for a second. Whether it is kept when
+    the power goes is the
                            firmware's matter, and a look after that tells
     servo mode, V3.0       origin, until the power goes; with --save into the drive's flash memory
 
@@ -16,15 +18,17 @@ from runtime.telling.terminal import tell
 from runtime.tools.asking import sure
 from runtime.tools.scan import servo_drives
 
-STILL = 0.02                    # rad that it may seem to move between two looks
-CLOSE = 0.02                    # rad from zero
-LOOK = 0.25                     # s: a drive in servo mode reports at 1 Hz to 500 Hz, mostly at 50 or more
-SILENCE = 1.5                   # s after which a drive in MIT mode answers again
+STILL = 0.02  # rad that it may seem to move between two looks
+CLOSE = 0.02  # rad from zero
+LOOK = 0.25  # s: a drive in servo mode reports at 1 Hz to 500 Hz, mostly at 50 or more
+SILENCE = 1.5  # s after which a drive in MIT mode answers again
 
 
 @dataclass
 class Found:
-    """position : rad; current : A, None where a drive does not tell; look : gives the next Answer, or None; frame : sets the zero"""
+    """position : rad; current : A, None where a drive does not tell; look : gives the next Answer, or None; frame :
+    sets the zero
+    """
 
     family: str
     position: float
@@ -34,7 +38,8 @@ class Found:
 
 
 def carry_out(bus, wanted):
-    """Returns whether it was confirmed; None where the id is no CubeMars. BadInput where it is one that cannot have its zero now.
+    """Returns whether it was confirmed; None where the id is no CubeMars. BadInput where it is one that cannot have its
+    zero now.
 
     bus : ToolBus; wanted : as of runtime.tools.drive_changes
     """
@@ -42,7 +47,9 @@ def carry_out(bus, wanted):
     if found is None:
         return None
     if found.family == asking.MIT and wanted.save:
-        raise BadInput(f"--save: id {wanted.can_id} is a CubeMars in MIT mode, which has no frame to save; leave it out")
+        raise BadInput(
+            f"--save: id {wanted.can_id} is a CubeMars in MIT mode, which has no frame to save; leave it out"
+        )
     refuse_running(found, wanted.can_id)
     kept = {True: "and it is kept when its power goes", False: "until its power goes"}[wanted.save]
     if found.family == asking.MIT:
@@ -65,6 +72,7 @@ def carry_out(bus, wanted):
 
 def find(bus, can_id, permanent):
     """The Found of an id, None where it is nobody, or no CubeMars."""
+
     def report():
         return servo_drives(bus.listen(LOOK)).get(can_id)
 
@@ -72,7 +80,9 @@ def find(bus, can_id, permanent):
         return servo_drives([*bus.listen(0.0), *asked(bus, can_id)]).get(can_id)
 
     def state():
-        return bus.ask(asking.question(can_id), "disable", lambda *frame: asking.answer(*frame, can_id), patience=LOOK, attempts=1)
+        return bus.ask(
+            asking.question(can_id), "disable", lambda *frame: asking.answer(*frame, can_id), patience=LOOK, attempts=1
+        )
 
     for look in (report, state, echo):
         answer = look()
@@ -94,9 +104,14 @@ def refuse_running(found, can_id):
     """BadInput if it moves, or holds something."""
     again = found.look()
     if again is None:
-        raise BadInput(f"id {can_id} has not answered a second time: whether it runs is not known, so nothing was changed")
+        raise BadInput(
+            f"id {can_id} has not answered a second time: whether it runs is not known, so nothing was changed"
+        )
     current = max((abs(current) for current in (found.current, again.current) if current is not None), default=0.0)
     if not abs(again.position - found.position) < STILL or not current < frames.QUIET:
         holding = f", {current:.2f} A" if current else ""
-        raise BadInput(f"id {can_id} runs (from {found.position:.3f} to {again.position:.3f} rad{holding}): stop what drives it first; "
-                       "nothing was changed")
+        raise BadInput(
+            f"id {can_id} runs (from {found.position:.3f} to {again.position:.3f} rad{holding}): stop "
+            "what drives it first; "
+            "nothing was changed"
+        )

@@ -8,7 +8,8 @@ from runtime.tools.asking import sure
 from runtime.tools.scan import refuse_company
 from runtime.tools.setting_up import Drive, NotPrivate, same
 
-SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"       # of RobStride's MIT protocol: to the private one, from the next power on
+# of RobStride's MIT protocol: to the private one, from the next power on
+SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"
 
 
 def carry_out(bus, wanted):
@@ -17,7 +18,9 @@ def carry_out(bus, wanted):
     bus : ToolBus
     wanted : namespace with can_id, reads (Parameters), writes (Parameter, value), zero, protocol, new_id, save, yes
     """
-    if wanted.protocol == "private" and not (wanted.writes or wanted.zero or wanted.new_id or wanted.save or wanted.reads):
+    if wanted.protocol == "private" and not (
+        wanted.writes or wanted.zero or wanted.new_id or wanted.save or wanted.reads
+    ):
         if (found := from_mit(bus, wanted)) is not None:
             return found
     try:
@@ -41,10 +44,15 @@ def carry_out(bus, wanted):
     if not sure("change that", wanted.yes):
         tell(["nothing was changed"])
         return True
-    return all([
-        *(write(drive, parameter, value, before[parameter.name]) for parameter, value in wanted.writes),
-        not wanted.zero or zero(drive, position), not wanted.save or save(drive), not wanted.protocol or switch(drive, wanted.protocol),
-        not wanted.new_id or rename(drive, wanted.new_id)])
+    return all(
+        [
+            *(write(drive, parameter, value, before[parameter.name]) for parameter, value in wanted.writes),
+            not wanted.zero or zero(drive, position),
+            not wanted.save or save(drive),
+            not wanted.protocol or switch(drive, wanted.protocol),
+            not wanted.new_id or rename(drive, wanted.new_id),
+        ]
+    )
 
 
 def check(drive, wanted):
@@ -68,11 +76,14 @@ def show(drive, reads):
 
 def planned(drive, wanted, before, position):
     """Lines: what is, and what will be."""
+
     def now(value, parameter):
         return "not told" if value is None else parameter.text(value)
 
     lines = [
-        f"  {parameter.name}: {now(before[parameter.name], parameter)} -> {parameter.text(value)}" for parameter, value in wanted.writes]
+        f"  {parameter.name}: {now(before[parameter.name], parameter)} -> {parameter.text(value)}"
+        for parameter, value in wanted.writes
+    ]
     lines += [f"  position: {now(position, parameters.PARAMETERS['mechPos'])} -> 0 rad"] * bool(wanted.zero)
     lines += ["  saved: it is kept when its power goes"] * bool(wanted.save)
     lines += [f"  protocol: private -> {wanted.protocol}, from its next power on"] * bool(wanted.protocol)
@@ -86,7 +97,13 @@ def write(drive, parameter, value, before):
     after = drive.read(parameter.name)
     fine = same(parameter, value, after)
     told = "not told" if after is None else parameter.text(after)
-    tell([f"done: {parameter.name} is {told}" if fine else f"NOT done: {parameter.name} is {told}, and not {parameter.text(value)}"])
+    tell(
+        [
+            f"done: {parameter.name} is {told}"
+            if fine
+            else f"NOT done: {parameter.name} is {told}, and not {parameter.text(value)}"
+        ]
+    )
     return fine
 
 
@@ -102,8 +119,15 @@ def zero(drive, before):
 
 def save(drive):
     answer = drive.bus.ask(
-        asking.save(drive.can_id), "save", lambda *frame: asking.feedback(*frame, drive.can_id), patience=0.5, attempts=1)
-    tell(["done: saved" if answer else "saved, but the drive did not answer: turn its power off and on, and read again"])
+        asking.save(drive.can_id),
+        "save",
+        lambda *frame: asking.feedback(*frame, drive.can_id),
+        patience=0.5,
+        attempts=1,
+    )
+    tell(
+        ["done: saved" if answer else "saved, but the drive did not answer: turn its power off and on, and read again"]
+    )
     return answer is not None
 
 
@@ -119,8 +143,13 @@ def rename(drive, new):
     drive.bus.listen(0.2)
     after = drive.identities(new)
     fine = after == [drive.unique] and not drive.identities(drive.can_id)
-    tell([f"done: id {drive.can_id} is now {new}, unique {drive.unique}" if fine else
-          f"NOT done: as id {new} answers {' and '.join(after) or 'nobody'}; look with `scan`"])
+    tell(
+        [
+            f"done: id {drive.can_id} is now {new}, unique {drive.unique}"
+            if fine
+            else f"NOT done: as id {new} answers {' and '.join(after) or 'nobody'}; look with `scan`"
+        ]
+    )
     return fine
 
 

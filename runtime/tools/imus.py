@@ -10,7 +10,7 @@ from runtime.rig.microstrain import Seen
 from runtime.rig.streams import StreamLines
 from runtime.tools.watched import WatchedBlocks
 
-REST = 0.0005                   # s between looks
+REST = 0.0005  # s between looks
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,19 @@ def look(baudrate=115200):
     """(Found of every sensor that answers, lines on ports that could not be asked)"""
     seen = Seen().look(baudrate)
     found = [
-        Found("MicroStrain", path, about.serial, about.model, about.firmware, about.options) for path, (_, about) in sorted(seen.open.items())]
+        Found("MicroStrain", path, about.serial, about.model, about.firmware, about.options)
+        for path, (_, about) in sorted(seen.open.items())
+    ]
     seen.close()
     return found, [str(trouble) for trouble in seen.troubles]
 
 
 def text(found):
     """Lines for a person."""
-    return [f"port {each.port}  {each.family} {each.model}  serial {each.serial}, firmware {each.firmware}, {each.options}" for each in found]
+    return [
+        f"port {each.port}  {each.family} {each.model}  serial {each.serial}, firmware {each.firmware}, {each.options}"
+        for each in found
+    ]
 
 
 def plain(found):
@@ -57,8 +62,16 @@ class WatchedImus(WatchedBlocks):
         if not serials:
             raise BadInput("no MicroStrain sensor answers on any port; the command `doctor` looks at ports")
         with Diagram("stream", rate=rate) as diagram:
-            blocks = [MicroStrain(serial=serial, channels=channels, rate=rate, attitude=attitude, name=f"imu_{serial.replace('.', '_')}")
-                      for serial in serials]
+            blocks = [
+                MicroStrain(
+                    serial=serial,
+                    channels=channels,
+                    rate=rate,
+                    attitude=attitude,
+                    name=f"imu_{serial.replace('.', '_')}",
+                )
+                for serial in serials
+            ]
         wanted = (*channels, *("euler",) * ("quaternion" in channels))
         super().__init__(diagram, lambda block: [name for name in block.outputs if name in wanted])
         self.lines = StreamLines(blocks)
@@ -88,7 +101,9 @@ class WatchedImus(WatchedBlocks):
         """Lines at the end."""
         return [
             f"{fed.block.path}: {self.told(fed, 'packets')[0]:g} packets, {self.told(fed, 'corrupt')[0]:g} corrupt, "
-            f"{self.told(fed, 'lost')[0]:g} samples lost, {self.told(fed, 'measured_rate')[0]:.1f} Hz" for fed in self.fed]
+            f"{self.told(fed, 'lost')[0]:g} samples lost, {self.told(fed, 'measured_rate')[0]:.1f} Hz"
+            for fed in self.fed
+        ]
 
     def close(self):
         self.lines.close()

@@ -1,4 +1,5 @@
-"""How a motor sits at its joint, found by moving the joint by hand with the motor off: offset, sign and range, for the rig file.
+"""How a motor sits at its joint, found by moving the joint by hand with the motor off: offset, sign and range, for the
+rig file.
 
     stand straight      the position there is the offset
     bend the joint      where it went tells whether the motor turns the other way
@@ -18,11 +19,11 @@ from runtime.tools.asking import entered
 from runtime.tools.scan import refuse_company
 
 KNOWN = (CubeMars, CubeMarsV3, CubeMarsServo, RobStride, RobStrideMIT)
-PERIOD = 0.02                   # s between two questions
-SILENT = 0.5                    # s without an answer
-STILL = 0.05                    # rad that a joint that stands still may move in WINDOW
-WINDOW = 0.3                    # s
-BENT = 0.2                      # rad that tell which way a joint was bent
+PERIOD = 0.02  # s between two questions
+SILENT = 0.5  # s without an answer
+STILL = 0.05  # rad that a joint that stands still may move in WINDOW
+WINDOW = 0.3  # s
+BENT = 0.2  # rad that tell which way a joint was bent
 
 
 class Motor:
@@ -52,7 +53,7 @@ class Motor:
             return private.stop(block.can_id, block.host_id)
         if isinstance(block, CubeMarsV3):
             return mit.question_of_v3(block.can_id)
-        if isinstance(block, CubeMarsServo):                # it has no other way to be off, and reports by itself
+        if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports by itself
             return frames.amperes(frames.CURRENT, 0.0, block.can_id)
         return mit.question(block.can_id)
 
@@ -60,7 +61,10 @@ class Motor:
         """The newest Answer. BadInput where it is silent."""
         found = self.bus.ask(self.question(), "disable", self.read, patience=SILENT / 2)
         if found is None:
-            raise BadInput(f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; `scan` tells who does")
+            raise BadInput(
+                f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; "
+                "`scan` tells who does"
+            )
         return found
 
     def angle(self):
@@ -93,7 +97,9 @@ def at_rest(motor, name):
         time.sleep(PERIOD)
     if max(angles) - min(angles) > STILL:
         moved = max(angles) - min(angles)
-        raise BadInput(f"{name}: the joint moved by {moved:.2f} rad; hold it still, and begin again; nothing was written")
+        raise BadInput(
+            f"{name}: the joint moved by {moved:.2f} rad; hold it still, and begin again; nothing was written"
+        )
     return sum(angles) / len(angles)
 
 
@@ -105,7 +111,10 @@ def find(motor):
     until_entered(motor, "2 of 3: bend the joint the way that shall count as positive (a knee: flex it), and hold it")
     bent = at_rest(motor, "bent")
     if abs(bent - straight) < BENT:
-        raise BadInput(f"the joint went {abs(bent - straight):.2f} rad, and less than {BENT:g} rad tells no sign; nothing was written")
+        raise BadInput(
+            f"the joint went {abs(bent - straight):.2f} rad, and less than {BENT:g} rad tells no sign; "
+            "nothing was written"
+        )
     sign = 1.0 if bent > straight else -1.0
     way = "with the joint" if sign > 0 else "the other way"
     tell([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])

@@ -1,11 +1,12 @@
 """A diagram of one actuator that is moved gently: what the command `move` runs, in the way every diagram is run.
 
-    torque      rises to the target, stays, falls to zero, behind a limiter that changes it slowly
-    position    a weak spring in the drive, whose equilibrium goes from where the joint is to the target at a bounded speed
-    velocity    a damper in the drive, whose velocity rises to the target, stays, and falls to zero
+    torque      rises to the target, stays, falls to zero, behind a limiter that changes it slowly position    a weak
+    spring in the drive, whose equilibrium goes from where the joint is to the target at a bounded speed velocity    a
+    damper in the drive, whose velocity rises to the target, stays, and falls to zero
 
-The actuator's limit bounds the drive's whole law. A CubeMars in servo mode has other ways: a current of the motor, its own velocity loop,
-and its own way to a position; there only the current bounds the torque. Whatever passes `fastest`, as a motor without load would, ends the run.
+The actuator's limit bounds the drive's whole law. A CubeMars in servo mode has other ways: a current of the motor, its
+own velocity loop, and its own way to a position; there only the current bounds the torque. Whatever passes `fastest`,
+as a motor without load would, ends the run.
 """
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
@@ -17,11 +18,18 @@ from blocks.sources import TimeTable
 from graph import Block, Diagram, Input, Output, Param
 
 FAMILIES = {
-    "CubeMars": CubeMars, "CubeMarsV3": CubeMarsV3, "CubeMarsServo": CubeMarsServo, "RobStride": RobStride, "RobStrideMIT": RobStrideMIT}
+    "CubeMars": CubeMars,
+    "CubeMarsV3": CubeMarsV3,
+    "CubeMarsServo": CubeMarsServo,
+    "RobStride": RobStride,
+    "RobStrideMIT": RobStrideMIT,
+}
 
 
 class Approach(Block):
-    """From the first input it sees to the target, at a bounded speed. NaN passes and is held, which is a fault at the actuator."""
+    """From the first input it sees to the target, at a bounded speed. NaN passes and is held, which is a fault at the
+    actuator.
+    """
 
     target = Param(0.0, "rad", "where it goes")
     speed = Param(0.5, "rad/s", "how fast", above=0.0)
@@ -41,8 +49,23 @@ class Approach(Block):
         return self.now
 
 
-def build(family="CubeMars", model="", bus="can", can_id=1, kind="torque", target=0.0, limit=1.0, duration=5.0, rise=1.0, speed=0.5,
-          stiffness=1.0, damping=0.1, fastest=10.0, rate=200.0, gear_ratio=1.0):
+def build(
+    family="CubeMars",
+    model="",
+    bus="can",
+    can_id=1,
+    kind="torque",
+    target=0.0,
+    limit=1.0,
+    duration=5.0,
+    rise=1.0,
+    speed=0.5,
+    stiffness=1.0,
+    damping=0.1,
+    fastest=10.0,
+    rate=200.0,
+    gear_ratio=1.0,
+):
     """kind : torque (N·m), position (rad) or velocity (rad/s) of the target; rise in s"""
     with Diagram("move", rate=rate) as diagram:
         rise = min(rise, duration / 3.0)
@@ -54,13 +77,21 @@ def build(family="CubeMars", model="", bus="can", can_id=1, kind="torque", targe
         if family == "CubeMarsServo":
             in_servo_mode(joint, kind, target, wave)
         elif kind == "torque":
-            joint(torque_command=TorqueLimiter(limit=limit, slew=2.0 * limit / rise)(TimeTable(**wave, unit="N·m", name="target")()))
+            joint(
+                torque_command=TorqueLimiter(limit=limit, slew=2.0 * limit / rise)(
+                    TimeTable(**wave, unit="N·m", name="target")()
+                )
+            )
         elif kind == "velocity":
             joint(velocity_command=TimeTable(**wave, unit="rad/s", name="target")(), damping_command=damping)
         else:
             reach = joint.command_limits()["position_command"].high
             way = Approach(target=target, speed=speed, name="target")(joint.position)
-            joint(position_command=Saturation(lower=-reach, upper=reach)(way), stiffness_command=stiffness, damping_command=damping)
+            joint(
+                position_command=Saturation(lower=-reach, upper=reach)(way),
+                stiffness_command=stiffness,
+                damping_command=damping,
+            )
         too_fast = Or()(Compare(">")(joint.velocity, fastest), Compare("<")(joint.velocity, -fastest))
         EmergencyStop(name="too_fast")(too_fast)
         CsvRecorder()

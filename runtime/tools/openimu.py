@@ -1,23 +1,41 @@
 """OpenIMU and other nodes of SAE J1939 on a CAN bus: what they send by themselves, and how they are asked who they are.
 
-Requests are PGN 59904 with the wanted PGN, least significant byte first. Ours come from address 0xF9, a service tool's, so that their
-identifiers end in a byte that is no drive's id. (SAE J1939-21, J1939-81; Aceinna OpenIMU300RI and 335RI, CAN messages.)
+Requests are PGN 59904 with the wanted PGN, least significant byte first. Ours come from address 0xF9, a service tool's,
+so that their identifiers end in a byte that is no drive's id. (SAE J1939-21, J1939-81; Aceinna OpenIMU300RI and 335RI,
+CAN messages.)
 """
 
 from dataclasses import dataclass, field
 
-from blocks.imus.openimu.frames import ACCELERATION, ANGULAR_RATE, CLAIM, EVERYBODY, MAGNETIC_FIELD, OURS, REQUEST, SLOPE
+from blocks.imus.openimu.frames import (
+    ACCELERATION,
+    ANGULAR_RATE,
+    CLAIM,
+    EVERYBODY,
+    MAGNETIC_FIELD,
+    OURS,
+    REQUEST,
+    SLOPE,
+)
 
 VERSION, ECU = 65242, 64965
-DATA = {SLOPE: "slope", ANGULAR_RATE: "angular rate", ACCELERATION: "acceleration", MAGNETIC_FIELD: "magnetic field", 61459: "slope"}
-ACEINNA, INERTIAL = 823, 131    # manufacturer and function of a NAME
+DATA = {
+    SLOPE: "slope",
+    ANGULAR_RATE: "angular rate",
+    ACCELERATION: "acceleration",
+    MAGNETIC_FIELD: "magnetic field",
+    61459: "slope",
+}
+ACEINNA, INERTIAL = 823, 131  # manufacturer and function of a NAME
 OPENIMU, NODE = "OpenIMU", "J1939 node"
-LOWEST = 128                    # address that an OpenIMU may have, and its default
+LOWEST = 128  # address that an OpenIMU may have, and its default
 
 
 @dataclass
 class Node:
-    """address : of the node; sends : {what: Hz}; manufacturer, function : of its NAME, None where it did not say; others in words"""
+    """address : of the node; sends : {what: Hz}; manufacturer, function : of its NAME, None where it did not say;
+    others in words
+    """
 
     address: int
     sends: dict = field(default_factory=dict)
@@ -64,7 +82,9 @@ def learn(found, frames):
             node = found.setdefault(address, Node(address))
             node.manufacturer, node.function = name >> 21 & 0x7FF, name >> 40 & 0xFF
             if node.unique not in ("", data.hex().upper()):
-                node.remarks.append(f"two nodes have address {address}: {node.unique} and {data.hex().upper()}; give one another")
+                node.remarks.append(
+                    f"two nodes have address {address}: {node.unique} and {data.hex().upper()}; give one another"
+                )
             node.unique = data.hex().upper()
         elif pgn == VERSION and address in found:
             found[address].firmware = ".".join(map(str, data[:5]))

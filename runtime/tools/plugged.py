@@ -1,4 +1,6 @@
-"""What is plugged in and is not asked who it is: serial ports, of microcontrollers above all, which opening would restart; chips of GPIO lines."""
+"""What is plugged in and is not asked who it is: serial ports, of microcontrollers above all, which opening would
+restart; chips of GPIO lines.
+"""
 
 import errno
 import fcntl
@@ -10,14 +12,24 @@ from pathlib import Path
 
 from runtime.rig import ports
 
-CHIP_INFO = struct.Struct("=32s32sI")           # gpiochip_info of <linux/gpio.h>: name, label, number of lines
+CHIP_INFO = struct.Struct("=32s32sI")  # gpiochip_info of <linux/gpio.h>: name, label, number of lines
 GET_CHIP_INFO = 0x8044B401
-BOARDS = {0x16C0: "Teensy", 0x2341: "Arduino", 0x2A03: "Arduino", 0x239A: "Adafruit board", 0x2E8A: "Raspberry Pi Pico", 0x303A: "ESP32", 0x0483: "STM32"}
+BOARDS = {
+    0x16C0: "Teensy",
+    0x2341: "Arduino",
+    0x2A03: "Arduino",
+    0x239A: "Adafruit board",
+    0x2E8A: "Raspberry Pi Pico",
+    0x303A: "ESP32",
+    0x0483: "STM32",
+}
 
 
 @dataclass(frozen=True)
 class Port:
-    """path : of a serial port; board : kind of microcontroller, as far as its maker's number says, or ""; name, serial : as it tells them over USB"""
+    """path : of a serial port; board : kind of microcontroller, as far as its maker's number says, or ""; name, serial
+    : as it tells them over USB
+    """
 
     path: str
     board: str
@@ -41,19 +53,31 @@ class GpioChip:
 
     @property
     def text(self):
-        return f"gpio {self.path}  " + (self.trouble or f"{self.label}, {self.lines} lines; their names: gpioinfo {Path(self.path).name}")
+        return f"gpio {self.path}  " + (
+            self.trouble or f"{self.label}, {self.lines} lines; their names: gpioinfo {Path(self.path).name}"
+        )
 
 
 def serial_ports(known):
     """A Port for each that has a device behind it. known : paths of those that have answered"""
     return [
-        Port(port.device, BOARDS.get(port.vid, ""), " ".join(word for word in (port.manufacturer, port.product) if word), port.serial_number or "")
-        for port in ports.listed() if port.device not in known]
+        Port(
+            port.device,
+            BOARDS.get(port.vid, ""),
+            " ".join(word for word in (port.manufacturer, port.product) if word),
+            port.serial_number or "",
+        )
+        for port in ports.listed()
+        if port.device not in known
+    ]
 
 
 def gpio_chips(folder="/dev"):
     """Every GpioChip of this machine."""
-    paths = sorted((path for path in Path(folder).glob("gpiochip*") if path.name[8:].isdigit()), key=lambda path: int(re.sub(r"\D", "", path.name)))
+    paths = sorted(
+        (path for path in Path(folder).glob("gpiochip*") if path.name[8:].isdigit()),
+        key=lambda path: int(re.sub(r"\D", "", path.name)),
+    )
     return [chip(str(path)) for path in paths]
 
 

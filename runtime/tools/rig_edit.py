@@ -13,7 +13,8 @@ HEADER = re.compile(r"^\s*\[")
 
 
 def changed(path, text, device, values):
-    """The text of a rig file in which a device has other values. BadInput where it cannot be done without breaking something.
+    """The text of a rig file in which a device has other values. BadInput where it cannot be done without breaking
+    something.
 
     values : {parameter: number, bool, text or list}
     """
@@ -22,10 +23,16 @@ def changed(path, text, device, values):
     if start is None:
         while lines and not lines[-1].strip():
             lines.pop()
-        lines += [""] * bool(lines) + [f"[device.{quoted(device)}]", *(f"{name} = {plain(value)}" for name, value in values.items()), ""]
+        lines += [""] * bool(lines) + [
+            f"[device.{quoted(device)}]",
+            *(f"{name} = {plain(value)}" for name, value in values.items()),
+            "",
+        ]
     else:
         end = next((place for place in range(start + 1, len(lines)) if HEADER.match(lines[place])), len(lines))
-        last = max(place for place in range(start, end) if lines[place].strip() and not lines[place].lstrip().startswith("#"))
+        last = max(
+            place for place in range(start, end) if lines[place].strip() and not lines[place].lstrip().startswith("#")
+        )
         new = []
         for name, value in values.items():
             pattern = re.compile(rf"^(\s*{re.escape(name)}\s*=\s*)([^#]*?)(\s*(?:#.*)?)$")
@@ -35,7 +42,7 @@ def changed(path, text, device, values):
             else:
                 match = pattern.match(lines[place])
                 lines[place] = f"{match[1]}{plain(value)}{match[3]}"
-        lines[last + 1:last + 1] = new
+        lines[last + 1 : last + 1] = new
     result = "\n".join(lines)
     check(path, text, result, device, values)
     return result
@@ -51,7 +58,9 @@ def check(path, before, after, device, values):
     """BadInput where the change would break the file, or anything else in it."""
     old = parse(path, before)
     refusal = (
-        f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was written. Write it yourself: ")
+        f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was "
+        "written. Write it yourself: "
+    )
     wanted = ", ".join(f"{name} = {plain(value)}" for name, value in values.items())
     try:
         new = parse(path, after)

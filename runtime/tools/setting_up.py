@@ -1,4 +1,6 @@
-"""Setting up a RobStride drive or a CyberGear: its id, its zero, its protocol, its parameters. Everything is read before and after."""
+"""Setting up a RobStride drive or a CyberGear: its id, its zero, its protocol, its parameters. Everything is read
+before and after.
+"""
 
 import math
 import struct
@@ -9,10 +11,13 @@ from graph.block import suggestion
 from runtime.errors import BadInput
 from runtime.tools.scan import SETTLE, read, refuse_company
 
-STILL, IDLE = 0.1, 0.3          # rad/s and A, from which on a drive counts as running
+STILL, IDLE = 0.1, 0.3  # rad/s and A, from which on a drive counts as running
 VENDOR_ONLY = (
-    "it is a CubeMars, whose id, mode and limits are set in CubeMars' own program alone (--zero works on the bus, by its id): connect its serial port with the vendor's R-Link "
-    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo mode is chosen there")
+    "it is a CubeMars, whose id, mode and limits are set in CubeMars' own program alone (--zero works on the bus, by "
+    "its id): connect its serial port with the vendor's R-Link "
+    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo "
+    "mode is chosen there"
+)
 
 
 class NotPrivate(BadInput):
@@ -20,7 +25,9 @@ class NotPrivate(BadInput):
 
 
 class Drive:
-    """A drive in the private protocol that alone has its id. BadInput in words where there is none, several, or another kind."""
+    """A drive in the private protocol that alone has its id. BadInput in words where there is none, several, or another
+    kind.
+    """
 
     def __init__(self, bus, can_id):
         self.bus, self.can_id = bus, can_id
@@ -31,7 +38,7 @@ class Drive:
         if not known:
             raise NotPrivate(self.nobody())
         self.unique = known[0]
-        self.is_robstride = None                # not known before it has been stopped
+        self.is_robstride = None  # not known before it has been stopped
 
     def identities(self, can_id):
         self.bus.send(asking.get_id(can_id), "get id")
@@ -47,7 +54,9 @@ class Drive:
         if answer.family == mit.MIT:
             return f"id {self.can_id}: {VENDOR_ONLY}"
         return (
-            f"id {self.can_id} speaks RobStride's MIT protocol, and is set up in its private one: --protocol private, then its power off and on")
+            f"id {self.can_id} speaks RobStride's MIT protocol, and is set up in its private one: --protocol "
+            "private, then its power off and on"
+        )
 
     def read(self, name, is_cybergear=False):
         return read(self.bus, self.can_id, parameters.PARAMETERS[name], is_cybergear)
@@ -56,25 +65,34 @@ class Drive:
         """BadInput if it turns or holds something."""
         velocity, current = self.read("mechVel"), self.read("iqf")
         if velocity is None:
-            raise BadInput(f"id {self.can_id} does not tell its velocity: whether it runs is not known, so nothing was changed")
+            raise BadInput(
+                f"id {self.can_id} does not tell its velocity: whether it runs is not known, so nothing was changed"
+            )
         if not abs(velocity) < STILL or (current is not None and not abs(current) < IDLE):
             holding = "" if current is None else f", {current:.2f} A"
-            raise BadInput(f"id {self.can_id} runs ({velocity:.2f} rad/s{holding}): stop what drives it first; nothing was changed")
+            raise BadInput(
+                f"id {self.can_id} runs ({velocity:.2f} rad/s{holding}): stop what drives it first; nothing was changed"
+            )
 
     def stop(self):
         """Stop it, and learn whether it is a RobStride. BadInput if it does not say that it stands."""
         answer = self.bus.ask(asking.stop(self.can_id), "stop", lambda *frame: asking.feedback(*frame, self.can_id))
         if answer is None or answer.enabled:
             raise BadInput(f"id {self.can_id} does not confirm that it has stopped; nothing was changed")
-        firmware = self.bus.ask(asking.version(self.can_id), "stop and version", lambda *frame: asking.firmware(*frame, self.can_id))
+        firmware = self.bus.ask(
+            asking.version(self.can_id), "stop and version", lambda *frame: asking.firmware(*frame, self.can_id)
+        )
         self.is_robstride = bool(firmware)
         return answer
 
     def need_robstride(self, what):
         if not self.is_robstride:
             raise BadInput(
-                f"{what}: id {self.can_id} has not told a RobStride's firmware, so it may be a CyberGear, to which such frames mean "
-                "other things (to save: another baud rate); nothing was changed. For a RobStride with old firmware use the vendor's program")
+                f"{what}: id {self.can_id} has not told a RobStride's firmware, so it may be a CyberGear, to which "
+                "such frames mean "
+                "other things (to save: another baud rate); nothing was changed. For a RobStride with old firmware "
+                "use the vendor's program"
+            )
 
     def check_free(self, new):
         if self.identities(new) or self.in_mit_mode(new) is not None:
@@ -90,7 +108,9 @@ def settings_of(texts):
             raise BadInput(f"--write {text}: expected NAME=VALUE, as in limit_torque=10")
         parameter = named(name.strip(), "--write")
         if not parameter.writable:
-            raise BadInput(f"--write {name}: it is {parameter.meaning}, which is measured or commanded, and is not set up")
+            raise BadInput(
+                f"--write {name}: it is {parameter.meaning}, which is measured or commanded, and is not set up"
+            )
         try:
             number = float(value)
             if not math.isfinite(number) or (parameter.is_whole() and number != int(number)):
@@ -112,7 +132,9 @@ def named(name, option):
 
 def protocol(text):
     if text not in asking.PROTOCOLS:
-        raise BadInput(f"--protocol {text}: {suggestion(text, asking.PROTOCOLS) or 'there are ' + ', '.join(asking.PROTOCOLS)}")
+        raise BadInput(
+            f"--protocol {text}: {suggestion(text, asking.PROTOCOLS) or 'there are ' + ', '.join(asking.PROTOCOLS)}"
+        )
     return text
 
 

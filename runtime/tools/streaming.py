@@ -19,11 +19,11 @@ from runtime.telling.terminal import tell
 from runtime.tools.scan import refuse_company
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
-SILENT = 1.0                    # s without an answer, then it is told
-REPORTING = 0.15                # s in which a drive that reports by itself is heard
-REFRESH = 0.1                   # s between two lines on a terminal
-SLOW = 1.0                      # and where it is none
-FLUSH = 0.5                     # s between two flushes of what takes the rows
+SILENT = 1.0  # s without an answer, then it is told
+REPORTING = 0.15  # s in which a drive that reports by itself is heard
+REFRESH = 0.1  # s between two lines on a terminal
+SLOW = 1.0  # and where it is none
+FLUSH = 0.5  # s between two flushes of what takes the rows
 ELEMENTS = {"euler": ("roll", "pitch", "yaw"), "raw_euler": ("roll", "pitch", "yaw")}
 
 
@@ -51,15 +51,18 @@ class Watched:
             self.family = found.family
             return
         for question, read in (
-                (private.stop(can_id), lambda *frame: private.feedback(*frame, can_id, model)),
-                (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model)),
-                (mit.question_of_v3(can_id), self.report)):
+            (private.stop(can_id), lambda *frame: private.feedback(*frame, can_id, model)),
+            (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model)),
+            (mit.question_of_v3(can_id), self.report),
+        ):
             self.question, self.read = question, read
             found = bus.ask(question, "disable", read)
             if found is not None:
                 self.family = found.family
                 return
-        raise BadInput(f"nobody answers as id {can_id} on {bus.bus.channel}; the command `scan` tells who is on the bus")
+        raise BadInput(
+            f"nobody answers as id {can_id} on {bus.bus.channel}; the command `scan` tells who is on the bus"
+        )
 
     def ask(self, patience):
         """The Answer, None if none came in time."""
@@ -92,7 +95,9 @@ def column(path, unit):
 
 
 def in_subsystems(columns):
-    """The same columns with a subsystem a channel of a device, so that Rerun draws each in a plot of its own, and finds attitudes."""
+    """The same columns with a subsystem a channel of a device, so that Rerun draws each in a plot of its own, and finds
+    attitudes.
+    """
     found = []
     for each in columns:
         device, port, element = re.fullmatch(r"(.+)\.(\w+)(?:\[(\d+)\])?", each["path"]).groups()
@@ -109,18 +114,34 @@ def in_subsystems(columns):
 
 def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
     """What takes the rows, not yet open."""
-    plan = {"name": name, "folder": folder, "stem": f"{name}_{time.strftime('%Y-%m-%d_%H-%M-%S')}", "rate": rate, "virtual": False}
+    plan = {
+        "name": name,
+        "folder": folder,
+        "stem": f"{name}_{time.strftime('%Y-%m-%d_%H-%M-%S')}",
+        "rate": rate,
+        "virtual": False,
+    }
     sinks, columns = [], drive.columns(name)
     if folder is not None:
         sinks.append(CsvWriter(plan, {"parameters": {}, "columns": columns}))
     if plotjuggler is not None:
-        sinks.append(PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": columns}))
+        sinks.append(
+            PlotJugglerSender(plan, {"parameters": dict(zip(("host", "port"), plotjuggler)), "columns": columns})
+        )
     if rerun is not None:
         from runtime.rerun.sender import RerunSender
         from runtime.rerun.target import PORT, WEB_PORT
 
-        sinks.append(RerunSender(plan, {
-            "path": "rerun", "parameters": {"target": rerun, "port": PORT, "web_port": WEB_PORT}, "columns": in_subsystems(columns)}))
+        sinks.append(
+            RerunSender(
+                plan,
+                {
+                    "path": "rerun",
+                    "parameters": {"target": rerun, "port": PORT, "web_port": WEB_PORT},
+                    "columns": in_subsystems(columns),
+                },
+            )
+        )
         sinks[-1].say = lambda line: tell([line])
     return sinks
 
@@ -128,8 +149,8 @@ def sinks_of(drive, name, rate, folder, plotjuggler, rerun):
 def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=None, clock=time.monotonic):
     """Watch until the time is over, or Ctrl-C. Returns a Told; raises OSError where a file or a host is not there.
 
-    drive : Watched, or something else that is asked, has columns, and makes a row and a line of what it answers
-    name : of the drive, in files; rate : Hz; duration : s, None for ever; folder : of a CSV file; plotjuggler : (host, port)
+    drive : Watched, or something else that is asked, has columns, and makes a row and a line of what it answers name :
+    of the drive, in files; rate : Hz; duration : s, None for ever; folder : of a CSV file; plotjuggler : (host, port)
     rerun : as runtime.rerun.target reads it, None for nowhere
     """
     sinks, told = sinks_of(drive, name, rate, folder, plotjuggler, rerun), Told()
@@ -144,7 +165,7 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
             if now < tick / rate:
                 time.sleep(tick / rate - now)
             elif now > (tick + 1) / rate:
-                tick = int(now * rate)                          # what was missed is not made up for
+                tick = int(now * rate)  # what was missed is not made up for
             told.asked += 1
             answer = drive.ask(min(0.05, 1.0 / rate))
             now = clock() - began
@@ -175,7 +196,9 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
 
 
 def give(sink, tick, now, row, flushes, sinks):
-    """A row; flushes : and all before it. A viewer that has gone is told, and taken out of `sinks`; what a file cannot take ends it all."""
+    """A row; flushes : and all before it. A viewer that has gone is told, and taken out of `sinks`; what a file cannot
+    take ends it all.
+    """
     try:
         sink.row(tick, now, row)
         if flushes:
@@ -190,7 +213,7 @@ def give(sink, tick, now, row, flushes, sinks):
 
 def show(now, text, screen):
     if screen.interactive:
-        screen.draw(text[:max(0, screen.columns - 1)])          # one that wrapped would scroll
+        screen.draw(text[: max(0, screen.columns - 1)])  # one that wrapped would scroll
     else:
         tell([text])
     return now
@@ -201,6 +224,10 @@ def line(answer):
         return f"{'-':>{width}} {unit}" if value is None else f"{value:{width}.{digits}f} {unit}"
 
     words = [
-        number(answer.position, 8, 3, "rad"), number(answer.velocity, 7, 2, "rad/s"), number(answer.torque, 7, 2, "N·m"),
-        number(answer.temperature, 4, 0, "°C"), *([f"fault: {answer.fault}"] if answer.fault else [])]
+        number(answer.position, 8, 3, "rad"),
+        number(answer.velocity, 7, 2, "rad/s"),
+        number(answer.torque, 7, 2, "N·m"),
+        number(answer.temperature, 4, 0, "°C"),
+        *([f"fault: {answer.fault}"] if answer.fault else []),
+    ]
     return "  ".join(words)

@@ -1,4 +1,6 @@
-"""Sensors that are watched live: blocks whose decode is fed by a tool, without a run around them, and what is shown of their outputs."""
+"""Sensors that are watched live: blocks whose decode is fed by a tool, without a run around them, and what is shown of
+their outputs.
+"""
 
 from dataclasses import dataclass
 
@@ -6,7 +8,7 @@ from cext.handover import feed
 from graph import Device, compile
 from runtime.tools.streaming import column
 
-FRAME = 64                      # bytes
+FRAME = 64  # bytes
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,8 @@ class Fed:
 class WatchedBlocks:
     """What `runtime.tools.streaming.stream` wants of what it shows: an answer is {path of a port: its values}.
 
-    diagram : of the blocks, whose inputs stay as they are; channels(block) : names of the outputs that are shown. DiagramError
-    shown : of many, those that stand in the line for a person; None for all
+    diagram : of the blocks, whose inputs stay as they are; channels(block) : names of the outputs that are shown.
+    DiagramError shown : of many, those that stand in the line for a person; None for all
     """
 
     shown = None
@@ -35,7 +37,7 @@ class WatchedBlocks:
         for steps in schedule.devices:
             block = diagram[steps.name]
             outputs = [name for name, port in block.outputs.items() if port.kernel]
-            slots = dict(zip(outputs, steps.table.slots[steps.table.counts[0]:]))
+            slots = dict(zip(outputs, steps.table.slots[steps.table.counts[0] :]))
             self.fed.append(Fed(block, steps.table, slots, tuple(channels(block))))
 
     def feed(self, fed, data, when, identifier):

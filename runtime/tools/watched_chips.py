@@ -1,4 +1,6 @@
-"""Sensors on an I2C bus, watched live: recognised by their registers, set up as before a run, and asked by the thread that asks them in one."""
+"""Sensors on an I2C bus, watched live: recognised by their registers, set up as before a run, and asked by the thread
+that asks them in one.
+"""
 
 import time
 from contextlib import ExitStack, closing, suppress
@@ -17,9 +19,9 @@ from runtime.tools.chips import BLOCKS
 from runtime.tools.watched import WatchedBlocks
 
 KINDS = {"mpu9250": MPU9250, "icm20948": ICM20948, "ads1115": ADS1115, "nau7802": NAU7802}
-HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}         # unless they are asked for
-EXTENDED, TAKEN = 0x80000000, 1                                           # cext/abi.pxd
-REST = 0.0005                   # s between looks
+HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}  # unless they are asked for
+EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
+REST = 0.0005  # s between looks
 
 
 class WatchedChips(WatchedBlocks):
@@ -43,9 +45,15 @@ class WatchedChips(WatchedBlocks):
                         block(kind, place, bus.name, parameters_of(kind, found, channels, rate, settings))
                 blocks = [one for one in diagram if isinstance(one, Device)]
                 refuse_strangers(blocks, channels, settings)
-                super().__init__(diagram, lambda block: [
-                    name for name in block.outputs if (name in channels if channels else name not in HIDDEN) and not (
-                        name == "mag" and not block.magnetometer)])
+                super().__init__(
+                    diagram,
+                    lambda block: [
+                        name
+                        for name in block.outputs
+                        if (name in channels if channels else name not in HIDDEN)
+                        and not (name == "mag" and not block.magnetometer)
+                    ],
+                )
                 self.interface = undo.enter_context(closing(I2cInterface(bus, blocks)))
             except BusTaken as taken:
                 raise BadInput(f"{bus.channel} is controlled by {taken.owner}: end that one first") from None
@@ -59,7 +67,9 @@ class WatchedChips(WatchedBlocks):
             self.undo = undo.pop_all()
 
     def ask(self, patience):
-        """{path of a port: its values} once something new has come and everybody has answered, None if nothing has in time."""
+        """{path of a port: its values} once something new has come and everybody has answered, None if nothing has in
+        time.
+        """
         deadline = time.monotonic() + patience
         while True:
             new = False
@@ -95,7 +105,9 @@ def recognised(bus, places):
             there = [((mux, channel, address), name) for mux, channel, address, name, _ in known.everywhere()]
             found = [(KINDS[BLOCKS[name]], place) for place, name in there if name in BLOCKS]
             if not found:
-                raise BadInput(f"{bus.channel}: no sensor that is known here answers; `scan --interface i2c` tells who does")
+                raise BadInput(
+                    f"{bus.channel}: no sensor that is known here answers; `scan --interface i2c` tells who does"
+                )
             return found
         return [(recognise(bus, chips, known, place), place) for place in places]
     finally:
@@ -113,10 +125,15 @@ def recognise(bus, chips, known, place):
         name, _ = known.name(address)
     except NoAnswer as error:
         who = in_hex(chips.answering(outside=error.mux))
-        raise BadInput(f"{bus.channel}: nobody answers at {in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; {who} "
-                       f"answer{'s' if who.count('0x') == 1 else ''} there") from None
+        raise BadInput(
+            f"{bus.channel}: nobody answers at "
+            f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; {who} "
+            f"answer{'s' if who.count('0x') == 1 else ''} there"
+        ) from None
     if name not in BLOCKS:
-        raise BadInput(f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are {', '.join(BLOCKS)}")
+        raise BadInput(
+            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are {', '.join(BLOCKS)}"
+        )
     return KINDS[BLOCKS[name]]
 
 
@@ -130,7 +147,9 @@ def block(kind, place, bus, parameters):
 
 
 def parameters_of(kind, found, channels, rate, settings):
-    """Of a block. Where several sensors are inertial, their magnetometers would be heard together: an MPU-9250 asks its own by itself."""
+    """Of a block. Where several sensors are inertial, their magnetometers would be heard together: an MPU-9250 asks its
+    own by itself.
+    """
     given = {}
     if "magnetometer" in kind.parameters:
         given["rate"] = rate
@@ -138,7 +157,9 @@ def parameters_of(kind, found, channels, rate, settings):
             given["magnetometer"] = False
         elif "bypass" in kind.parameters:
             given["bypass"] = sum("magnetometer" in other.parameters for other, _ in found) == 1
-    if kind is ADS1115 and (own := tuple(name for name in channels if name.partition("_")[0] in ("a0", "a1", "a2", "a3"))):
+    if kind is ADS1115 and (
+        own := tuple(name for name in channels if name.partition("_")[0] in ("a0", "a1", "a2", "a3"))
+    ):
         given["channels"] = own
     for name, text in settings:
         if name in kind.parameters:
@@ -148,11 +169,15 @@ def parameters_of(kind, found, channels, rate, settings):
 
 def refuse_strangers(blocks, channels, settings):
     """BadInput where none of the blocks has what is named."""
-    for what, names, there in (("--channels ", channels, [name for block in blocks for name in block.outputs]),
-                               ("--set ", [name for name, _ in settings], [name for block in blocks for name in block.parameters])):
+    for what, names, there in (
+        ("--channels ", channels, [name for block in blocks for name in block.outputs]),
+        ("--set ", [name for name, _ in settings], [name for block in blocks for name in block.parameters]),
+    ):
         stranger = next((name for name in names if name not in there), None)
         if stranger is not None:
-            raise BadInput(f"{what}{stranger}: {suggestion(stranger, there) or 'there is ' + ', '.join(dict.fromkeys(there))}")
+            raise BadInput(
+                f"{what}{stranger}: {suggestion(stranger, there) or 'there is ' + ', '.join(dict.fromkeys(there))}"
+            )
 
 
 def place_of(text):

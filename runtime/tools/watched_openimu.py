@@ -1,4 +1,6 @@
-"""One OpenIMU on a CAN bus, watched live: set up as arming would, which lasts until its power is gone, and read by its own block."""
+"""One OpenIMU on a CAN bus, watched live: set up as arming would, which lasts until its power is gone, and read by its
+own block.
+"""
 
 import time
 
@@ -8,9 +10,9 @@ from runtime.errors import BadInput
 from runtime.tools.scan import refuse_company
 from runtime.tools.watched import WatchedBlocks
 
-EXTENDED, TAKEN = 0x80000000, 1            # cext/abi.pxd
-SET_UP = 0.1                    # s between two attempts to set it up
-PATIENCE = 1.0                  # s until it has told its settings
+EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
+SET_UP = 0.1  # s between two attempts to set it up
+PATIENCE = 1.0  # s until it has told its settings
 
 
 class WatchedOpenImu(WatchedBlocks):
@@ -24,15 +26,25 @@ class WatchedOpenImu(WatchedBlocks):
         refuse_company(bus)
         with Diagram("stream", rate=OpenImu.parameters["rate"].default) as diagram:
             self.block = OpenImu(address=address, name=f"imu_{address}", **parameters)
-        super().__init__(diagram, lambda block: [
-            "accel", "gyro", *(["mag"] if block.types & 8 else []), *(["roll", "pitch"] if block.slope else [])])
+        super().__init__(
+            diagram,
+            lambda block: [
+                "accel",
+                "gyro",
+                *(["mag"] if block.types & 8 else []),
+                *(["roll", "pitch"] if block.slope else []),
+            ],
+        )
         deadline, heard = time.monotonic() + PATIENCE, False
         while self.ask(0.01) is None:
             if time.monotonic() > deadline:
                 where = f"address {address} on {bus.bus.channel}"
                 raise BadInput(
-                    f"{where} speaks, and does not tell its settings: is it a {self.block.model}? --untold reads it as it is" if heard else
-                    f"nobody has {where}; the command `scan` tells who is there")
+                    f"{where} speaks, and does not tell its settings: is it a {self.block.model}? --untold reads it "
+                    "as it is"
+                    if heard
+                    else f"nobody has {where}; the command `scan` tells who is there"
+                )
             if self.block.told:
                 for frame in self.block.enable_frames():
                     bus.send(frame, "settings of an OpenIMU")
@@ -40,7 +52,9 @@ class WatchedOpenImu(WatchedBlocks):
 
     def drain(self, patience):
         """What decode says to each frame of its own that comes."""
-        frames = self.bus.listen(patience, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames))
+        frames = self.bus.listen(
+            patience, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames)
+        )
         answers = {}
         for identifier, extended, data in frames:
             if extended and identifier & 0xFF == self.block.address:

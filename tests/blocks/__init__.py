@@ -1,4 +1,6 @@
-"""Examples that hypothesis draws are the same in every run; with EXAMPLES=soak they are others, and twenty times as many."""
+"""Examples that hypothesis draws are the same in every run; with EXAMPLES=soak they are others, and twenty times as
+many.
+"""
 
 import os
 

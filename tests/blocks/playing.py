@@ -1,4 +1,6 @@
-"""Plays arrays into a block on the executor, as fast as it goes, and gives back what came out: a million ticks take a second."""
+"""Plays arrays into a block on the executor, as fast as it goes, and gives back what came out: a million ticks take a
+second.
+"""
 
 import numpy as np
 
@@ -40,11 +42,15 @@ def taker(signal, shape, ticks):
 
 
 def play(make, rate=200.0, /, **inputs):
-    """Outputs, arrays over the ticks by name, of the block that `make` makes. inputs: arrays over the ticks, by name."""
+    """Outputs, arrays over the ticks by name, of the block that `make` makes. inputs: arrays over the ticks, by
+    name.
+    """
     ticks = len(next(iter(inputs.values())))
     with Diagram("played", rate=rate) as diagram:
         block = make()
-        wires = {name: source(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()}
+        wires = {
+            name: source(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()
+        }
         signals = block(**wires)
         signals = [signals] if len(block.outputs) == 1 else list(signals)
         free = next((np.shape(inputs[n])[1:] for n, p in block.inputs.items() if p.shape is ... and n in inputs), ())

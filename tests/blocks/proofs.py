@@ -1,4 +1,6 @@
-"""Whether a block keeps the range it states: with inputs from anywhere in their intervals, ends, infinities and huge numbers too."""
+"""Whether a block keeps the range it states: with inputs from anywhere in their intervals, ends, infinities and huge
+numbers too.
+"""
 
 import math
 
@@ -8,7 +10,7 @@ from hypothesis import strategies as st
 from graph import Interval
 from graph.block import range_of, size_of
 
-anything = st.floats(allow_nan=False)                       # infinite and huge ones, subnormal ones, both zeros
+anything = st.floats(allow_nan=False)  # infinite and huge ones, subnormal ones, both zeros
 sensible = st.floats(-10.0, 10.0)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -43,7 +45,9 @@ def keeps_its_range(data, block, *, numbers=anything | sensible, nan=False, tick
             block.update(**values)
         for name, result in zip(block.outputs, results if len(block.outputs) > 1 else (results,)):
             for element in np.ravel(np.asarray(result, dtype=float)):
-                assert math.isnan(element) or element in stated[name], f"{name} = {element!r} left {stated[name]!r} at {values}"
+                assert math.isnan(element) or element in stated[name], (
+                    f"{name} = {element!r} left {stated[name]!r} at {values}"
+                )
     return stated
 
 
@@ -61,7 +65,9 @@ def draw_value(data, port, interval, shape, nan):
         one = one | st.just(math.nan)
     if not shape:
         return data.draw(one, label=port.name)
-    return np.array(data.draw(st.lists(one, min_size=size_of(shape), max_size=size_of(shape)), label=port.name)).reshape(shape)
+    return np.array(
+        data.draw(st.lists(one, min_size=size_of(shape), max_size=size_of(shape)), label=port.name)
+    ).reshape(shape)
 
 
 def ulps(a, b):
@@ -71,6 +77,6 @@ def ulps(a, b):
 
 def at(block, tick):
     """What a block without inputs gives at a tick."""
-    block.step()                                            # the first step makes its arena
+    block.step()  # the first step makes its arena
     block.scratch.tick = tick
     return block.step()

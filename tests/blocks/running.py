@@ -13,7 +13,9 @@ from graph import Block, Diagram, Output, compile
 
 
 class Recording:
-    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks; elements of vectors are `"imu.rate[1]"`."""
+    """What a run left behind: `recording["left/knee.position"]` is an array over the ticks; elements of vectors are
+    `"imu.rate[1]"`.
+    """
 
     def __init__(self, columns, rows, rate, outcome, statistics, buses):
         self.outcome, self.statistics, self.buses = outcome, statistics, buses
@@ -25,7 +27,9 @@ class Recording:
 
 
 def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
-    """Run a diagram for so many ticks. plant: another diagram at `substeps` times the rate; before(buses) may put frames on them first."""
+    """Run a diagram for so many ticks. plant: another diagram at `substeps` times the rate; before(buses) may put
+    frames on them first.
+    """
     with diagram:
         if not any(isinstance(block, CsvRecorder) for block in diagram):
             CsvRecorder()
@@ -40,10 +44,14 @@ def run(diagram, ticks, *, plant=None, substeps=1, fade=0.0, before=None):
         before(buses)
     row = struct.Struct(f"={2 + len(schedule.columns)}d")
     page = Page((row.size + 8 + 800) * (ticks + 1000) if schedule.buses else (row.size + 8) * (ticks + 10))
-    outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(ticks, fade=fade)
+    outcome = Executor(control, schedule.rate, plant=models, substeps=substeps, page=page, virtual=True).run(
+        ticks, fade=fade
+    )
     records = page.drain(1 << 30)
     assert page.statistics()["dropped"] == 0
-    rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(-1, 2 + len(schedule.columns))
+    rows = np.array([row.unpack(payload) for kind, payload in records if kind == RECORD_ROW]).reshape(
+        -1, 2 + len(schedule.columns)
+    )
     return Recording(schedule.sinks[0].columns, rows, schedule.rate, outcome, page.statistics(), buses)
 
 
@@ -55,7 +63,11 @@ def player(values, unit="any", dtype=float):
     def step(self, tick):
         return rows[min(tick, len(rows) - 1)]
 
-    body = {"__doc__": "Plays numbers.", "step": step, "y": Output(unit, "what is played", shape=values.shape[1:], dtype=dtype)}
+    body = {
+        "__doc__": "Plays numbers.",
+        "step": step,
+        "y": Output(unit, "what is played", shape=values.shape[1:], dtype=dtype),
+    }
     return type("Player", (Block,), body)()()
 
 
@@ -75,14 +87,21 @@ def inside(make, *, rate=200, ticks=None, **inputs):
     """The same of the block that `make` makes, inside a running diagram."""
     with Diagram("running", rate=rate) as diagram:
         block = make()
-        block(**{name: player(values, block.inputs[name].unit, block.inputs[name].dtype) for name, values in inputs.items()})
+        block(
+            **{
+                name: player(values, block.inputs[name].unit, block.inputs[name].dtype)
+                for name, values in inputs.items()
+            }
+        )
     recording = run(diagram, ticks or len(next(iter(inputs.values()))))
     assert recording.outcome.status == "ok", recording.outcome
 
     def values(name):
         path = f"{block.path}.{name}"
         shape = recorded_shape(recording, path)
-        return np.stack([recording[path + "".join(f"[{i}]" for i in index)] for index in np.ndindex(shape)], axis=-1).reshape(-1, *shape)
+        return np.stack(
+            [recording[path + "".join(f"[{i}]" for i in index)] for index in np.ndindex(shape)], axis=-1
+        ).reshape(-1, *shape)
 
     return {name: values(name) for name in block.outputs}
 
@@ -90,11 +109,15 @@ def inside(make, *, rate=200, ticks=None, **inputs):
 def recorded_shape(recording, path):
     """Shape of a recorded signal, from the names of its columns."""
     indices = [name[len(path) :] for name in recording.signals if name == path or name.startswith(path + "[")]
-    return tuple(1 + max(map(int, axis)) for axis in zip(*(index.strip("[]").split("][") for index in indices if index)))
+    return tuple(
+        1 + max(map(int, axis)) for axis in zip(*(index.strip("[]").split("][") for index in indices if index))
+    )
 
 
 def both_ways(make, *, rate=200, ticks=None, **inputs):
-    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running diagram."""
+    """Outputs of `make()` stepped by hand, which must be bit for bit those of the same block inside a running
+    diagram.
+    """
     with Diagram("by hand", rate=rate):
         block = make()
     alone = by_hand(block, ticks or len(next(iter(inputs.values()))), **inputs)

@@ -1,4 +1,6 @@
-"""Linear blocks, alone and in closed loops, against python-control, sample by sample. Skipped where that is not installed."""
+"""Linear blocks, alone and in closed loops, against python-control, sample by sample. Skipped where that is not
+installed.
+"""
 
 import numpy as np
 import pytest
@@ -15,8 +17,8 @@ control = pytest.importorskip("control", reason="python-control is not installed
 
 RATE, TICKS = 200.0, 400
 H = 1.0 / RATE
-INPUT = np.random.default_rng(7).normal(size=TICKS).cumsum() * 0.1          # a random walk has low and high frequencies;
-INPUT -= INPUT[0]                                                           # from 0, where derivatives start without a kick
+INPUT = np.random.default_rng(7).normal(size=TICKS).cumsum() * 0.1  # a random walk has low and high frequencies;
+INPUT -= INPUT[0]  # from 0, where derivatives start without a kick
 
 
 def response(system):
@@ -31,22 +33,37 @@ def output(make):
     return run(diagram, TICKS)[signal.path]
 
 
-@pytest.mark.parametrize("numerator, denominator", [
-    ((1.0,), (1.0, -0.9)), ((0.2, 0.1), (1.0, -1.5, 0.7)), ((1.0, -0.5, 0.3, 0.0), (1.0, -0.2, 0.5, -0.1)), ((3.0,), (1.0, 0.0, 0.0, 0.0)),
-])
+@pytest.mark.parametrize(
+    "numerator, denominator",
+    [
+        ((1.0,), (1.0, -0.9)),
+        ((0.2, 0.1), (1.0, -1.5, 0.7)),
+        ((1.0, -0.5, 0.3, 0.0), (1.0, -0.2, 0.5, -0.1)),
+        ((3.0,), (1.0, 0.0, 0.0, 0.0)),
+    ],
+)
 def test_a_transfer_function_in_z(numerator, denominator):
-    assert output(lambda signal: TransferFunction(numerator, denominator)(signal)) == pytest.approx(response(control.tf(numerator, denominator, H)), abs=1e-9)
+    assert output(lambda signal: TransferFunction(numerator, denominator)(signal)) == pytest.approx(
+        response(control.tf(numerator, denominator, H)), abs=1e-9
+    )
 
 
-@pytest.mark.parametrize("numerator, denominator", [((100.0,), (1.0, 12.0, 100.0)), ((1.0, 0.0), (0.01, 1.0)), ((0.1, 1.0), (0.02, 1.0)), ((1.0,), (1.0, 0.0))])
+@pytest.mark.parametrize(
+    "numerator, denominator",
+    [((100.0,), (1.0, 12.0, 100.0)), ((1.0, 0.0), (0.01, 1.0)), ((0.1, 1.0), (0.02, 1.0)), ((1.0,), (1.0, 0.0))],
+)
 def test_a_transfer_function_in_s_by_tustin(numerator, denominator):
     wanted = response(control.sample_system(control.tf(numerator, denominator), H, "tustin"))
-    assert output(lambda signal: TransferFunction(numerator, denominator, domain="s")(signal)) == pytest.approx(wanted, abs=1e-8)
+    assert output(lambda signal: TransferFunction(numerator, denominator, domain="s")(signal)) == pytest.approx(
+        wanted, abs=1e-8
+    )
 
 
 def test_state_space():
     A, B, C, D = ((0.9, 0.1), (-0.2, 0.8)), ((0.0,), (0.1,)), ((1.0, 0.5),), ((0.3,),)
-    assert output(lambda signal: StateSpace(A, B, C, D)(signal)) == pytest.approx(response(control.ss(A, B, C, D, H)), abs=1e-12)
+    assert output(lambda signal: StateSpace(A, B, C, D)(signal)) == pytest.approx(
+        response(control.ss(A, B, C, D, H)), abs=1e-12
+    )
 
 
 def test_a_butterworth_filter_is_the_analog_one_by_tustin_prewarped():
@@ -55,7 +72,7 @@ def test_a_butterworth_filter_is_the_analog_one_by_tustin_prewarped():
     assert output(lambda signal: Butterworth(order=2, cutoff=20.0)(signal)) == pytest.approx(wanted, abs=1e-10)
 
 
-INTEGRAL = control.tf([H, 0.0], [1.0, -1.0], H)             # I[k] = I[k-1] + dt e[k]
+INTEGRAL = control.tf([H, 0.0], [1.0, -1.0], H)  # I[k] = I[k-1] + dt e[k]
 
 
 def slope(filter_time):
@@ -63,23 +80,32 @@ def slope(filter_time):
     return control.tf([1.0, -1.0], [filter_time + H, -filter_time], H)
 
 
-@pytest.mark.parametrize("make, law", [
-    (lambda: PI(2.0, 5.0), lambda: 2.0 + 5.0 * INTEGRAL),
-    (lambda: PD(2.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 0.3 * slope(0.02)),
-    (lambda: PID(2.0, 5.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 5.0 * INTEGRAL + 0.3 * slope(0.02)),
-])
+@pytest.mark.parametrize(
+    "make, law",
+    [
+        (lambda: PI(2.0, 5.0), lambda: 2.0 + 5.0 * INTEGRAL),
+        (lambda: PD(2.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 0.3 * slope(0.02)),
+        (lambda: PID(2.0, 5.0, 0.3, 0.02, c=1.0), lambda: 2.0 + 5.0 * INTEGRAL + 0.3 * slope(0.02)),
+    ],
+)
 def test_controllers_without_limits_are_linear_systems(make, law):
     assert output(lambda signal: make()(signal, 0.0)) == pytest.approx(response(law()), abs=1e-9)
 
 
 def test_a_closed_loop_of_a_controller_and_a_plant_with_delay():
-    """A joint of inertia 0.1 kg·m² and damping 0.5 N·m·s/rad under PI control of its velocity, the measurement one tick old."""
+    """A joint of inertia 0.1 kg·m² and damping 0.5 N·m·s/rad under PI control of its velocity, the measurement one tick
+    old.
+    """
     plant = control.sample_system(control.tf(1.0, [0.1, 0.5]), H, "tustin")
     law = 1.5 + 8.0 * INTEGRAL
-    wanted = control.forced_response(control.feedback(law * plant, control.tf(1.0, [1.0, 0.0], H)), T=np.arange(TICKS) * H, inputs=np.ones(TICKS)).outputs
+    wanted = control.forced_response(
+        control.feedback(law * plant, control.tf(1.0, [1.0, 0.0], H)), T=np.arange(TICKS) * H, inputs=np.ones(TICKS)
+    ).outputs
     with Diagram("d", rate=RATE) as diagram:
         old = UnitDelay(name="old")
-        moved = TransferFunction((1.0,), (0.1, 0.5), domain="s", name="joint")(PI(1.5, 8.0)(StepSource(1.0, 1.0, 0.0)(), old.y))
+        moved = TransferFunction((1.0,), (0.1, 0.5), domain="s", name="joint")(
+            PI(1.5, 8.0)(StepSource(1.0, 1.0, 0.0)(), old.y)
+        )
         old(moved)
     assert run(diagram, TICKS)["joint.y"] == pytest.approx(wanted, abs=1e-9)
 

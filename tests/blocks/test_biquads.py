@@ -17,9 +17,17 @@ from tests.blocks.playing import made, play, settle
 RATE = 1000.0
 NOISE = np.random.default_rng(11).normal(0.0, 2.0, 600)
 CASES = [
-    ("lowpass", 20.0), ("lowpass", 0.3), ("lowpass", 480.0), ("highpass", 20.0), ("highpass", 0.5), ("highpass", 400.0),
-    ("bandpass", (8.0, 40.0)), ("bandpass", (49.0, 51.0)), ("bandpass", (0.5, 300.0)),
-    ("bandstop", (45.0, 55.0)), ("bandstop", (10.0, 200.0)),
+    ("lowpass", 20.0),
+    ("lowpass", 0.3),
+    ("lowpass", 480.0),
+    ("highpass", 20.0),
+    ("highpass", 0.5),
+    ("highpass", 400.0),
+    ("bandpass", (8.0, 40.0)),
+    ("bandpass", (49.0, 51.0)),
+    ("bandpass", (0.5, 300.0)),
+    ("bandstop", (45.0, 55.0)),
+    ("bandstop", (10.0, 200.0)),
 ]
 
 
@@ -39,12 +47,19 @@ def test_every_kind_and_order_filters_as_scipy_does(btype, cutoff, order):
 @pytest.mark.parametrize("order", range(1, 9))
 @pytest.mark.parametrize("low, high", [(8.0, 40.0), (0.5, 300.0), (49.0, 51.0)])
 def test_the_gain_of_a_band_is_that_of_its_formula(order, low, high):
-    """|H|² = 1 / (1 + x^(2 order)), x the prewarped distance from the centre over the width: within 1e-10 at every frequency."""
+    """|H|² = 1 / (1 + x^(2 order)), x the prewarped distance from the centre over the width: within 1e-10 at every
+    frequency.
+    """
     frequencies = np.array([0.1, low, math.sqrt(low * high), 0.5 * (low + high), high, 410.0, 499.0])
     edges, w = (np.tan(np.pi * np.asarray(f) / RATE) for f in ((low, high), frequencies))
     x = (w * w - edges[0] * edges[1]) / (w * (edges[1] - edges[0]))
-    for btype, wanted in (("bandpass", 1.0 / np.sqrt(1.0 + x ** (2.0 * order))), ("bandstop", 1.0 / np.sqrt(1.0 + x ** (-2.0 * order)))):
-        _, found = signal.sosfreqz(as_sos(butterworth(order, (low, high), btype, 1.0 / RATE)), worN=frequencies, fs=RATE)
+    for btype, wanted in (
+        ("bandpass", 1.0 / np.sqrt(1.0 + x ** (2.0 * order))),
+        ("bandstop", 1.0 / np.sqrt(1.0 + x ** (-2.0 * order))),
+    ):
+        _, found = signal.sosfreqz(
+            as_sos(butterworth(order, (low, high), btype, 1.0 / RATE)), worN=frequencies, fs=RATE
+        )
         assert np.abs(np.abs(found) - wanted).max() < 1e-10
 
 
@@ -77,9 +92,10 @@ def test_a_cascade_takes_the_sections_of_scipy():
     assert np.array_equal(play(lambda: BiquadCascade(scaled), RATE, u=NOISE)["y"], y), "a0 is divided out"
 
 
-@pytest.mark.parametrize("btype, cutoff, rest", [
-    ("lowpass", 6.0, 1.0), ("highpass", 6.0, 0.0), ("bandpass", (4.0, 9.0), 0.0), ("bandstop", (4.0, 9.0), 1.0),
-])
+@pytest.mark.parametrize(
+    "btype, cutoff, rest",
+    [("lowpass", 6.0, 1.0), ("highpass", 6.0, 0.0), ("bandpass", (4.0, 9.0), 0.0), ("bandstop", (4.0, 9.0), 1.0)],
+)
 def test_a_settled_filter_stays_where_its_input_leads(btype, cutoff, rest):
     """As SciPy's sosfilt_zi has it: within 1e-12 for a thousand ticks."""
     block = made(Butterworth, 3, cutoff, btype, rate=RATE)
@@ -93,7 +109,10 @@ def test_a_settled_filter_stays_where_its_input_leads(btype, cutoff, rest):
 
 
 def test_a_section_that_integrates_starts_at_zero_also_where_rounding_hides_that_it_does():
-    assert at_rest([(1.0, 0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, -1.9, 0.9), (1.0, 0.0, 0.0, -1.7, 0.7000000000000001)]) == [0.0] * 9
+    assert (
+        at_rest([(1.0, 0.0, 0.0, -1.0, 0.0), (1.0, 0.0, 0.0, -1.9, 0.9), (1.0, 0.0, 0.0, -1.7, 0.7000000000000001)])
+        == [0.0] * 9
+    )
     block = made(BiquadCascade, ((1.0, 0.0, 0.0, 1.0, -1.9, 0.9),))
     settle(block, u=5.0)
     assert block.step(5.0) == 5.0 and block.output_range(u=Interval(-1.0, 1.0)) == Interval()
@@ -103,28 +122,44 @@ def test_each_element_of_a_vector_is_filtered_alone():
     u = NOISE.reshape(200, 3)
     y = play(lambda: Butterworth(2, (5.0, 50.0), "bandpass"), RATE, u=u)["y"]
     for column in range(3):
-        assert np.array_equal(y[:, column], play(lambda: Butterworth(2, (5.0, 50.0), "bandpass"), RATE, u=u[:, column])["y"])
+        assert np.array_equal(
+            y[:, column], play(lambda: Butterworth(2, (5.0, 50.0), "bandpass"), RATE, u=u[:, column])["y"]
+        )
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"cutoff": (1.0, 2.0)}, r"cutoff: a lowpass filter takes one frequency in Hz, got \(1.0, 2.0\)"),
-    ({"btype": "bandpass"}, r"cutoff: a bandpass filter takes a rising pair of frequencies in Hz, \(low, high\), got 10.0"),
-    ({"btype": "bandstop", "cutoff": (9.0, 4.0)}, "cutoff: a bandstop filter takes a rising pair"),
-    ({"btype": "bandpass", "cutoff": (4.0, 5.0, 6.0)}, "cutoff: a bandpass filter takes a rising pair"),
-    ({"btype": "bandpass", "cutoff": (0.0, 5.0)}, "cutoff: must be above 0.0 Hz, got 0.0"),
-    ({"btype": "bandpass", "cutoff": (1.0, math.nan)}, "cutoff: NaN is not allowed"),
-    ({"cutoff": "fast"}, "cutoff: expected a number, got 'fast'"), ({"btype": "notch"}, "btype: must be one of lowpass, highpass"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"cutoff": (1.0, 2.0)}, r"cutoff: a lowpass filter takes one frequency in Hz, got \(1.0, 2.0\)"),
+        (
+            {"btype": "bandpass"},
+            r"cutoff: a bandpass filter takes a rising pair of frequencies in Hz, \(low, high\), got "
+            r"10.0",
+        ),
+        ({"btype": "bandstop", "cutoff": (9.0, 4.0)}, "cutoff: a bandstop filter takes a rising pair"),
+        ({"btype": "bandpass", "cutoff": (4.0, 5.0, 6.0)}, "cutoff: a bandpass filter takes a rising pair"),
+        ({"btype": "bandpass", "cutoff": (0.0, 5.0)}, "cutoff: must be above 0.0 Hz, got 0.0"),
+        ({"btype": "bandpass", "cutoff": (1.0, math.nan)}, "cutoff: NaN is not allowed"),
+        ({"cutoff": "fast"}, "cutoff: expected a number, got 'fast'"),
+        ({"btype": "notch"}, "btype: must be one of lowpass, highpass"),
+    ],
+)
 def test_a_butterworth_that_makes_no_sense_is_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         Butterworth(**parameters)
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: Butterworth(2, (10.0, 100.0), "bandpass"), "a cutoff of 100 Hz needs a rate above 200 Hz, and this is 200 Hz"),
-    (lambda: Notch(100.0), "a frequency of 100 Hz needs a rate above 200 Hz, and this is 200 Hz"),
-    (lambda: Notch(90.0, 0.5), "q: a bandwidth of 180 Hz is not below half the rate, 100 Hz"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (
+            lambda: Butterworth(2, (10.0, 100.0), "bandpass"),
+            "a cutoff of 100 Hz needs a rate above 200 Hz, and this is 200 Hz",
+        ),
+        (lambda: Notch(100.0), "a frequency of 100 Hz needs a rate above 200 Hz, and this is 200 Hz"),
+        (lambda: Notch(90.0, 0.5), "q: a bandwidth of 180 Hz is not below half the rate, 100 Hz"),
+    ],
+)
 def test_what_the_rate_cannot_carry_is_refused(make, said):
     with Diagram("slow", rate=200):
         block = make()
@@ -132,7 +167,9 @@ def test_what_the_rate_cannot_carry_is_refused(make, said):
         block.step(0.0)
 
 
-@pytest.mark.parametrize("rows", [(), ((1.0, 2.0),), ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0),), ((1.0, 0.0, 0.0, 1.0, 0.0, math.nan),)])
+@pytest.mark.parametrize(
+    "rows", [(), ((1.0, 2.0),), ((1.0, 0.0, 0.0, 0.0, 0.0, 0.0),), ((1.0, 0.0, 0.0, 1.0, 0.0, math.nan),)]
+)
 def test_a_cascade_of_what_are_no_sections_is_refused(rows):
     with pytest.raises(DiagramError, match="sos: expected rows of six finite numbers"):
         BiquadCascade(rows)

@@ -1,4 +1,6 @@
-"""The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them. In virtual time unless it is said otherwise."""
+"""The charge pump: its frames, the relay that they hold, and that whatever ends a run ends them. In virtual time unless
+it is said otherwise.
+"""
 
 import binascii
 import shutil
@@ -25,19 +27,22 @@ from tests.blocks.running import player
 from tests.cext.rigs import STOP, Rig
 from tests.runtime.runs import ROOT, write
 
-RATE, PERIOD = 200, 5_000_000       # Hz, ns
-HOLD, START_UP = 0.1, 0.2           # s
+RATE, PERIOD = 200, 5_000_000  # Hz, ns
+HOLD, START_UP = 0.1, 0.2  # s
 NOTED, BYTES, LOST, BACK = 2, 0, 1, 2
 MESSAGES = Wired(EmulatedChargePump, messages=1)
 
 
 def message(number):
-    """What goes to a microcontroller, made independently of the kernel: counter, CRC-16/CCITT-FALSE, stuffed by COBS."""
+    """What goes to a microcontroller, made independently of the kernel: counter, CRC-16/CCITT-FALSE, stuffed by
+    COBS.
+    """
     plain = bytes([number]) + binascii.crc_hqx(bytes([number]), 0xFFFF).to_bytes(2, "little")
     return b"".join(bytes([len(part) + 1]) + part for part in plain.split(b"\0")) + b"\0"
 
 
 # Frames
+
 
 def test_on_a_gpio_line_every_frame_is_the_other_level():
     pump = Wired(ChargePump)
@@ -53,7 +58,10 @@ def test_to_a_microcontroller_every_message_has_the_next_number():
     assert all(len(message(number)) == 5 for number in range(256))
 
 
-@pytest.mark.parametrize("parameters, line", [({}, "gpio"), ({"pin": "GPIO4"}, "gpio"), ({"port": "/dev/ttyACM0"}, "serial"), ({"serial": "12"}, "serial")])
+@pytest.mark.parametrize(
+    "parameters, line",
+    [({}, "gpio"), ({"pin": "GPIO4"}, "gpio"), ({"port": "/dev/ttyACM0"}, "serial"), ({"serial": "12"}, "serial")],
+)
 def test_the_rig_says_which_kind_of_line_it_is(parameters, line):
     assert ChargePump(name="pump", **parameters).line == line
 
@@ -70,13 +78,17 @@ def pump_diagram(rate=RATE, **parameters):
     return robot
 
 
-@pytest.mark.parametrize("rate, parameters, words", [
-    (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than 0.25 s"),
-    (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "take 87% of the line"),
-    (50, {"port": "/dev/ttyS0", "baudrate": 9600, "hold": 0.5}, "take 104% of the line"),       # a safe stop has rounds of 5 ms
-    (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
-    (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
-])
+@pytest.mark.parametrize(
+    "rate, parameters, words",
+    [
+        (20, {"hold": 0.2}, "hold 0.2 s: the relay must hold for longer than 0.25 s"),
+        (1000, {"port": "/dev/ttyS0", "baudrate": 57600}, "take 87% of the line"),
+        # a safe stop has rounds of 5 ms
+        (50, {"port": "/dev/ttyS0", "baudrate": 9600, "hold": 0.5}, "take 104% of the line"),
+        (200, {"protects": ("kneee",)}, "no actuator and no bus of actuators named 'kneee'"),
+        (200, {"protects": ("pump",)}, "no actuator and no bus of actuators named 'pump'"),
+    ],
+)
 def test_what_cannot_hold_a_relay_or_protects_nothing_is_refused(rate, parameters, words):
     with pytest.raises(DiagramError) as caught:
         compile(pump_diagram(rate, **parameters))
@@ -84,6 +96,7 @@ def test_what_cannot_hold_a_relay_or_protects_nothing_is_refused(rate, parameter
 
 
 # The relay
+
 
 def test_the_relay_holds_for_its_time_after_each_change_and_no_level_alone_holds_it():
     relay = Wired(EmulatedChargePump, hold=0.1)
@@ -95,7 +108,7 @@ def test_the_relay_holds_for_its_time_after_each_change_and_no_level_alone_holds
         relay.step()
         return relay["holds"]
 
-    assert [holds_after(0.01, b"\1") for _ in range(30)] == [0.0] * 30            # a level that never changes
+    assert [holds_after(0.01, b"\1") for _ in range(30)] == [0.0] * 30  # a level that never changes
     assert [holds_after(0.09, level) for level in (b"\0", b"\1")] == [1.0, 1.0]
     assert (holds_after(0.09), holds_after(0.02), relay["changes"]) == (1.0, 0.0, 2.0)
 
@@ -105,7 +118,7 @@ def test_a_message_counts_once_however_it_is_cut_and_a_broken_one_does_not():
     stream = b"".join(map(message, (255, 0, 0, 1)))
     for byte in stream:
         relay.hear(BYTES, bytes([byte]))
-    assert relay["changes"] == 2.0                                                 # 0 follows 255, its repetition is none, 1 follows
+    assert relay["changes"] == 2.0  # 0 follows 255, its repetition is none, 1 follows
     broken = bytearray(message(2))
     broken[1] ^= 1
     assert relay.hear(BYTES, bytes(broken)) == MALFORMED and relay.hear(BYTES, bytes([7] * 40 + [0])) == MALFORMED
@@ -154,7 +167,11 @@ def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_dr
     (tmp_path / "Arduino.h").write_text(ARDUINO)
     (tmp_path / "sketch.ino").write_text((ROOT / "docs/sketches/charge_pump.ino").read_text())
     (tmp_path / "main.cpp").write_text(MAIN)
-    subprocess.run(["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"], check=True, timeout=60)
+    subprocess.run(
+        ["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"],
+        check=True,
+        timeout=60,
+    )
 
     def edges(*lines):
         text = "".join(f"{when} {data.hex() or '-'}\n" for when, data in lines)
@@ -163,12 +180,19 @@ def test_the_sketch_of_the_docs_toggles_its_pin_for_each_new_number_alone_and_dr
 
     every = [(5000 * number, message(number % 256)) for number in range(1, 301)]
     assert edges(*every) == [(5000 * number, 4, number % 2) for number in range(1, 301)]
-    assert edges(*((5000 * count, message(7)) for count in range(1, 30))) == [(5000, 4, 1), (55100, 4, 0)]        # a number that stands still
-    assert edges((1000, message(1)), (100_000, b"")) == [(1000, 4, 1), (51100, 4, 0)]                               # silence
+    # a number that stands still
+    assert edges(*((5000 * count, message(7)) for count in range(1, 30))) == [(5000, 4, 1), (55100, 4, 0)]
+    assert edges((1000, message(1)), (100_000, b"")) == [(1000, 4, 1), (51100, 4, 0)]  # silence
     broken = bytes([4, 1, 0x11, 0x22, 0])
-    assert edges((1000, broken), (2000, bytes([9] * 30 + [0])), (3000, b"\xff\1\2\3\0"), (4000, message(1))) == [(4000, 4, 1)]
+    assert edges((1000, broken), (2000, bytes([9] * 30 + [0])), (3000, b"\xff\1\2\3\0"), (4000, message(1))) == [
+        (4000, 4, 1)
+    ]
     whole = message(1) + message(2) + message(3)
-    assert edges(*((1000 + 100 * place, whole[place : place + 1]) for place in range(len(whole)))) == [(1400, 4, 1), (1900, 4, 0), (2400, 4, 1)]
+    assert edges(*((1000 + 100 * place, whole[place : place + 1]) for place in range(len(whole)))) == [
+        (1400, 4, 1),
+        (1900, 4, 0),
+        (2400, 4, 1),
+    ]
 
 
 @given(chunks=st.lists(st.binary(max_size=64), max_size=8), number=st.integers(0, 255))
@@ -184,6 +208,7 @@ def test_behind_any_garbage_the_emulated_microcontroller_takes_the_next_message(
 
 
 # What ends the toggling
+
 
 class Then(Block):
     """2 N·m; calls something at a tick."""
@@ -266,10 +291,12 @@ def test_while_the_operator_reads_the_table_the_relay_holds():
     seen = []
     outcome = rig.run(20, answered=lambda: seen.append(rig.page.state), confirm=False)
     assert outcome.status == "ok" and seen
-    assert_toggled(pulses(rig), missing=1)                          # the round in which the last device has answered
+    assert_toggled(pulses(rig), missing=1)  # the round in which the last device has answered
 
 
-@pytest.mark.parametrize("what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"])
+@pytest.mark.parametrize(
+    "what", ["an exception", "an emergency stop", "the fence of another process", "NaN", "the end"]
+)
 def test_no_pulse_follows_the_fence_whatever_ends_the_run(what):
     page = Page(1 << 24)
     law = {"an exception": torn, "the fence of another process": page.raise_fence}.get(what, lambda: None)
@@ -313,11 +340,12 @@ def test_a_damped_joint_keeps_its_power_until_it_is_disabled_and_no_longer():
     found = pulses(rig)
     assert stop_of(rig) - (rig.page.first_tick + 40 * PERIOD) == pytest.approx(0.3e9, abs=2 * PERIOD)
     assert 0 < stop_of(rig) - found[-1][0] <= 2 * PERIOD
-    assert_toggled(found, missing=1)                                # the tick that raised
+    assert_toggled(found, missing=1)  # the tick that raised
 
 
 def test_a_safe_stop_pulls_no_relay_in_that_may_have_dropped():
     """In real time: a tick takes longer than the relay holds, and then raises."""
+
     def late():
         time.sleep(HOLD + 0.03)
         torn()
@@ -346,21 +374,31 @@ def test_a_line_that_is_gone_ends_the_run_at_once():
 
 # What it covers
 
+
 def test_the_drives_that_it_protects_are_covered_when_both_processes_or_the_power_go(tmp_path):
     with Diagram("robot", rate=RATE) as robot:
-        left, right = (CubeMars("AK80-9", bus=f"{side}_leg", can_id=1, name=f"{side}_knee") for side in ("left", "right"))
+        left, right = (
+            CubeMars("AK80-9", bus=f"{side}_leg", can_id=1, name=f"{side}_knee") for side in ("left", "right")
+        )
         left(torque_command=0.0), right(torque_command=0.0)
         pump = ChargePump(protects=("left_knee",), name="pump")
     everything = [left, right, pump]
     both = "kill -9 of guardian and control process together, loss of power of the computer"
-    assert f"{both} (the charge pump 'pump')" in in_words(coverage([left], everything))[0] and in_words(coverage([left], everything))[1] == ""
-    assert in_words(coverage([right], everything))[1].startswith(f"{both} (nothing stops right_knee once both processes are gone")
+    assert (
+        f"{both} (the charge pump 'pump')" in in_words(coverage([left], everything))[0]
+        and in_words(coverage([left], everything))[1] == ""
+    )
+    assert in_words(coverage([right], everything))[1].startswith(
+        f"{both} (nothing stops right_knee once both processes are gone"
+    )
     assert coverage([pump], everything) == []
     pump.protects = ("right_leg",)
     assert in_words(coverage([left], everything))[1] and not in_words(coverage([right], everything))[1]
     pump.protects = ()
     assert not in_words(coverage([left], everything))[1] and not in_words(coverage([right], everything))[1]
-    file = write(tmp_path, '''
+    file = write(
+        tmp_path,
+        """
 from blocks.actuators import CubeMars
 from blocks.charge_pump import ChargePump
 from graph import Diagram
@@ -368,7 +406,8 @@ from graph import Diagram
 with Diagram("robot", rate=200) as diagram:
     CubeMars("AK80-9", name="knee")(torque_command=0.0)
     ChargePump(name="pump")
-''')
+""",
+    )
     out = " ".join(" ".join(told(check(file), False)).split())
     assert f"{both} (the charge pump 'pump')" in out and "not covered" not in out
 

@@ -1,4 +1,6 @@
-"""The clock as signals: nominal time, wake-up, lateness and the time since the tick before, also where ticks are missed."""
+"""The clock as signals: nominal time, wake-up, lateness and the time since the tick before, also where ticks are
+missed.
+"""
 
 import time
 
@@ -45,11 +47,13 @@ def test_in_real_time_it_tells_the_truth_about_late_and_missed_ticks():
     rig = run(virtual=False)
     ticks = rig.tick.tolist()
     assert rig["clock.time"].tolist() == [tick / RATE for tick in ticks]
-    assert rig["clock.elapsed"] == pytest.approx([(now - before) / RATE for before, now in zip([-1, *ticks], ticks)], rel=1e-12)
+    assert rig["clock.elapsed"] == pytest.approx(
+        [(now - before) / RATE for before, now in zip([-1, *ticks], ticks)], rel=1e-12
+    )
     assert max(rig["clock.elapsed"]) >= 3 / RATE
     assert rig["clock.wake"] == pytest.approx(rig["clock.time"] + rig["clock.lateness"], abs=1e-15)
     assert all(0.0 <= late < 1 / RATE for late in rig["clock.lateness"])
-    awaited = [before + 1 for before in [-1, *ticks[:-1]]]      # statistics count from the grid point that was awaited
+    awaited = [before + 1 for before in [-1, *ticks[:-1]]]  # statistics count from the grid point that was awaited
     behind = [wake - tick / RATE for wake, tick in zip(rig["clock.wake"], awaited)]
     assert max(behind) == pytest.approx(rig.statistics()["lateness"]["max"], abs=1e-9)
 

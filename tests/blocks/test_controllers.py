@@ -26,33 +26,50 @@ def test_an_impedance_is_a_spring_and_a_damper():
 
 def test_an_impedance_pulls_toward_its_equilibrium_and_against_motion():
     spring = Impedance(stiffness=30.0, damping=1.0)
-    assert spring.step(0.1, 0.0) == -3.0 and spring.step(-0.1, 0.0) == 3.0 and spring.step(0.1, 0.0, 0.3) == pytest.approx(6.0)
+    assert (
+        spring.step(0.1, 0.0) == -3.0
+        and spring.step(-0.1, 0.0) == 3.0
+        and spring.step(0.1, 0.0, 0.3) == pytest.approx(6.0)
+    )
     assert spring.step(0.0, 2.0) == -2.0 and spring.step(position=0.0, velocity=-2.0) == 2.0
 
 
 @pytest.mark.parametrize("port", ["position", "velocity", "equilibrium"])
 def test_nan_passes_an_impedance(port):
-    assert math.isnan(Impedance(stiffness=0.0, damping=0.0).step(**{"position": 0.0, "velocity": 0.0, "equilibrium": 0.0, port: math.nan}))
+    assert math.isnan(
+        Impedance(stiffness=0.0, damping=0.0).step(
+            **{"position": 0.0, "velocity": 0.0, "equilibrium": 0.0, port: math.nan}
+        )
+    )
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"stiffness": -0.1}, "stiffness: must be at least 0.0 N·m/rad, got -0.1"),
-    ({"stiffness": 150.1}, "stiffness: must be at most 150.0 N·m/rad, got 150.1"),
-    ({"damping": 10.5}, "damping: must be at most 10.0 N·m·s/rad, got 10.5"), ({"damping": math.nan}, "damping: NaN is not allowed"),
-    ({"stifness": 30.0}, "has no parameter 'stifness'\n.*did you mean 'stiffness'"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"stiffness": -0.1}, "stiffness: must be at least 0.0 N·m/rad, got -0.1"),
+        ({"stiffness": 150.1}, "stiffness: must be at most 150.0 N·m/rad, got 150.1"),
+        ({"damping": 10.5}, "damping: must be at most 10.0 N·m·s/rad, got 10.5"),
+        ({"damping": math.nan}, "damping: NaN is not allowed"),
+        ({"stifness": 30.0}, "has no parameter 'stifness'\n.*did you mean 'stiffness'"),
+    ],
+)
 def test_parameters_of_an_impedance_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=f"Impedance: {said}"):
         Impedance(**parameters)
 
 
-@given(ends=st.lists(st.floats(-10.0, 10.0), min_size=6, max_size=6), shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5))
+@given(
+    ends=st.lists(st.floats(-10.0, 10.0), min_size=6, max_size=6),
+    shares=st.lists(st.floats(0.0, 1.0), min_size=5, max_size=5),
+)
 @settings(max_examples=200, deadline=None)
 def test_an_impedance_stays_in_its_range_whatever_its_gains_become(ends, shares):
     spring = Impedance()
     spans = {n: Interval(*sorted(ends[i : i + 2])) for n, i in (("position", 0), ("velocity", 2), ("equilibrium", 4))}
     spring.stiffness, spring.damping = 150.0 * shares[3], 10.0 * shares[4]
-    now = {n: min(span.low + share * (span.high - span.low), span.high) for (n, span), share in zip(spans.items(), shares)}
+    now = {
+        n: min(span.low + share * (span.high - span.low), span.high) for (n, span), share in zip(spans.items(), shares)
+    }
     assert spring.step(**now) in spring.output_range(**spans)
 
 
@@ -106,7 +123,9 @@ def test_a_profile_passes_through_its_points_and_never_leaves_their_range(points
 @given(points=curves())
 @settings(max_examples=50, deadline=None)
 def test_a_profile_is_smooth_everywhere_also_across_the_end_of_the_stride(points):
-    """Value and slope from both sides of each knot and of the wrap agree, within what a step of 1e-6 can tell of a curve of this size."""
+    """Value and slope from both sides of each knot and of the wrap agree, within what a step of 1e-6 can tell of a
+    curve of this size.
+    """
     block, h = TorqueProfile(points), 1e-6
     size = max(abs(torque) for _, torque in points) + 1e-9
     steepest = 3.0 * 2.0 * size / 0.01
@@ -146,15 +165,25 @@ def test_nan_passes_a_profile_and_is_not_held(enable):
     assert block.step(0.14) == -9.0
 
 
-@pytest.mark.parametrize("points, said", [
-    ((), "at least two pairs"), (((0.0, 1.0),), "at least two pairs"), ((0.0, 1.0), "at least two pairs"),
-    (((0.0, 1.0, 2.0), (0.5, 1.0, 2.0)), "at least two pairs"), (((0.0, 1.0), (0.5,)), "at least two pairs"),
-    (((0.0, "a"), (0.5, 1.0)), "at least two pairs"), (((0.0, 1.0), (1.0, 0.0)), "rise from 0 to below 1"),
-    (((0.5, 1.0), (0.2, 0.0)), "rise from 0 to below 1"), (((0.2, 1.0), (0.2, 0.0)), "rise from 0 to below 1"),
-    (((-0.1, 1.0), (0.2, 0.0)), "rise from 0 to below 1"), (((0, 0.0), (50, 9.0)), "rise from 0 to below 1"),
-    (((0.0, math.nan), (0.5, 1.0)), "must be finite"), (((0.0, 1.0), (0.5, math.inf)), "must be finite"),
-    (((math.nan, 1.0), (0.5, 0.0)), "must be finite"),
-])
+@pytest.mark.parametrize(
+    "points, said",
+    [
+        ((), "at least two pairs"),
+        (((0.0, 1.0),), "at least two pairs"),
+        ((0.0, 1.0), "at least two pairs"),
+        (((0.0, 1.0, 2.0), (0.5, 1.0, 2.0)), "at least two pairs"),
+        (((0.0, 1.0), (0.5,)), "at least two pairs"),
+        (((0.0, "a"), (0.5, 1.0)), "at least two pairs"),
+        (((0.0, 1.0), (1.0, 0.0)), "rise from 0 to below 1"),
+        (((0.5, 1.0), (0.2, 0.0)), "rise from 0 to below 1"),
+        (((0.2, 1.0), (0.2, 0.0)), "rise from 0 to below 1"),
+        (((-0.1, 1.0), (0.2, 0.0)), "rise from 0 to below 1"),
+        (((0, 0.0), (50, 9.0)), "rise from 0 to below 1"),
+        (((0.0, math.nan), (0.5, 1.0)), "must be finite"),
+        (((0.0, 1.0), (0.5, math.inf)), "must be finite"),
+        (((math.nan, 1.0), (0.5, 0.0)), "must be finite"),
+    ],
+)
 def test_points_that_are_no_profile_are_refused(points, said):
     with pytest.raises(DiagramError, match=f"torque_profile: .*{said}"):
         TorqueProfile(points)

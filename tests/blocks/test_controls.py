@@ -34,8 +34,18 @@ def pad():
 
 def test_sticks_are_shares_with_a_dead_zone_and_buttons_are_down_or_up(pad):
     wired = pad()
-    assert wired.hear(BYTES, event(AXIS, 0, 32767) + event(AXIS, 4, -32768)) == TAKEN and (wired["left_x"], wired["right_y"]) == (1.0, -1.0)
-    for raw, share in ((0, 0.0), (3200, 0.0), (-3200, 0.0), (16384, (0.5 - 0.1) / 0.9), (-16384, -(0.5 - 0.1) / 0.9), (40000, 1.0)):
+    assert wired.hear(BYTES, event(AXIS, 0, 32767) + event(AXIS, 4, -32768)) == TAKEN and (
+        wired["left_x"],
+        wired["right_y"],
+    ) == (1.0, -1.0)
+    for raw, share in (
+        (0, 0.0),
+        (3200, 0.0),
+        (-3200, 0.0),
+        (16384, (0.5 - 0.1) / 0.9),
+        (-16384, -(0.5 - 0.1) / 0.9),
+        (40000, 1.0),
+    ):
         wired.hear(BYTES, event(AXIS, 0, raw))
         assert wired["left_x"] == pytest.approx(share, abs=5e-5)
     wired.hear(BYTES, event(KEY, 304, 1) + event(0, 0, 0))
@@ -49,8 +59,12 @@ def test_what_is_unplugged_or_was_missed_holds_nothing(pad):
         wired = pad()
         wired.hear(BYTES, event(AXIS, 0, 32767) + event(KEY, 304, 1))
         assert (wired["left_x"], wired["a"], wired["connected"]) == (1.0, 1.0, 1.0)
-        wired.hear(gone, b"" if gone == LOST else event(0, 3, 0))           # SYN_DROPPED
-        assert (wired["left_x"], wired["a"]) == (0.0, 0.0) and wired["connected"] == (gone != LOST) and wired["missed"] == (gone == BYTES)
+        wired.hear(gone, b"" if gone == LOST else event(0, 3, 0))  # SYN_DROPPED
+        assert (
+            (wired["left_x"], wired["a"]) == (0.0, 0.0)
+            and wired["connected"] == (gone != LOST)
+            and wired["missed"] == (gone == BYTES)
+        )
 
 
 @given(data=st.binary(max_size=64), kind=st.integers(0, 5))
@@ -92,10 +106,15 @@ def test_in_simulation():
     assert np.abs(np.diff(recording["pad.left_x"])).max() < 0.11 and recording["pad.left_x"].max() > 0.98
 
 
-@pytest.mark.parametrize("parameters, words", [
-    ({"axes": (("x", "ABS_X"),)}, "an axis is .name, code, lowest, highest."), ({"buttons": (("go", "BTN_GO"),)}, "go: no code is called 'BTN_GO'"),
-    ({"buttons": (("age", "KEY_A"),)}, "'age' is no name that is free here"), ({"axes": (("x", 0, 5, 5),)}, "x: its lowest value is below its highest"),
-])
+@pytest.mark.parametrize(
+    "parameters, words",
+    [
+        ({"axes": (("x", "ABS_X"),)}, "an axis is .name, code, lowest, highest."),
+        ({"buttons": (("go", "BTN_GO"),)}, "go: no code is called 'BTN_GO'"),
+        ({"buttons": (("age", "KEY_A"),)}, "'age' is no name that is free here"),
+        ({"axes": (("x", 0, 5, 5),)}, "x: its lowest value is below its highest"),
+    ],
+)
 def test_a_wrong_axis_or_button_is_told(parameters, words):
     with pytest.raises(DiagramError, match=words):
         Keyboard(**parameters)
@@ -103,7 +122,11 @@ def test_a_wrong_axis_or_button_is_told(parameters, words):
 
 def test_a_device_that_is_not_there_is_told_in_words(tmp_path):
     (tmp_path / "file").write_text("")
-    for device, words in (("", "names no device"), ("/dev/input/by-id/nothing", "No such file"), (str(tmp_path / "file"), "gives no events")):
+    for device, words in (
+        ("", "names no device"),
+        ("/dev/input/by-id/nothing", "No such file"),
+        (str(tmp_path / "file"), "gives no events"),
+    ):
         with pytest.raises(Refused) as caught:
             evdev_line.opened("pad", device)
         assert caught.value.trouble.code == "TW127" and words in caught.value.trouble.message

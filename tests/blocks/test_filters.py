@@ -33,7 +33,9 @@ def noise(count=400, seed=3):
 @pytest.mark.parametrize("order", range(1, 9))
 @pytest.mark.parametrize("cutoff", [0.5, 6.0, 20.0, 49.9, 75.0, 99.0])
 def test_every_order_filters_as_scipy_does(order, cutoff):
-    """Within 1e-9 of the largest output: the coefficients come from different closed forms, and low cutoffs are ill-conditioned."""
+    """Within 1e-9 of the largest output: the coefficients come from different closed forms, and low cutoffs are
+    ill-conditioned.
+    """
     u = noise()
     y = both_ways(lambda: Butterworth(order=order, cutoff=cutoff), rate=RATE, u=u)["y"]
     wanted = scipy_filtered(order, cutoff, u)
@@ -52,11 +54,15 @@ def test_any_cutoff_at_any_rate_filters_as_scipy_does(order, share, rate):
 
 @pytest.mark.parametrize("order", range(1, 9))
 def test_the_gain_is_one_at_rest_and_one_over_root_two_at_the_cutoff(order):
-    """Of the transfer function itself, within 1e-9; and at every frequency that of the formula, f and cutoff prewarped."""
+    """Of the transfer function itself, within 1e-9; and at every frequency that of the formula, f and cutoff
+    prewarped.
+    """
     sections = butterworth(order, 15.0, "lowpass", 1.0 / RATE)
     assert len(sections) == (order + 1) // 2
     frequencies = np.array([0.0, 1.0, 15.0, 40.0, 90.0])
-    _, response = signal.sosfreqz([(b0, b1, b2, 1.0, a1, a2) for b0, b1, b2, a1, a2 in sections], worN=frequencies, fs=RATE)
+    _, response = signal.sosfreqz(
+        [(b0, b1, b2, 1.0, a1, a2) for b0, b1, b2, a1, a2 in sections], worN=frequencies, fs=RATE
+    )
     warped = np.tan(np.pi * frequencies / RATE) / np.tan(np.pi * 15.0 / RATE)
     assert np.abs(np.abs(response) ** 2 - 1.0 / (1.0 + warped ** (2 * order))).max() < 1e-9
     assert abs(abs(response[0]) - 1.0) < 1e-12 and abs(abs(response[2]) - math.sqrt(0.5)) < 1e-9
@@ -64,7 +70,9 @@ def test_the_gain_is_one_at_rest_and_one_over_root_two_at_the_cutoff(order):
 
 @pytest.mark.parametrize("order", range(1, 9))
 def test_a_robot_that_has_been_armed_starts_its_filters_at_the_present_measurement(order):
-    """As if it had measured that for ever: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go to 0.9 rad after 50 ms."""
+    """As if it had measured that for ever: SciPy's sosfilt_zi, within 1e-9. A knee held at 0.8 rad, let go to 0.9 rad
+    after 50 ms.
+    """
     with Diagram("robot", rate=RATE) as robot:
         knee = CubeMars("AK80-9", name="knee")
         knee(torque_command=0.0)
@@ -110,12 +118,20 @@ def test_nan_in_one_element_leaves_the_others_alone():
     assert np.isnan(y[3:, 0]).all() and np.isfinite(y[:, 1]).all()
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"order": 0}, "order: must be at least 1, got 0"), ({"order": 9}, "order: must be at most 8, got 9"),
-    ({"order": 2.5}, "order: expected a whole number"), ({"order": math.nan}, "order: "), ({"order": math.inf}, "order: "),
-    ({"cutoff": 0.0}, "cutoff: must be above 0.0 Hz, got 0.0"), ({"cutoff": -5.0}, "cutoff: must be above 0.0 Hz, got -5.0"),
-    ({"cutoff": math.nan}, "cutoff: NaN is not allowed"), ({"cutoff": "20"}, "cutoff: expected a number"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"order": 0}, "order: must be at least 1, got 0"),
+        ({"order": 9}, "order: must be at most 8, got 9"),
+        ({"order": 2.5}, "order: expected a whole number"),
+        ({"order": math.nan}, "order: "),
+        ({"order": math.inf}, "order: "),
+        ({"cutoff": 0.0}, "cutoff: must be above 0.0 Hz, got 0.0"),
+        ({"cutoff": -5.0}, "cutoff: must be above 0.0 Hz, got -5.0"),
+        ({"cutoff": math.nan}, "cutoff: NaN is not allowed"),
+        ({"cutoff": "20"}, "cutoff: expected a number"),
+    ],
+)
 def test_parameters_out_of_bounds_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=f"Butterworth: {said}"):
         Butterworth(**parameters)

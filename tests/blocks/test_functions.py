@@ -7,15 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from blocks.mathematics import (
-    Abs, Divide, Max, Min, Polynomial, Power, Round, Sign, SquareRoot, UnitConversion, power,
-)
+from blocks.mathematics import Abs, Divide, Max, Min, Polynomial, Power, Round, Sign, SquareRoot, UnitConversion, power
 from blocks.sources import Constant
 from graph import Diagram, DiagramError, Interval, Live, compile, units
 from tests.blocks.proofs import anything, finite, keeps_its_range, sensible, ulps
 
 EVERYTHING = Interval()
-ONE_INPUT = [Abs(), Sign(), SquareRoot(), Power(3.0), Polynomial((1.0, 2.0, 3.0)), UnitConversion("deg", "rad"), Round()]
+ONE_INPUT = [
+    Abs(),
+    Sign(),
+    SquareRoot(),
+    Power(3.0),
+    Polynomial((1.0, 2.0, 3.0)),
+    UnitConversion("deg", "rad"),
+    Round(),
+]
 
 
 @given(anything, anything)
@@ -37,7 +43,7 @@ def test_absolute_value_and_sign(u):
 
 @given(st.lists(anything, min_size=5, max_size=5))
 def test_min_and_max_of_five(values):
-    infinite = any(map(math.isinf, values))                 # the smallest of 0 and inf would clip the infinity
+    infinite = any(map(math.isinf, values))  # the smallest of 0 and inf would clip the infinity
     assert np.array_equal(Min(5).step(*values), math.nan if infinite else min(values), equal_nan=True)
     assert np.array_equal(Max(5).step(*values), math.nan if infinite else max(values), equal_nan=True)
 
@@ -66,7 +72,7 @@ def test_the_square_root_is_rounded_correctly(u):
 def test_a_power_is_that_of_libm_and_nan_for_a_root_of_a_negative_number(u, exponent):
     y = Power(exponent).step(u)
     if u < 0.0 and exponent % 1.0 or math.isinf(u) and exponent <= 0.0:
-        assert math.isnan(y)                                # inf to the -1 would be 0
+        assert math.isnan(y)  # inf to the -1 would be 0
     elif u == 0.0 and exponent < 0.0:
         assert math.isinf(y)
     else:
@@ -94,9 +100,10 @@ def test_a_constant_polynomial_and_a_power_of_zero_let_nan_pass():
     assert Power(0.0).step(5.0) == 1.0 and math.isnan(Power(0.0).step(math.nan))
 
 
-@pytest.mark.parametrize("method, wanted", [
-    ("nearest", [-2, -2, 0, 0, 2, 2, 3]), ("floor", [-3, -2, -1, 0, 1, 2, 2]), ("ceil", [-2, -1, 0, 1, 2, 3, 3]),
-])
+@pytest.mark.parametrize(
+    "method, wanted",
+    [("nearest", [-2, -2, 0, 0, 2, 2, 3]), ("floor", [-3, -2, -1, 0, 1, 2, 2]), ("ceil", [-2, -1, 0, 1, 2, 3, 3])],
+)
 def test_rounding_to_whole_numbers(method, wanted):
     block = Round(method)
     assert [block.step(u) for u in (-2.5, -1.5, -0.5, 0.5, 1.5, 2.5, 2.75)] == wanted
@@ -104,10 +111,19 @@ def test_rounding_to_whole_numbers(method, wanted):
     assert Round(method).step(np.array([1e300, math.inf])).tolist() == [1e300, math.inf]
 
 
-@pytest.mark.parametrize("source, target, u, wanted", [
-    ("deg", "rad", 180.0, math.pi), ("rad", "deg", math.pi, 180.0), ("rpm", "rad/s", 60.0, 2.0 * math.pi), ("degC", "K", 20.0, 293.15),
-    ("K", "degC", 0.0, -273.15), ("mm", "m", 5.0, 0.005), ("N*m", "J", 3.0, 3.0), ("%", "1", 50.0, 0.5),
-])
+@pytest.mark.parametrize(
+    "source, target, u, wanted",
+    [
+        ("deg", "rad", 180.0, math.pi),
+        ("rad", "deg", math.pi, 180.0),
+        ("rpm", "rad/s", 60.0, 2.0 * math.pi),
+        ("degC", "K", 20.0, 293.15),
+        ("K", "degC", 0.0, -273.15),
+        ("mm", "m", 5.0, 0.005),
+        ("N*m", "J", 3.0, 3.0),
+        ("%", "1", 50.0, 0.5),
+    ],
+)
 def test_units_convert_within_two_ulp(source, target, u, wanted):
     assert ulps(UnitConversion(source, target).step(u), wanted) <= 2.0
 
@@ -139,14 +155,21 @@ def test_a_conversion_refuses_a_signal_in_another_unit():
         compile(diagram)
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: UnitConversion("deg", "N*m"), "deg does not convert to N·m"),
-    (lambda: UnitConversion("degs", "rad"), "'degs' is not a unit|did you mean"),
-    (lambda: UnitConversion("deg"), "target is missing"), (lambda: Power(math.inf), "finite"), (lambda: Polynomial(()), "at least one"),
-    (lambda: Polynomial((1.0, math.nan)), "finite"), (lambda: Polynomial(3.0), "finite numbers"),
-    (lambda: Polynomial(unit="newton"), "not a unit"),
-    (lambda: Min(1), "at least 2"), (lambda: Round("up"), "must be one of nearest, floor, ceil"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: UnitConversion("deg", "N*m"), "deg does not convert to N·m"),
+        (lambda: UnitConversion("degs", "rad"), "'degs' is not a unit|did you mean"),
+        (lambda: UnitConversion("deg"), "target is missing"),
+        (lambda: Power(math.inf), "finite"),
+        (lambda: Polynomial(()), "at least one"),
+        (lambda: Polynomial((1.0, math.nan)), "finite"),
+        (lambda: Polynomial(3.0), "finite numbers"),
+        (lambda: Polynomial(unit="newton"), "not a unit"),
+        (lambda: Min(1), "at least 2"),
+        (lambda: Round("up"), "must be one of nearest, floor, ceil"),
+    ],
+)
 def test_wrong_parameters_are_refused_where_the_block_is_made(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
@@ -168,7 +191,9 @@ def test_a_polynomial_stays_in_its_range(data, coefficients):
     keeps_its_range(data, Polynomial(tuple(coefficients)))
 
 
-@given(data=st.data(), pair=st.sampled_from([("deg", "rad"), ("degC", "K"), ("K", "degC"), ("h", "ms"), ("rpm", "rad/s")]))
+@given(
+    data=st.data(), pair=st.sampled_from([("deg", "rad"), ("degC", "K"), ("K", "degC"), ("h", "ms"), ("rpm", "rad/s")])
+)
 def test_a_conversion_reaches_both_ends_of_its_range_and_no_further(data, pair):
     keeps_its_range(data, UnitConversion(*pair))
     block = UnitConversion(*pair)
@@ -182,22 +207,38 @@ def test_min_and_max_of_many_stay_in_their_ranges(data, count):
     keeps_its_range(data, Max(count), shapes=((),))
 
 
-@pytest.mark.parametrize("block, inputs, wanted", [
-    (Divide(), {"a": (1.0, 4.0), "b": (2.0, 8.0)}, (0.125, 2.0)), (Divide(), {"a": (-3.0, 4.0), "b": (-2.0, -1.0)}, (-4.0, 3.0)),
-    (Divide(), {"a": (1.0, 2.0), "b": (0.0, 1.0)}, (-math.inf, math.inf)), (Abs(), {"u": (-3.0, 2.0)}, (0.0, 3.0)),
-    (Sign(), {"u": (0.0, 2.0)}, (0.0, 1.0)), (SquareRoot(), {"u": (4.0, 9.0)}, (2.0, 3.0)), (SquareRoot(), {"u": (-4.0, 9.0)}, (0.0, 3.0)),
-    (Min(), {"u1": (0.0, 5.0), "u2": (1.0, 2.0)}, (0.0, 2.0)), (Max(), {"u1": (0.0, 5.0), "u2": (1.0, 2.0)}, (1.0, 5.0)),
-    (Round(), {"u": (0.4, 2.6)}, (0.0, 3.0)), (Power(0.0), {"u": (-1.0, 2.0)}, (1.0, 1.0)),
-])
+@pytest.mark.parametrize(
+    "block, inputs, wanted",
+    [
+        (Divide(), {"a": (1.0, 4.0), "b": (2.0, 8.0)}, (0.125, 2.0)),
+        (Divide(), {"a": (-3.0, 4.0), "b": (-2.0, -1.0)}, (-4.0, 3.0)),
+        (Divide(), {"a": (1.0, 2.0), "b": (0.0, 1.0)}, (-math.inf, math.inf)),
+        (Abs(), {"u": (-3.0, 2.0)}, (0.0, 3.0)),
+        (Sign(), {"u": (0.0, 2.0)}, (0.0, 1.0)),
+        (SquareRoot(), {"u": (4.0, 9.0)}, (2.0, 3.0)),
+        (SquareRoot(), {"u": (-4.0, 9.0)}, (0.0, 3.0)),
+        (Min(), {"u1": (0.0, 5.0), "u2": (1.0, 2.0)}, (0.0, 2.0)),
+        (Max(), {"u1": (0.0, 5.0), "u2": (1.0, 2.0)}, (1.0, 5.0)),
+        (Round(), {"u": (0.4, 2.6)}, (0.0, 3.0)),
+        (Power(0.0), {"u": (-1.0, 2.0)}, (1.0, 1.0)),
+    ],
+)
 def test_ranges_are_tight(block, inputs, wanted):
     assert block.output_range(**{name: Interval(*ends) for name, ends in inputs.items()}) == Interval(*wanted)
 
 
-@pytest.mark.parametrize("exponent, ends, wanted", [
-    (2.0, (-3.0, 2.0), (0.0, 9.0)), (3.0, (-3.0, 2.0), (-27.0, 8.0)), (-1.0, (2.0, 4.0), (0.25, 0.5)), (-2.0, (-2.0, 1.0),
-    (0.25, math.inf)),
-    (0.5, (-1.0, 4.0), (0.0, 2.0)), (-0.5, (0.0, 4.0), (0.5, math.inf)), (-1.0, (-1.0, 1.0), (-math.inf, math.inf)),
-])
+@pytest.mark.parametrize(
+    "exponent, ends, wanted",
+    [
+        (2.0, (-3.0, 2.0), (0.0, 9.0)),
+        (3.0, (-3.0, 2.0), (-27.0, 8.0)),
+        (-1.0, (2.0, 4.0), (0.25, 0.5)),
+        (-2.0, (-2.0, 1.0), (0.25, math.inf)),
+        (0.5, (-1.0, 4.0), (0.0, 2.0)),
+        (-0.5, (0.0, 4.0), (0.5, math.inf)),
+        (-1.0, (-1.0, 1.0), (-math.inf, math.inf)),
+    ],
+)
 def test_ranges_of_powers_are_tight_within_two_ulp(exponent, ends, wanted):
     found = Power(exponent).output_range(Interval(*ends))
     assert ulps(found.low, wanted[0]) <= 2.0 and ulps(found.high, wanted[1]) <= 2.0
@@ -207,10 +248,14 @@ def test_a_live_exponent_proves_nothing():
     assert Power(Live(2.0, min=1.0, max=3.0)).output_range(Interval(0.0, 1.0)) == EVERYTHING
 
 
-@pytest.mark.parametrize("coefficients, ends, wanted", [
-    ((1.0, 0.0, 0.0), (-2.0, 3.0), (0.0, 9.0)), ((1.0, 0.0, -1.0, 0.0), (-1.0, 1.0), (-2.0 / math.sqrt(27.0), 2.0 / math.sqrt(27.0))),
-    ((-2.0, 4.0, 1.0), (0.0, 3.0), (-5.0, 3.0)),
-])
+@pytest.mark.parametrize(
+    "coefficients, ends, wanted",
+    [
+        ((1.0, 0.0, 0.0), (-2.0, 3.0), (0.0, 9.0)),
+        ((1.0, 0.0, -1.0, 0.0), (-1.0, 1.0), (-2.0 / math.sqrt(27.0), 2.0 / math.sqrt(27.0))),
+        ((-2.0, 4.0, 1.0), (0.0, 3.0), (-5.0, 3.0)),
+    ],
+)
 def test_the_range_of_a_polynomial_is_tight_within_a_hundredth(coefficients, ends, wanted):
     found = Polynomial(coefficients).output_range(Interval(*ends))
     slack = 0.01 * (wanted[1] - wanted[0])

@@ -1,4 +1,6 @@
-"""Gait phase from the knee: against a plain-Python oracle, the walking model, and the foot contacts of a recorded person."""
+"""Gait phase from the knee: against a plain-Python oracle, the walking model, and the foot contacts of a recorded
+person.
+"""
 
 import csv
 import math
@@ -19,7 +21,13 @@ class Oracle:
     """GaitPhase in plain Python: times of events instead of a running clock."""
 
     def __init__(self, threshold=0.7, event_phase=0.62, shortest=0.6, longest=2.5, dt=1.0 / RATE):
-        self.threshold, self.event_phase, self.shortest, self.longest, self.dt = threshold, event_phase, shortest, longest, dt
+        self.threshold, self.event_phase, self.shortest, self.longest, self.dt = (
+            threshold,
+            event_phase,
+            shortest,
+            longest,
+            dt,
+        )
         self.tick, self.last, self.extended, self.strides, self.events = 0, None, False, [], 0
 
     def step(self, angle, velocity):
@@ -34,7 +42,9 @@ class Oracle:
             self.strides = self.strides + [stride] if believed else []
             self.events, self.last = self.events + 1, now
         mean = self.mean()
-        if self.last is not None and (now - self.last > self.longest + 1e-9 or (self.strides and now - self.last > 1.5 * mean + 1e-9)):
+        if self.last is not None and (
+            now - self.last > self.longest + 1e-9 or (self.strides and now - self.last > 1.5 * mean + 1e-9)
+        ):
             self.last, self.strides = None, []
         known = len(self.strides) >= 2
         phase = (self.event_phase + (now - self.last) / mean) % 1.0 if known else 0.0
@@ -66,7 +76,10 @@ def agrees_with_the_oracle(angle, velocity, **parameters):
     found, oracle = estimate(angle, velocity, **parameters), Oracle(**parameters)
     wanted = np.array([oracle.step(*now) for now in zip(angle, velocity)])
     assert np.array_equal(found["strides"], wanted[:, 3]) and np.array_equal(found["walking"], wanted[:, 1])
-    assert np.abs(unlike(found["phase"], wanted[:, 0])).max() < 1e-9 and np.abs(found["stride_time"] - wanted[:, 2]).max() < 1e-9
+    assert (
+        np.abs(unlike(found["phase"], wanted[:, 0])).max() < 1e-9
+        and np.abs(found["stride_time"] - wanted[:, 2]).max() < 1e-9
+    )
     return found
 
 
@@ -102,7 +115,9 @@ def test_walking_is_known_from_the_third_event_whenever_the_first_comes():
 
 @pytest.mark.parametrize("stride_time", [0.8, 1.0, 1.1, 1.4, 2.0])
 def test_its_phase_is_that_of_the_walking_model(stride_time):
-    """Within 1.5 % of a stride, of which 0.5 % is a tick: the model's knee passes 40° at 61.7 % of it, where 62 % is expected."""
+    """Within 1.5 % of a stride, of which 0.5 % is a tick: the model's knee passes 40° at 61.7 % of it, where 62 % is
+    expected.
+    """
     found = estimate(*walk(12.0, stride_time))
     known = found["walking"] > 0.0
     phase = np.arange(len(known)) / RATE / stride_time % 1.0
@@ -162,11 +177,17 @@ def test_the_phase_is_a_share_of_the_stride():
         assert np.all((found["phase"] >= 0.0) & (found["phase"] <= 1.0)) and set(found["walking"]) <= {0.0, 1.0}
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"threshold": 0.0}, "threshold: must be above 0.0 rad"), ({"event_phase": 1.1}, "event_phase: must be at most 1.0, got 1.1"),
-    ({"event_phase": -0.1}, "event_phase: must be at least 0.0"), ({"shortest": 0.0}, "shortest: must be above 0.0 s"),
-    ({"shortest": 3.0}, "shortest, 3 s, is not below longest, 2.5 s"), ({"longest": math.nan}, "longest: NaN"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"threshold": 0.0}, "threshold: must be above 0.0 rad"),
+        ({"event_phase": 1.1}, "event_phase: must be at most 1.0, got 1.1"),
+        ({"event_phase": -0.1}, "event_phase: must be at least 0.0"),
+        ({"shortest": 0.0}, "shortest: must be above 0.0 s"),
+        ({"shortest": 3.0}, "shortest, 3 s, is not below longest, 2.5 s"),
+        ({"longest": math.nan}, "longest: NaN"),
+    ],
+)
 def test_parameters_out_of_bounds_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         GaitPhase(**parameters)
@@ -174,11 +195,17 @@ def test_parameters_out_of_bounds_are_refused(parameters, said):
 
 @pytest.fixture(scope="module", params=["lt", "rt"])
 def person(request):
-    """(angle in rad, velocity, contact) of one leg of a healthy young adult, 50 s at 200 Hz; skipped where the shared room is absent."""
+    """(angle in rad, velocity, contact) of one leg of a healthy young adult, 50 s at 200 Hz; skipped where the shared
+    room is absent.
+    """
     with open(shared("gait/healthy_young.csv"), newline="") as file:
         rows = list(csv.DictReader(file))
     angle = np.radians([float(row[f"knee_flexion_{request.param}_deg"]) for row in rows])
-    return angle, np.gradient(angle, 1.0 / RATE), np.array([float(row[f"contact_{request.param}"]) for row in rows]) > 500.0
+    return (
+        angle,
+        np.gradient(angle, 1.0 / RATE),
+        np.array([float(row[f"contact_{request.param}"]) for row in rows]) > 500.0,
+    )
 
 
 def edges(contact):

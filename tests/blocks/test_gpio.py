@@ -1,7 +1,8 @@
-"""GPIO lines: Linux's records of edges, through the thread that reads on a rig and in a plant; and what libgpiod says where there is no chip.
+"""GPIO lines: Linux's records of edges, through the thread that reads on a rig and in a plant; and what libgpiod says
+where there is no chip.
 
-No machine of the tests has a chip of GPIO lines: what is not tried here are the two ioctls by which a level is read and set, and libgpiod's
-own request of a line.
+No machine of the tests has a chip of GPIO lines: what is not tried here are the two ioctls by which a level is read and
+set, and libgpiod's own request of a line.
 """
 
 import os
@@ -43,14 +44,20 @@ def wired():
 def test_level_edges_and_their_times(wired):
     line = wired(GpioInput)
     assert line["known"] == 0.0 and line.hear(LEVEL, b"\1") == TAKEN and (line["on"], line["known"]) == (1.0, 1.0)
-    assert line.hear(BYTES, event(1_500_000_000, FALLING, 1)) == TAKEN and (line["on"], line["falls"], line["fall_time"]) == (0.0, 1.0, 1.5)
+    assert line.hear(BYTES, event(1_500_000_000, FALLING, 1)) == TAKEN and (
+        line["on"],
+        line["falls"],
+        line["fall_time"],
+    ) == (0.0, 1.0, 1.5)
     line.hear(BYTES, event(2_000_000_123, RISING, 2))
-    assert (line["on"], line["rises"], line["missed"]) == (1.0, 1.0, 0.0) and line["rise_time"] == pytest.approx(2.000000123, abs=1e-12)
-    line.hear(BYTES, event(3_000_000_000, FALLING, 7))                  # the kernel's queue was full
+    assert (line["on"], line["rises"], line["missed"]) == (1.0, 1.0, 0.0) and line["rise_time"] == pytest.approx(
+        2.000000123, abs=1e-12
+    )
+    line.hear(BYTES, event(3_000_000_000, FALLING, 7))  # the kernel's queue was full
     assert line["missed"] == 4.0
     line.hear(BYTES, event(3_000_000_000, FALLING, 0xFFFFFFFF))
     missed = line["missed"]
-    line.hear(BYTES, event(3_000_000_000, RISING, 0))                   # the numbers begin anew
+    line.hear(BYTES, event(3_000_000_000, RISING, 0))  # the numbers begin anew
     assert line["missed"] == missed
     line.hear(BYTES, event(3_000_000_000, FALLING, 3))
     assert line["missed"] == missed + 2.0
@@ -75,7 +82,13 @@ def test_records_come_through_the_thread_that_reads_on_a_rig_with_their_times_on
     streams.start()
     began = time.monotonic_ns()
     stream.begin(began)
-    os.write(into, b"".join(event(began + 1_000_000 * (number + 1), RISING if number % 2 == 0 else FALLING, number + 1) for number in range(21)))
+    os.write(
+        into,
+        b"".join(
+            event(began + 1_000_000 * (number + 1), RISING if number % 2 == 0 else FALLING, number + 1)
+            for number in range(21)
+        ),
+    )
     line, deadline = wired(GpioInput), time.monotonic() + 5.0
     while line["rises"] < 11.0 and time.monotonic() < deadline:
         for kind, _, data, _ in stream.end.receive():
@@ -109,7 +122,9 @@ def knee_with_switch(level, lost=False):
         EStopSwitch(name="stop")
     plant = plant_of(robot)
     with plant:
-        EmulatedGpio(bus="stop", name="line")(level=player(level, "1", bool), lost=player(np.atleast_1d(lost), "1", bool))
+        EmulatedGpio(bus="stop", name="line")(
+            level=player(level, "1", bool), lost=player(np.atleast_1d(lost), "1", bool)
+        )
     return Rig(robot, plant)
 
 
@@ -138,8 +153,8 @@ def test_a_level_that_is_not_known_is_pressed(wired):
     line = wired(EStopSwitch)
     assert line.say() == ESTOP
     assert line.hear(LEVEL, b"\1") == TAKEN and line.say() == []
-    assert line.hear(BYTES, event(1, FALLING, 1) ) == PRESSED and line.hear(BYTES, event(2, RISING, 2)) == TAKEN
-    assert line["pressed"] == 0.0 and line.say() == ESTOP               # it was pressed, and let go
+    assert line.hear(BYTES, event(1, FALLING, 1)) == PRESSED and line.hear(BYTES, event(2, RISING, 2)) == TAKEN
+    assert line["pressed"] == 0.0 and line.say() == ESTOP  # it was pressed, and let go
 
 
 @given(data=st.binary(max_size=64), kind=st.integers(0, 9))
@@ -148,7 +163,8 @@ def test_whatever_an_emergency_stop_does_not_understand_is_a_press(data, kind, w
     line = wired(EStopSwitch)
     answer = line.hear(kind, data)
     released = (kind == LEVEL and len(data) == 1 and data != b"\0") or (
-        kind == BYTES and len(data) == 48 and int.from_bytes(data[8:12], "little") == RISING)
+        kind == BYTES and len(data) == 48 and int.from_bytes(data[8:12], "little") == RISING
+    )
     assert answer == (TAKEN if released else PRESSED)
 
 
@@ -177,7 +193,12 @@ def test_a_pulse_goes_out_at_tick_0_and_when_it_is_asked_for():
     recording = run(robot, 100, before=listen)
     high = recording["sync.high"] > 0.0
     assert list(np.flatnonzero(high)) == [*range(10), *range(50, 60)]
-    assert [(frame[2], round(frame[3] * 1e-9, 3)) for frame in sent[0].receive()] == [(b"\1", 0.0), (b"\0", 0.05), (b"\1", 0.25), (b"\0", 0.3)]
+    assert [(frame[2], round(frame[3] * 1e-9, 3)) for frame in sent[0].receive()] == [
+        (b"\1", 0.0),
+        (b"\0", 0.05),
+        (b"\1", 0.25),
+        (b"\0", 0.3),
+    ]
 
 
 def test_without_a_pin_a_chip_or_the_package_it_is_told_in_words(monkeypatch):

@@ -17,12 +17,17 @@ from runtime.catalog import libraries
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, plant_of
 
-KINDS = [kind for kind in libraries()[0].homes if not issubclass(kind, (Device, Sink)) and kind.kernel is not None and kind.inputs]
-TICKS = 4                       # in which an infinite input must show: every delay of the examples is shorter
+KINDS = [
+    kind
+    for kind in libraries()[0].homes
+    if not issubclass(kind, (Device, Sink)) and kind.kernel is not None and kind.inputs
+]
+TICKS = 4  # in which an infinite input must show: every delay of the examples is shorter
 
 # What may turn an infinite input into finite outputs, and why.
 DECISIONS = {
-    "Compare": "inf > 1 is true: a comparison of infinities is well defined, and its result is a decision, not a quantity",
+    "Compare": "inf > 1 is true: a comparison of infinities is well defined, and its result is a decision, not a "
+    "quantity"
 }
 
 
@@ -61,7 +66,10 @@ def test_an_infinite_input_shows_or_is_not_used(kind, parameters, value):
             for element in range(given):
                 found = outputs_after(kind, parameters, seed, name, element, value)
                 if np.all(np.isfinite(found)) and kind.__name__ not in DECISIONS:
-                    others = [outputs_after(kind, parameters, seed, name, element, other) for other in (1.0, -2.5, 700.0, -1e5)]
+                    others = [
+                        outputs_after(kind, parameters, seed, name, element, other)
+                        for other in (1.0, -2.5, 700.0, -1e5)
+                    ]
                     assert all(np.array_equal(found, other) for other in others), f"{name} = {value} gives {found}"
 
 
@@ -70,19 +78,30 @@ def test_a_decision_gives_truths_alone(kind):
     assert all(port.dtype == "bool" for port in kind.outputs.values())
 
 
-@pytest.mark.parametrize("make", [
-    lambda: limiters.SlewRate(rate=100.0), lambda: limiters.TorqueLimiter(limit=9.0, slew=200.0), lambda: limiters.RMSTorqueLimiter(limit=5.0),
-    lambda: filters.Exponential(time_constant=0.1), lambda: filters.Median(samples=3), lambda: windows.MovingMaximum(window=0.015),
-    lambda: PID(kp=2.0, ki=1.0, kd=0.1, lower=-9.0, upper=9.0),
-])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: limiters.SlewRate(rate=100.0),
+        lambda: limiters.TorqueLimiter(limit=9.0, slew=200.0),
+        lambda: limiters.RMSTorqueLimiter(limit=5.0),
+        lambda: filters.Exponential(time_constant=0.1),
+        lambda: filters.Median(samples=3),
+        lambda: windows.MovingMaximum(window=0.015),
+        lambda: PID(kp=2.0, ki=1.0, kd=0.1, lower=-9.0, upper=9.0),
+    ],
+)
 def test_what_comes_after_an_infinity_is_as_if_a_nan_had_come(make):
     """No memory keeps it: a state that was infinite would be a wrong finite number later on."""
+
     def play(value):
         with Diagram("after", rate=200):
             block = make()
         values = [1.0, 2.0, value, 1.5, 1.0, 0.5, 0.0, 0.5]
         names = list(block.inputs)
-        return np.array([block.step(**{names[0]: u, **({"measurement": 0.0} if "measurement" in names else {})}) for u in values], dtype=float)
+        return np.array(
+            [block.step(**{names[0]: u, **({"measurement": 0.0} if "measurement" in names else {})}) for u in values],
+            dtype=float,
+        )
 
     for value in (math.inf, -math.inf):
         assert np.array_equal(play(value)[3:], play(math.nan)[3:], equal_nan=True)
@@ -116,16 +135,34 @@ def test_a_python_block_that_overflows_is_a_fault_and_no_torque():
 
 EXTREMES = (math.inf, -math.inf, math.nan, 1e308, -1e308, 5e-324, -5e-324, 0.0)
 ONE = (
-    lambda: mathematics.Gain(-1.7), lambda: limiters.Saturation(lower=-3.0, upper=4.0), lambda: limiters.SlewRate(rate=50.0),
-    lambda: limiters.DeadZone(lower=-0.2, upper=0.1), mathematics.Abs, mathematics.Round,
+    lambda: mathematics.Gain(-1.7),
+    lambda: limiters.Saturation(lower=-3.0, upper=4.0),
+    lambda: limiters.SlewRate(rate=50.0),
+    lambda: limiters.DeadZone(lower=-0.2, upper=0.1),
+    mathematics.Abs,
+    mathematics.Round,
     lambda: lambda u: mathematics.Polynomial((1.0, 0.0))(mathematics.Sign()(u)),
-    lambda: mathematics.Polynomial((0.5, 0.0, 1.0)), lambda: filters.Exponential(time_constant=0.02), lambda: filters.Median(samples=3),
-    lambda: windows.MovingAverage(window=0.02), lambda: windows.MovingMaximum(window=0.02), lambda: windows.MovingMinimum(window=0.02),
-    lambda: windows.MovingRMS(window=0.02), lambda: discrete.Derivative(time_constant=0.05), discrete.UnitDelay,
-    lambda: tables.LookupTable1D(breakpoints=(-1.0, 0.0, 2.0), values=(0.5, -1.0, 2.0)), lambda: filters.Butterworth(cutoff=20.0),
-    lambda: limiters.SoftStart(duration=0.02))
-TWO = (mathematics.Sum, mathematics.Product, mathematics.Divide, mathematics.Min, mathematics.Max,
-       lambda: PID(kp=2.0, ki=5.0, kd=0.01, lower=-5.0, upper=5.0))
+    lambda: mathematics.Polynomial((0.5, 0.0, 1.0)),
+    lambda: filters.Exponential(time_constant=0.02),
+    lambda: filters.Median(samples=3),
+    lambda: windows.MovingAverage(window=0.02),
+    lambda: windows.MovingMaximum(window=0.02),
+    lambda: windows.MovingMinimum(window=0.02),
+    lambda: windows.MovingRMS(window=0.02),
+    lambda: discrete.Derivative(time_constant=0.05),
+    discrete.UnitDelay,
+    lambda: tables.LookupTable1D(breakpoints=(-1.0, 0.0, 2.0), values=(0.5, -1.0, 2.0)),
+    lambda: filters.Butterworth(cutoff=20.0),
+    lambda: limiters.SoftStart(duration=0.02),
+)
+TWO = (
+    mathematics.Sum,
+    mathematics.Product,
+    mathematics.Divide,
+    mathematics.Min,
+    mathematics.Max,
+    lambda: PID(kp=2.0, ki=5.0, kd=0.01, lower=-5.0, upper=5.0),
+)
 
 
 def random_diagram(seed, ticks):
@@ -148,7 +185,9 @@ def random_diagram(seed, ticks):
 
 
 def examine(seed, ticks=40):
-    """Run one random diagram; return its outcome and how many signals were not finite in all ticks, the one of the fault included."""
+    """Run one random diagram; return its outcome and how many signals were not finite in all ticks, the one of the
+    fault included.
+    """
     diagram = random_diagram(seed, ticks)
     outcome, rig = played(diagram, ticks)
     schedule, failed = rig.schedule, outcome.status != "ok"
@@ -156,7 +195,9 @@ def examine(seed, ticks=40):
     def values(signal):
         return np.append(rig[signal.path], [rig.control.final[schedule.signals[signal.path].slot]] if failed else [])
 
-    assert np.all(np.abs(rig["limiter.limited"]) <= 5.0) and np.all(np.abs(rig["knee.torque_sent"]) <= 5.0 + 36.0 / 4095), seed
+    assert np.all(np.abs(rig["limiter.limited"]) <= 5.0) and np.all(
+        np.abs(rig["knee.torque_sent"]) <= 5.0 + 36.0 / 4095
+    ), seed
     assert not failed or (outcome.status, outcome.culprit) == ("not finite", "knee"), seed
     spoilt_signals = 0
     for wire in diagram.wires:

@@ -36,7 +36,28 @@ def test_delays_in_a_row_add_up_and_close_loops():
         first(third.y), second(first.y), third(Gain(2.0)(second.y))
         y = taker(first.y, (), 20)
     Executor(Program(compile(diagram)), RATE).spin(20)
-    assert y.tolist() == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0, 4.0, 4.0, 0.0, 0.0, 0.0, 0.0, 8.0, 8.0]
+    assert y.tolist() == [
+        1.0,
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        2.0,
+        2.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        4.0,
+        4.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        8.0,
+        8.0,
+    ]
 
 
 def test_a_delay_stays_inside_its_input_and_its_initial_value_and_does_not_hold_nan():
@@ -45,7 +66,9 @@ def test_a_delay_stays_inside_its_input_and_its_initial_value_and_does_not_hold_
     assert np.array_equal(y, [0.0, 0.0, 1.0, math.nan, 3.0], equal_nan=True)
 
 
-@pytest.mark.parametrize("method, b", [("forward", [0.0, DT]), ("backward", [DT, 0.0]), ("trapezoidal", [DT / 2, DT / 2])])
+@pytest.mark.parametrize(
+    "method, b", [("forward", [0.0, DT]), ("backward", [DT, 0.0]), ("trapezoidal", [DT / 2, DT / 2])]
+)
 def test_each_method_of_integration_is_its_filter(method, b):
     y = play(lambda: Integrator(method=method), RATE, u=NOISE)["y"]
     assert np.abs(y - signal.lfilter(b, [1.0, -1.0], NOISE)).max() < 1e-12
@@ -54,7 +77,7 @@ def test_each_method_of_integration_is_its_filter(method, b):
 def test_the_trapezoidal_rule_integrates_a_cosine_to_second_order():
     t = np.arange(1000) * DT
     y = play(lambda: Integrator(method="trapezoidal"), RATE, u=np.cos(t))["y"]
-    offset = y[0] - np.sin(t[0])                    # the half step before the first tick
+    offset = y[0] - np.sin(t[0])  # the half step before the first tick
     assert np.abs(y - offset - np.sin(t)).max() < DT**2
 
 
@@ -64,11 +87,14 @@ def test_an_integral_stops_at_its_limit_and_leaves_it_as_soon_as_the_input_turns
     assert y.max() == 2.0 and y[199] == 2.0 and abs(y[200] - (2.0 - 10.0 * DT)) < 1e-15 and y.min() == -1.0
 
 
-@pytest.mark.parametrize("method, expected", [
-    ("forward", [5.0, 6.0, 5.0, 5.0, 6.0, 7.0]),
-    ("backward", [6.0, 7.0, 5.0, 5.0, 6.0, 7.0]),
-    ("trapezoidal", [5.5, 6.5, 5.0, 5.0, 6.0, 7.0]),
-])
+@pytest.mark.parametrize(
+    "method, expected",
+    [
+        ("forward", [5.0, 6.0, 5.0, 5.0, 6.0, 7.0]),
+        ("backward", [6.0, 7.0, 5.0, 5.0, 6.0, 7.0]),
+        ("trapezoidal", [5.5, 6.5, 5.0, 5.0, 6.0, 7.0]),
+    ],
+)
 def test_a_restart_holds_the_initial_value_and_the_integral_goes_on_from_there(method, expected):
     restart = np.array([0, 0, 1, 1, 0, 0], dtype=bool)
     y = play(lambda: Integrator(initial=5.0, method=method), RATE, u=np.full(6, RATE), restart=restart)["y"]
@@ -89,11 +115,25 @@ def test_nan_stays_in_an_integral_until_it_restarts_and_passes_from_the_restart_
     for method in ("forward", "backward", "trapezoidal"):
         block = made(Integrator, method=method, rate=RATE)
         seen = []
-        for u, restart in ((1.0, False), (math.nan, False), (1.0, False), (1.0, False), (1.0, True), (1.0, False), (1.0, math.nan)):
+        for u, restart in (
+            (1.0, False),
+            (math.nan, False),
+            (1.0, False),
+            (1.0, False),
+            (1.0, True),
+            (1.0, False),
+            (1.0, math.nan),
+        ):
             seen.append(block.step(u, restart))
             if block.update_kernel is not None:
                 block.update(u, restart)
-        assert math.isnan(seen[2]) and math.isnan(seen[3]) and seen[4] == 0.0 and not math.isnan(seen[5]) and math.isnan(seen[6])
+        assert (
+            math.isnan(seen[2])
+            and math.isnan(seen[3])
+            and seen[4] == 0.0
+            and not math.isnan(seen[5])
+            and math.isnan(seen[6])
+        )
 
 
 def test_the_range_of_an_integral_is_its_limits_and_knows_where_one_sign_leads():
@@ -105,8 +145,10 @@ def test_the_range_of_an_integral_is_its_limits_and_knows_where_one_sign_leads()
     assert made(Integrator).output_range(Interval(0.0, 1.0), on) == Interval(0.0)
 
 
-@given(u=st.lists(st.floats(-1e9, 1e9), max_size=30),
-       steps=st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), min_size=30, max_size=30))
+@given(
+    u=st.lists(st.floats(-1e9, 1e9), max_size=30),
+    steps=st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), min_size=30, max_size=30),
+)
 @settings(max_examples=100, deadline=None)
 def test_an_integral_with_live_limits_stays_in_its_range(u, steps):
     block = made(Integrator, lower=Live(-1.0, min=-3.0, max=3.0), upper=Live(1.0, min=-3.0, max=3.0), method="backward")
@@ -136,8 +178,10 @@ def test_nan_passes_a_derivative_and_is_not_held():
     assert y[0] == 0.0 and math.isnan(y[1]) and y[2] == RATE and y[3] == 0.0
 
 
-@given(u=st.lists(st.sampled_from([-7.0, -6.999999, 0.3, 2.0, 1.999999]), min_size=1, max_size=60),
-       time_constant=st.sampled_from([0.0, 1e-6, 0.004, 3.0]))
+@given(
+    u=st.lists(st.sampled_from([-7.0, -6.999999, 0.3, 2.0, 1.999999]), min_size=1, max_size=60),
+    time_constant=st.sampled_from([0.0, 1e-6, 0.004, 3.0]),
+)
 @settings(max_examples=200, deadline=None)
 def test_a_slope_stays_inside_its_range(u, time_constant):
     block = made(Derivative, time_constant, rate=RATE)
@@ -157,15 +201,20 @@ def test_units_follow_time():
         velocity = Derivative()(StepSource()())
         Integrator()(velocity)
     compile(diagram)
-    assert Derivative().output_units(u="rad") == {"y": "rad/s"} and Integrator().output_units(u="rad/s", restart="1") == {"y": "rad"}
+    assert Derivative().output_units(u="rad") == {"y": "rad/s"} and Integrator().output_units(
+        u="rad/s", restart="1"
+    ) == {"y": "rad"}
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: Delay(0), "samples: must be at least 1, got 0"),
-    (lambda: Integrator(initial=2.0, upper=1.0), "initial, 2, is outside the limits, -inf to 1"),
-    (lambda: Integrator(method="euler"), "method: must be one of forward, backward, trapezoidal"),
-    (lambda: Derivative(-0.1), "time_constant: must be at least 0"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: Delay(0), "samples: must be at least 1, got 0"),
+        (lambda: Integrator(initial=2.0, upper=1.0), "initial, 2, is outside the limits, -inf to 1"),
+        (lambda: Integrator(method="euler"), "method: must be one of forward, backward, trapezoidal"),
+        (lambda: Derivative(-0.1), "time_constant: must be at least 0"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

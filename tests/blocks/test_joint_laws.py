@@ -18,12 +18,15 @@ NOISE = np.random.default_rng(18).normal(0.0, 3.0, 600)
 angles = st.floats(-50.0, 50.0)
 
 
-@pytest.mark.parametrize("M, B, K", [(0.5, 5.0, 30.0), (0.05, 0.2, 100.0), (1.0, 3.0, 0.0), (0.2, 0.0, 50.0), (2.0, 200.0, 1.0)])
+@pytest.mark.parametrize(
+    "M, B, K", [(0.5, 5.0, 30.0), (0.05, 0.2, 100.0), (1.0, 3.0, 0.0), (0.2, 0.0, 50.0), (2.0, 200.0, 1.0)]
+)
 def test_an_admittance_moves_as_scipys_exact_discretisation_does(M, B, K):
     """Position and velocity within 1e-9 of the largest."""
     found = play(lambda: Admittance(M, B, K), RATE, torque=NOISE, equilibrium=np.full(600, 0.25))
     A, b, *_ = signal.cont2discrete(
-        (np.array([[0.0, 1.0], [-K / M, -B / M]]), np.array([[0.0], [1.0 / M]]), np.eye(2), np.zeros((2, 1))), DT, "zoh")
+        (np.array([[0.0, 1.0], [-K / M, -B / M]]), np.array([[0.0], [1.0 / M]]), np.eye(2), np.zeros((2, 1))), DT, "zoh"
+    )
     state, wanted = np.zeros(2), []
     for u in NOISE:
         wanted.append(state)
@@ -56,7 +59,9 @@ def test_the_range_of_an_admittance_is_reached_and_not_left():
 
 
 def test_an_admittance_without_a_spring_has_no_range():
-    assert made(Admittance, stiffness=0.0).output_range(torque=Interval(-1.0, 1.0), equilibrium=Interval(0.0, 0.0)) == {}
+    assert (
+        made(Admittance, stiffness=0.0).output_range(torque=Interval(-1.0, 1.0), equilibrium=Interval(0.0, 0.0)) == {}
+    )
 
 
 def test_a_torque_has_no_direct_feedthrough_and_nan_stays_until_the_reset():
@@ -74,7 +79,10 @@ def test_feed_forward_is_its_formula_to_the_bit():
     assert np.array_equal(found, 0.3 * acceleration + 0.8 * velocity + 1.5 * np.clip(velocity / 0.4, -1.0, 1.0))
 
 
-@given(data=st.data(), parameters=st.tuples(st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(1e-3, 9.0)))
+@given(
+    data=st.data(),
+    parameters=st.tuples(st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(0.0, 9.0), st.floats(1e-3, 9.0)),
+)
 @settings(max_examples=100, deadline=None)
 def test_feed_forward_stays_inside_its_range_and_reaches_both_ends(data, parameters):
     spans = [sorted(data.draw(st.tuples(angles, angles))) for _ in range(2)]
@@ -83,7 +91,9 @@ def test_feed_forward_stays_inside_its_range_and_reaches_both_ends(data, paramet
     seen = [block.step(v, a) for v in spans[0] for a in spans[1]]
     assert all(y in found for y in seen)
     if spans[0][0] <= 0.0 <= spans[0][1]:
-        assert found.high - max(seen) <= 1e-9 * (1.0 + abs(found.high)) and min(seen) - found.low <= 1e-9 * (1.0 + abs(found.low))
+        assert found.high - max(seen) <= 1e-9 * (1.0 + abs(found.high)) and min(seen) - found.low <= 1e-9 * (
+            1.0 + abs(found.low)
+        )
 
 
 def test_gravity_compensation_holds_a_segment():
@@ -111,7 +121,13 @@ def test_the_range_of_a_compensation_follows_the_angle():
     """The share is live, so that 0 is always in it."""
     weight = 3.5 * 9.80665 * 0.25
     block = made(GravityCompensation, 3.5, 0.25)
-    for low, high, wanted in ((0.0, 0.5, (0.0, math.sin(0.5))), (0.0, 2.0, (0.0, 1.0)), (-2.0, 0.2, (-1.0, math.sin(0.2))),
-                              (-math.inf, 0.0, (-1.0, 1.0)), (4.0, 5.0, (-1.0, 0.0)), (0.0, 1e7, (-1.0, 1.0))):
+    for low, high, wanted in (
+        (0.0, 0.5, (0.0, math.sin(0.5))),
+        (0.0, 2.0, (0.0, 1.0)),
+        (-2.0, 0.2, (-1.0, math.sin(0.2))),
+        (-math.inf, 0.0, (-1.0, 1.0)),
+        (4.0, 5.0, (-1.0, 0.0)),
+        (0.0, 1e7, (-1.0, 1.0)),
+    ):
         found = block.output_range(angle=Interval(low, high))
         assert abs(found.low - weight * wanted[0]) < 1e-12 and abs(found.high - weight * wanted[1]) < 1e-12

@@ -1,4 +1,6 @@
-"""Limiters against plain Python, and what they promise: bounds that hold to the last bit, and what is not finite comes out as NaN."""
+"""Limiters against plain Python, and what they promise: bounds that hold to the last bit, and what is not finite comes
+out as NaN.
+"""
 
 import math
 
@@ -39,7 +41,9 @@ def made(kind, **parameters):
 NOISE = np.r_[0.0, np.random.default_rng(5).normal(0.0, 20.0, 300)]
 
 
-@pytest.mark.parametrize("limit, slew", [(12.0, 200.0), (12.0, math.inf), (0.0, 10.0), (9.0, 0.0), (1e-300, 1e9), (5.0, 1e4)])
+@pytest.mark.parametrize(
+    "limit, slew", [(12.0, 200.0), (12.0, math.inf), (0.0, 10.0), (9.0, 0.0), (1e-300, 1e9), (5.0, 1e4)]
+)
 def test_the_torque_limiter_is_the_oracle_to_the_bit(limit, slew):
     y = both_ways(lambda: TorqueLimiter(limit=limit, slew=slew), torque=NOISE)["limited"]
     assert np.array_equal(y, limited(NOISE, limit, slew))
@@ -92,7 +96,10 @@ def test_without_a_slew_a_torque_limiter_crosses_its_whole_range_in_a_tenth_of_a
 
 
 def test_an_infinite_slew_asks_for_none():
-    assert by_hand(made(TorqueLimiter, limit=5.0, slew=math.inf), 2, torque=[9.0, -9.0])["limited"].tolist() == [5.0, -5.0]
+    assert by_hand(made(TorqueLimiter, limit=5.0, slew=math.inf), 2, torque=[9.0, -9.0])["limited"].tolist() == [
+        5.0,
+        -5.0,
+    ]
     assert made(TorqueLimiter, limit=5.0, slew=math.inf).output_slew == math.inf
 
 
@@ -106,12 +113,18 @@ def test_a_live_limit_takes_its_slew_along():
     assert steps == pytest.approx([0.4, 1.0])
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({}, "limit is missing"), ({"limit": -1.0}, "limit: must be at least 0.0 N·m, got -1.0"),
-    ({"limit": math.nan}, "limit: NaN is not allowed"),
-    ({"limit": 12.0, "slew": -1.0}, "slew: must be at least 0.0 N·m/s, got -1.0"), ({"limit": [1.0, 2.0]}, "limit: expected one number"),
-    ({"limit": "12"}, "limit: expected a number, got '12'"), ({"limits": 12.0}, "has no parameter 'limits'\n.*did you mean 'limit'"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({}, "limit is missing"),
+        ({"limit": -1.0}, "limit: must be at least 0.0 N·m, got -1.0"),
+        ({"limit": math.nan}, "limit: NaN is not allowed"),
+        ({"limit": 12.0, "slew": -1.0}, "slew: must be at least 0.0 N·m/s, got -1.0"),
+        ({"limit": [1.0, 2.0]}, "limit: expected one number"),
+        ({"limit": "12"}, "limit: expected a number, got '12'"),
+        ({"limits": 12.0}, "has no parameter 'limits'\n.*did you mean 'limit'"),
+    ],
+)
 def test_parameters_of_a_torque_limiter_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=f"TorqueLimiter: {said}"):
         TorqueLimiter(**parameters)
@@ -198,7 +211,9 @@ def test_a_rate_below_zero_is_refused(value):
         SlewRate(rate=value)
 
 
-@pytest.mark.parametrize("kind, parameters", [(TorqueLimiter, {"limit": 5.0, "slew": 100.0}), (SlewRate, {"rate": 100.0})])
+@pytest.mark.parametrize(
+    "kind, parameters", [(TorqueLimiter, {"limit": 5.0, "slew": 100.0}), (SlewRate, {"rate": 100.0})]
+)
 def test_after_a_reset_they_start_from_zero_again(kind, parameters):
     block = made(kind, **parameters)
     first = [block.step(4.0) for _ in range(3)]

@@ -23,10 +23,18 @@ A, B = ((0.9, 0.1, 0.0), (-0.1, 0.8, 0.2), (0.0, 0.0, -0.5)), ((0.0, 1.0), (0.5,
 C, D = ((1.0, 0.0, 2.0), (0.0, -1.0, 0.0)), ((0.0, 0.0), (0.3, 0.0))
 
 
-@pytest.mark.parametrize("b, a", [
-    ((3.0,), (1.0,)), ((0.2, 0.1), (1.0, -0.7)), ((1.0,), (1.0, -0.9)), ((0.1, 0.0, -0.3), (2.0, -1.2, 0.5)),
-    ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)), ((1.0, -2.0, 1.0, 0.5), (1.0, -0.3, 0.1, -0.05)), ((1.0, 0.5), (1.0, -1.5, 0.56, 0.0, 0.0)),
-])
+@pytest.mark.parametrize(
+    "b, a",
+    [
+        ((3.0,), (1.0,)),
+        ((0.2, 0.1), (1.0, -0.7)),
+        ((1.0,), (1.0, -0.9)),
+        ((0.1, 0.0, -0.3), (2.0, -1.2, 0.5)),
+        ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+        ((1.0, -2.0, 1.0, 0.5), (1.0, -0.3, 0.1, -0.05)),
+        ((1.0, 0.5), (1.0, -1.5, 0.56, 0.0, 0.0)),
+    ],
+)
 def test_a_transfer_function_in_z_is_scipys_filter(b, a):
     """Coefficients in falling powers of z; within 1e-12 of the largest output."""
     y = play(lambda: TransferFunction(b, a), RATE, u=NOISE)["y"]
@@ -34,11 +42,18 @@ def test_a_transfer_function_in_z_is_scipys_filter(b, a):
     assert np.abs(y - wanted).max() < 1e-12 * max(1.0, np.abs(wanted).max())
 
 
-@pytest.mark.parametrize("b, a", [
-    ((1.0,), (0.05, 1.0)), ((0.2, 1.0), (0.01, 1.0)), ((40.0,), (1.0, 5.0, 40.0)), ((1.0, 0.0), (1.0, 30.0, 900.0)),
-    ((1.0, 0.0, 4.0), (1.0, 2.0, 4.0)),
-    ((1.875e6,), (1.0, 300.0, 37500.0, 1.875e6)), ((2.0,), (1.0, 0.0)),
-])
+@pytest.mark.parametrize(
+    "b, a",
+    [
+        ((1.0,), (0.05, 1.0)),
+        ((0.2, 1.0), (0.01, 1.0)),
+        ((40.0,), (1.0, 5.0, 40.0)),
+        ((1.0, 0.0), (1.0, 30.0, 900.0)),
+        ((1.0, 0.0, 4.0), (1.0, 2.0, 4.0)),
+        ((1.875e6,), (1.0, 300.0, 37500.0, 1.875e6)),
+        ((2.0,), (1.0, 0.0)),
+    ],
+)
 def test_a_transfer_function_in_s_is_what_scipy_makes_of_it_by_tustin(b, a):
     y = play(lambda: TransferFunction(b, a, "s"), RATE, u=NOISE)["y"]
     numerator, denominator, _ = signal.cont2discrete((b, a), 1.0 / RATE, "bilinear")
@@ -53,7 +68,9 @@ def test_tustin_keeps_the_value_of_a_polynomial(coefficients, dt):
     z, degree = 0.7, len(coefficients) - 1
     s = 2.0 / dt * (z - 1.0) / (z + 1.0)
     size = np.polyval(np.abs(coefficients), abs(2.0 / dt) * 2.0) * 2.0**degree
-    assert abs(np.polyval(tustin(coefficients, dt), z) - np.polyval(coefficients, s) * (z + 1.0) ** degree) < 1e-12 * max(size, 1.0)
+    assert abs(
+        np.polyval(tustin(coefficients, dt), z) - np.polyval(coefficients, s) * (z + 1.0) ** degree
+    ) < 1e-12 * max(size, 1.0)
 
 
 def test_what_has_no_feedthrough_closes_a_loop():
@@ -91,11 +108,16 @@ def test_a_state_space_of_one_input_and_one_output_has_scalar_ports():
     assert play(lambda: StateSpace(((0.5,),), ((1.0,),), ((2.0,),)), u=np.ones(4))["y"].tolist() == [0.0, 2.0, 3.0, 3.5]
 
 
-@pytest.mark.parametrize("make, gain", [
-    (lambda: TransferFunction((0.3, 0.1), (1.0, -0.8)), 2.0), (lambda: TransferFunction((0.2,), (1.0, -0.9)), 2.0),
-    (lambda: TransferFunction((3.0,), (1.0, 4.0, 3.0), "s"), 1.0), (lambda: TransferFunction((1.0, 0.0), (0.1, 1.0), "s"), 0.0),
-    (lambda: StateSpace(((0.9, 0.1), (-0.1, 0.8)), ((0.0,), (0.3,)), ((1.0, 0.0),)), 1.0),
-])
+@pytest.mark.parametrize(
+    "make, gain",
+    [
+        (lambda: TransferFunction((0.3, 0.1), (1.0, -0.8)), 2.0),
+        (lambda: TransferFunction((0.2,), (1.0, -0.9)), 2.0),
+        (lambda: TransferFunction((3.0,), (1.0, 4.0, 3.0), "s"), 1.0),
+        (lambda: TransferFunction((1.0, 0.0), (0.1, 1.0), "s"), 0.0),
+        (lambda: StateSpace(((0.9, 0.1), (-0.1, 0.8)), ((0.0,), (0.3,)), ((1.0, 0.0),)), 1.0),
+    ],
+)
 def test_when_armed_it_starts_where_its_input_leads(make, gain):
     block = made(make, rate=RATE)
     settle(block, u=0.6)
@@ -132,21 +154,30 @@ def test_zero_order_hold_is_scipys_matrix_exponential(K, B_, M, dt):
     a, b = np.array([[0.0, 1.0], [-K / M, -B_ / M]]), np.array([[0.0], [1.0 / M]])
     found, wanted = zero_order_hold(a, b, dt), linalg.expm(np.block([[a, b], [np.zeros((1, 3))]]) * dt)
     scale = np.abs(wanted).max()
-    assert np.abs(found[0] - wanted[:2, :2]).max() < 1e-10 * scale and np.abs(found[1] - wanted[:2, 2:]).max() < 1e-10 * scale
+    assert (
+        np.abs(found[0] - wanted[:2, :2]).max() < 1e-10 * scale
+        and np.abs(found[1] - wanted[:2, 2:]).max() < 1e-10 * scale
+    )
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_what_is_not_finite_while_arming_leaves_no_trace(bad):
-    for make in (lambda: TransferFunction((0.5, 0.1), (1.0, -0.5)), lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),)),
-                 lambda: Butterworth(2, 20.0)):
+    for make in (
+        lambda: TransferFunction((0.5, 0.1), (1.0, -0.5)),
+        lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),)),
+        lambda: Butterworth(2, 20.0),
+    ):
         block, fresh = made(make), made(make)
         settle(block, u=bad)
         assert block.step(1.0) == fresh.step(1.0)
 
 
 def test_nan_stays_until_the_reset():
-    for block in (made(TransferFunction, (0.5, 0.1), (1.0, -0.5)), made(TransferFunction, (0.5,), (1.0, -0.5)),
-                  made(StateSpace, ((0.5,),), ((1.0,),), ((1.0,),))):
+    for block in (
+        made(TransferFunction, (0.5, 0.1), (1.0, -0.5)),
+        made(TransferFunction, (0.5,), (1.0, -0.5)),
+        made(StateSpace, ((0.5,),), ((1.0,),), ((1.0,),)),
+    ):
         seen = []
         for u in (1.0, math.nan, 1.0, 1.0):
             seen.append(block.step(u))
@@ -165,20 +196,29 @@ def test_the_gain_may_have_a_unit():
     compile(diagram)
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: TransferFunction((1.0, 2.0), (1.0,)), "the numerator is of degree 1, above the denominator's, 0"),
-    (lambda: TransferFunction((1.0,), (0.0,)), "denominator: is zero"),
-    (lambda: TransferFunction((), (1.0,)), "numerator: expected finite numbers"),
-    (lambda: TransferFunction((math.inf,), (1.0,)), "numerator: expected finite numbers"),
-    (lambda: TransferFunction(("x",), (1.0,)), "numerator: expected numbers in falling powers"),
-    (lambda: TransferFunction(unit="furlong"), "'furlong' is not a unit"),
-    (lambda: StateSpace(((1.0, 2.0),), ((1.0,),), ((1.0,),)), r"A: expected shape \(1, 1\), got \(1, 2\)"),
-    (lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0, 2.0),)), r"C: expected shape \(1, 1\), got \(1, 2\)"),
-    (lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),), start=(1.0, 2.0)), r"start: expected shape \(1,\), got \(2,\)"),
-    (lambda: StateSpace(((0.5,), (1.0, 2.0)), ((1.0,),), ((1.0,),)), "A: expected rows of numbers, all of one length"),
-    (lambda: StateSpace(((math.nan,),), ((1.0,),), ((1.0,),)), "A: expected rows of finite numbers"),
-    (lambda: StateSpace(((0.5,),), ((1.0,),)), "C is missing"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: TransferFunction((1.0, 2.0), (1.0,)), "the numerator is of degree 1, above the denominator's, 0"),
+        (lambda: TransferFunction((1.0,), (0.0,)), "denominator: is zero"),
+        (lambda: TransferFunction((), (1.0,)), "numerator: expected finite numbers"),
+        (lambda: TransferFunction((math.inf,), (1.0,)), "numerator: expected finite numbers"),
+        (lambda: TransferFunction(("x",), (1.0,)), "numerator: expected numbers in falling powers"),
+        (lambda: TransferFunction(unit="furlong"), "'furlong' is not a unit"),
+        (lambda: StateSpace(((1.0, 2.0),), ((1.0,),), ((1.0,),)), r"A: expected shape \(1, 1\), got \(1, 2\)"),
+        (lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0, 2.0),)), r"C: expected shape \(1, 1\), got \(1, 2\)"),
+        (
+            lambda: StateSpace(((0.5,),), ((1.0,),), ((1.0,),), start=(1.0, 2.0)),
+            r"start: expected shape \(1,\), got \(2,\)",
+        ),
+        (
+            lambda: StateSpace(((0.5,), (1.0, 2.0)), ((1.0,),), ((1.0,),)),
+            "A: expected rows of numbers, all of one length",
+        ),
+        (lambda: StateSpace(((math.nan,),), ((1.0,),), ((1.0,),)), "A: expected rows of finite numbers"),
+        (lambda: StateSpace(((0.5,),), ((1.0,),)), "C is missing"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -1,4 +1,6 @@
-"""Logic: truth tables, edges, memory of bools, time, and choosing between signals. NaN is neither true nor false and passes."""
+"""Logic: truth tables, edges, memory of bools, time, and choosing between signals. NaN is neither true nor false and
+passes.
+"""
 
 import itertools
 import math
@@ -16,7 +18,14 @@ from tests.blocks.proofs import anything, keeps_its_range, sensible
 from tests.blocks.running import run
 
 NAN = math.nan
-RELATIONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "==": operator.eq, "!=": operator.ne}
+RELATIONS = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
 
 
 def same(found, wanted):
@@ -84,10 +93,14 @@ def test_a_torque_is_not_a_truth():
 SIGNAL = [1, 1, 0, 0, 1, NAN, 1, NAN, 0, 0]
 
 
-@pytest.mark.parametrize("kind, wanted", [
-    ("rising", [0, 0, 0, 0, 1, NAN, 0, NAN, 0, 0]), ("falling", [0, 0, 1, 0, 0, NAN, 0, NAN, 1, 0]),
-    ("both", [0, 0, 1, 0, 1, NAN, 0, NAN, 1, 0]),
-])
+@pytest.mark.parametrize(
+    "kind, wanted",
+    [
+        ("rising", [0, 0, 0, 0, 1, NAN, 0, NAN, 0, 0]),
+        ("falling", [0, 0, 1, 0, 0, NAN, 0, NAN, 1, 0]),
+        ("both", [0, 0, 1, 0, 1, NAN, 0, NAN, 1, 0]),
+    ],
+)
 def test_edges_last_one_tick_and_a_nan_is_not_remembered(kind, wanted):
     assert same(steps(Edge(kind), SIGNAL), wanted)
 
@@ -125,7 +138,11 @@ def debounced(u, ticks):
     return found
 
 
-@given(u=st.lists(st.booleans(), min_size=1, max_size=60), ticks=st.integers(0, 7), rate=st.sampled_from([10.0, 200.0, 300.0, 1000.0]))
+@given(
+    u=st.lists(st.booleans(), min_size=1, max_size=60),
+    ticks=st.integers(0, 7),
+    rate=st.sampled_from([10.0, 200.0, 300.0, 1000.0]),
+)
 def test_what_is_shorter_than_its_time_never_passes_a_debounce(u, ticks, rate):
     block = Debounce(ticks / rate)
     block.dt = 1.0 / rate
@@ -173,7 +190,9 @@ def test_a_timer_tells_the_time_since_it_was_restarted():
     recording = run(diagram, 200)
     t = np.arange(200) / 200.0
     assert np.array_equal(recording["run.elapsed"], t)
-    assert recording["timer.elapsed"] == pytest.approx(np.where(t < 0.0999, t, np.maximum(0.0, t - 29 / 200)), abs=1e-12)
+    assert recording["timer.elapsed"] == pytest.approx(
+        np.where(t < 0.0999, t, np.maximum(0.0, t - 29 / 200)), abs=1e-12
+    )
 
 
 def test_a_nan_stops_no_timer():
@@ -197,48 +216,80 @@ def test_a_selector_counts_from_zero_and_has_nothing_beyond_its_inputs():
     assert block.step(0, 10.0, NAN, NAN) == 10.0
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: Compare("=>"), "must be one of <, <=, >, >=, ==, !="), (lambda: And(1), "at least 2"),
-    (lambda: Edge("up"), "must be one of rising"),
-    (lambda: Debounce(-1.0), "at least 0.0 s"), (lambda: Selector(1), "at least 2"), (lambda: Latch(1.0), "expected True or False"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: Compare("=>"), "must be one of <, <=, >, >=, ==, !="),
+        (lambda: And(1), "at least 2"),
+        (lambda: Edge("up"), "must be one of rising"),
+        (lambda: Debounce(-1.0), "at least 0.0 s"),
+        (lambda: Selector(1), "at least 2"),
+        (lambda: Latch(1.0), "expected True or False"),
+    ],
+)
 def test_wrong_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
 
 
 BLOCKS = {
-    "And": st.builds(And, st.integers(2, 5)), "Or": st.builds(Or, st.integers(2, 5)), "Xor": st.builds(Xor, st.integers(2, 5)),
-    "Not": st.builds(Not), "Compare": st.builds(Compare, st.sampled_from(list(RELATIONS))),
-    "Edge": st.builds(Edge, st.sampled_from(["rising", "falling", "both"])), "Latch": st.builds(Latch, st.booleans()),
-    "Debounce": st.builds(Debounce, st.floats(0.0, 0.005)), "Counter": st.builds(Counter), "Timer": st.builds(Timer),
-    "Switch": st.builds(Switch), "Selector": st.builds(Selector, st.integers(2, 6)),
+    "And": st.builds(And, st.integers(2, 5)),
+    "Or": st.builds(Or, st.integers(2, 5)),
+    "Xor": st.builds(Xor, st.integers(2, 5)),
+    "Not": st.builds(Not),
+    "Compare": st.builds(Compare, st.sampled_from(list(RELATIONS))),
+    "Edge": st.builds(Edge, st.sampled_from(["rising", "falling", "both"])),
+    "Latch": st.builds(Latch, st.booleans()),
+    "Debounce": st.builds(Debounce, st.floats(0.0, 0.005)),
+    "Counter": st.builds(Counter),
+    "Timer": st.builds(Timer),
+    "Switch": st.builds(Switch),
+    "Selector": st.builds(Selector, st.integers(2, 6)),
 }
 
 
 @pytest.mark.parametrize("kind", BLOCKS)
 @given(data=st.data())
 def test_no_output_leaves_its_range(kind, data):
-    keeps_its_range(data, data.draw(BLOCKS[kind]), nan=True, ticks=6, numbers=anything | sensible | st.integers(-2, 2).map(float))
+    keeps_its_range(
+        data, data.draw(BLOCKS[kind]), nan=True, ticks=6, numbers=anything | sensible | st.integers(-2, 2).map(float)
+    )
 
 
 FALSE, TRUE, EITHER = Interval(0.0, 0.0), Interval(1.0, 1.0), Interval(0.0, 1.0)
 
 
-@pytest.mark.parametrize("block, inputs, wanted", [
-    (Compare("<"), {"a": Interval(0, 1), "b": Interval(2, 3)}, TRUE), (Compare("<"), {"a": Interval(3, 4), "b": Interval(2, 3)}, FALSE),
-    (Compare("<="), {"a": Interval(3, 4), "b": Interval(2, 3)}, EITHER), (Compare(">="), {"a": Interval(3, 4), "b": Interval(2, 3)}, TRUE),
-    (Compare("=="), {"a": Interval(3, 3), "b": Interval(3, 3)}, TRUE), (Compare("!="), {"a": Interval(0, 1), "b": Interval(2, 3)}, TRUE),
-    (And(), {"u1": EITHER, "u2": FALSE}, FALSE), (And(), {"u1": TRUE, "u2": TRUE}, TRUE), (Or(), {"u1": EITHER, "u2": TRUE}, TRUE),
-    (Xor(), {"u1": TRUE, "u2": TRUE}, FALSE), (Not(), {"u": FALSE}, TRUE), (Edge(), {"u": TRUE}, FALSE),
-    (Latch(), {"on": FALSE, "off": EITHER}, FALSE), (Latch(), {"on": TRUE, "off": FALSE}, TRUE),
-    (Latch(True), {"on": FALSE, "off": FALSE}, TRUE),
-    (Debounce(), {"u": TRUE}, TRUE), (Counter(), {"u": EITHER, "clear": TRUE}, FALSE), (Timer(), {"restart": TRUE}, FALSE),
-    (Switch(), {"condition": TRUE, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 2)),
-    (Switch(), {"condition": EITHER, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 6)),
-    (Selector(2), {"index": Interval(1.5, 1.5), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(1, 2)),
-    (Selector(2), {"index": Interval(0.5, 0.75), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(0, 9)),
-    (Selector(3), {"index": Interval(1, 2), "u0": Interval(-9, 9), "u1": Interval(1, 2), "u2": Interval(3, 4)}, Interval(1, 4)),
-])
+@pytest.mark.parametrize(
+    "block, inputs, wanted",
+    [
+        (Compare("<"), {"a": Interval(0, 1), "b": Interval(2, 3)}, TRUE),
+        (Compare("<"), {"a": Interval(3, 4), "b": Interval(2, 3)}, FALSE),
+        (Compare("<="), {"a": Interval(3, 4), "b": Interval(2, 3)}, EITHER),
+        (Compare(">="), {"a": Interval(3, 4), "b": Interval(2, 3)}, TRUE),
+        (Compare("=="), {"a": Interval(3, 3), "b": Interval(3, 3)}, TRUE),
+        (Compare("!="), {"a": Interval(0, 1), "b": Interval(2, 3)}, TRUE),
+        (And(), {"u1": EITHER, "u2": FALSE}, FALSE),
+        (And(), {"u1": TRUE, "u2": TRUE}, TRUE),
+        (Or(), {"u1": EITHER, "u2": TRUE}, TRUE),
+        (Xor(), {"u1": TRUE, "u2": TRUE}, FALSE),
+        (Not(), {"u": FALSE}, TRUE),
+        (Edge(), {"u": TRUE}, FALSE),
+        (Latch(), {"on": FALSE, "off": EITHER}, FALSE),
+        (Latch(), {"on": TRUE, "off": FALSE}, TRUE),
+        (Latch(True), {"on": FALSE, "off": FALSE}, TRUE),
+        (Debounce(), {"u": TRUE}, TRUE),
+        (Counter(), {"u": EITHER, "clear": TRUE}, FALSE),
+        (Timer(), {"restart": TRUE}, FALSE),
+        (Switch(), {"condition": TRUE, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 2)),
+        (Switch(), {"condition": EITHER, "a": Interval(1, 2), "b": Interval(5, 6)}, Interval(1, 6)),
+        (Selector(2), {"index": Interval(1.5, 1.5), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(1, 2)),
+        (Selector(2), {"index": Interval(0.5, 0.75), "u0": Interval(0, 9), "u1": Interval(1, 2)}, Interval(0, 9)),
+        (
+            Selector(3),
+            {"index": Interval(1, 2), "u0": Interval(-9, 9), "u1": Interval(1, 2), "u2": Interval(3, 4)},
+            Interval(1, 4),
+        ),
+    ],
+)
 def test_ranges_are_tight(block, inputs, wanted):
     assert block.output_range(**inputs) == wanted

@@ -42,7 +42,9 @@ def test_a_gain_with_a_unit_that_is_none_is_refused_where_it_is_made():
         Gain(2.0, unit="newton")
 
 
-@pytest.mark.parametrize("value, said", [(math.nan, "NaN is not allowed"), ("2", "expected a number"), ([1.0, 2.0], "expected one number")])
+@pytest.mark.parametrize(
+    "value, said", [(math.nan, "NaN is not allowed"), ("2", "expected a number"), ([1.0, 2.0], "expected one number")]
+)
 def test_a_gain_that_is_no_number_is_refused(value, said):
     with pytest.raises(DiagramError, match=f"Gain: gain: {said}"):
         Gain(value)
@@ -100,7 +102,11 @@ def test_the_unit_of_a_product_is_the_product_of_the_units():
     assert run(diagram, 2)["product.y"].tolist() == [10.0, 21.0]
 
 
-@given(ends=st.lists(finite, min_size=6, max_size=6), shares=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3), gain=finite)
+@given(
+    ends=st.lists(finite, min_size=6, max_size=6),
+    shares=st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3),
+    gain=finite,
+)
 @settings(max_examples=300, deadline=None)
 def test_no_output_leaves_the_range_that_is_stated_for_it(ends, shares, gain):
     spans = [Interval(*sorted(ends[i : i + 2])) for i in (0, 2, 4)]

@@ -41,11 +41,15 @@ def test_a_free_limb_with_friction_comes_to_its_final_speed():
 def test_a_wearer_holds_a_limb_like_a_spring_with_a_damper(stiffness, reflex, damping):
     """Free response from 0.3 rad to an intention of 0.1 rad, within 0.7 % of its size."""
     inertia, start, target = 0.35, 0.3, 0.1
-    t, position, _ = limb(2.0, {"angle": target}, inertia=inertia, stiffness=stiffness, reflex=reflex, damping=damping, start=start)
+    t, position, _ = limb(
+        2.0, {"angle": target}, inertia=inertia, stiffness=stiffness, reflex=reflex, damping=damping, start=start
+    )
     natural, share = math.sqrt(stiffness / inertia), (reflex + damping) / (2.0 * math.sqrt(stiffness * inertia))
     assert share < 1.0
     damped = natural * math.sqrt(1.0 - share**2)
-    wanted = target + (start - target) * np.exp(-share * natural * t) * (np.cos(damped * t) + share * natural / damped * np.sin(damped * t))
+    wanted = target + (start - target) * np.exp(-share * natural * t) * (
+        np.cos(damped * t) + share * natural / damped * np.sin(damped * t)
+    )
     assert np.abs(position - wanted).max() < 0.007 * abs(start - target)
 
 
@@ -94,11 +98,16 @@ def test_nan_in_the_torque_of_a_limb_shows():
     assert np.isnan(found["position"][2:]).all() and not np.isnan(found["position"][:2]).any()
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"inertia": 0.0}, "inertia: must be above 0.0 kg·m², got 0.0"), ({"damping": -1.0}, "damping: must be at least 0.0"),
-    ({"stiffness": -1.0}, "stiffness: must be at least 0.0 N·m/rad"), ({"reflex": math.nan}, "reflex: NaN"),
-    ({"ligament": -1.0}, "ligament: must be at least"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"inertia": 0.0}, "inertia: must be above 0.0 kg·m², got 0.0"),
+        ({"damping": -1.0}, "damping: must be at least 0.0"),
+        ({"stiffness": -1.0}, "stiffness: must be at least 0.0 N·m/rad"),
+        ({"reflex": math.nan}, "reflex: NaN"),
+        ({"ligament": -1.0}, "ligament: must be at least"),
+    ],
+)
 def test_parameters_of_a_limb_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=f"Limb: {said}"):
         Limb(**parameters)
@@ -136,11 +145,15 @@ def test_a_walking_knee_repeats_every_stride_and_the_other_leg_is_half_a_stride_
         assert knee.step()[0] == pytest.approx(knee.at_start, abs=1e-12)
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"stride_time": 0.0}, "stride_time: must be above 0.0 s"), ({"harmonics": 0}, "harmonics: must be at least 1"),
-    ({"harmonics": 10}, "harmonics: must be at most 9"),
-    ({"start": math.nan}, "start: NaN"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"stride_time": 0.0}, "stride_time: must be above 0.0 s"),
+        ({"harmonics": 0}, "harmonics: must be at least 1"),
+        ({"harmonics": 10}, "harmonics: must be at most 9"),
+        ({"start": math.nan}, "start: NaN"),
+    ],
+)
 def test_parameters_of_a_walking_knee_are_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         WalkingKnee(**parameters)
@@ -159,7 +172,9 @@ def stride_file(path, seconds=10.0, rate=100.0, period=1.25):
 
 
 def test_a_recording_is_played_at_its_own_speed_with_its_derivatives(tmp_path):
-    """A tone of 1.25 s at 100 Hz, played at 1 kHz: linear between samples, 0.02° off at most; differences 0.5 % and 1 % off."""
+    """A tone of 1.25 s at 100 Hz, played at 1 kHz: linear between samples, 0.02° off at most; differences 0.5 % and 1 %
+    off.
+    """
     file = stride_file(tmp_path / "tone.csv")
     found = inside(lambda: RecordedKnee(file, "knee"), rate=1000, ticks=8000)
     t, turn = np.arange(8000) / 1000, 2.0 * np.pi / 1.25
@@ -181,7 +196,9 @@ def test_a_recording_passes_through_its_samples_and_halfway_between_them(tmp_pat
 
 
 def test_a_recording_repeats_without_a_hitch(tmp_path):
-    """Cut in the last two seconds where it goes on as it began: a tone that does not fit its file runs on over the seam."""
+    """Cut in the last two seconds where it goes on as it began: a tone that does not fit its file runs on over the
+    seam.
+    """
     file = stride_file(tmp_path / "tone.csv", seconds=9.37)
     with Diagram("play", rate=100):
         knee = RecordedKnee(file, "knee")
@@ -201,7 +218,9 @@ def test_a_recording_may_come_from_a_spreadsheet(tmp_path):
     rows = [(f"{k / 100:.2f}", k % 50) for k in range(500)]
     plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
     write(plain, "time,knee", rows)
-    other.write_bytes("\ufefftime, knee \r\n".encode() + b"\r\n".join(f"{a},{b}".encode() for a, b in rows) + b"\r\n\r\n")
+    other.write_bytes(
+        "\ufefftime, knee \r\n".encode() + b"\r\n".join(f"{a},{b}".encode() for a, b in rows) + b"\r\n\r\n"
+    )
     with Diagram("play", rate=100):
         assert np.array_equal(RecordedKnee(str(plain), "knee").angles, RecordedKnee(str(other), "knee").angles)
 
@@ -223,22 +242,25 @@ def changed(line, row):
     return rows
 
 
-@pytest.mark.parametrize("header, rows, column, said", [
-    ("time,knee", GOOD, "hip", "has no column 'hip'; it has time, knee"),
-    ("t,knee", GOOD, "knee", "has no column 'time'; it has t, knee"),
-    ("", [], "knee", "has no column 'time'; it has none"),
-    ("time,knee", changed(7, ("0.05", "x")), "knee", "line 7: a number is missing in column 'time' or 'knee'"),
-    ("time,knee", changed(9, ("0.07", "")), "knee", "line 9: a number is missing"),
-    ("time,knee", changed(11, ("0.09",)), "knee", "line 11: a number is missing"),
-    ("time,knee", changed(13, ("0.11", "nan")), "knee", "line 13: a number is missing"),
-    ("time,knee", changed(15, ("inf", "3.0")), "knee", "line 15: a number is missing"),
-    ("time,knee", GOOD[:99], "knee", "has 99 samples, and at least 100 are needed"),
-    ("time,knee", [], "knee", "has 0 samples, and at least 100 are needed"),
-    ("time,knee", GOOD[:50] + GOOD[60:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.6 s"),
-    ("time,knee", GOOD[:50] + GOOD[51:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.51 s"),
-    ("time,knee", GOOD[::-1], "knee", "evenly spaced in time, and 1.99 s is followed by 1.98 s"),
-    ("time,knee", [("0.00", 1.0)] * 150, "knee", "evenly spaced in time, and 0 s is followed by 0 s"),
-])
+@pytest.mark.parametrize(
+    "header, rows, column, said",
+    [
+        ("time,knee", GOOD, "hip", "has no column 'hip'; it has time, knee"),
+        ("t,knee", GOOD, "knee", "has no column 'time'; it has t, knee"),
+        ("", [], "knee", "has no column 'time'; it has none"),
+        ("time,knee", changed(7, ("0.05", "x")), "knee", "line 7: a number is missing in column 'time' or 'knee'"),
+        ("time,knee", changed(9, ("0.07", "")), "knee", "line 9: a number is missing"),
+        ("time,knee", changed(11, ("0.09",)), "knee", "line 11: a number is missing"),
+        ("time,knee", changed(13, ("0.11", "nan")), "knee", "line 13: a number is missing"),
+        ("time,knee", changed(15, ("inf", "3.0")), "knee", "line 15: a number is missing"),
+        ("time,knee", GOOD[:99], "knee", "has 99 samples, and at least 100 are needed"),
+        ("time,knee", [], "knee", "has 0 samples, and at least 100 are needed"),
+        ("time,knee", GOOD[:50] + GOOD[60:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.6 s"),
+        ("time,knee", GOOD[:50] + GOOD[51:], "knee", "evenly spaced in time, and 0.49 s is followed by 0.51 s"),
+        ("time,knee", GOOD[::-1], "knee", "evenly spaced in time, and 1.99 s is followed by 1.98 s"),
+        ("time,knee", [("0.00", 1.0)] * 150, "knee", "evenly spaced in time, and 0 s is followed by 0 s"),
+    ],
+)
 def test_what_is_wrong_with_a_file_is_said_in_words(tmp_path, header, rows, column, said):
     file = write(tmp_path / "walk.csv", header, rows)
     with pytest.raises(DiagramError, match=said) as refused:
@@ -266,7 +288,9 @@ def test_without_a_file_or_a_column_there_is_no_recording():
 
 @pytest.mark.parametrize("leg", ["lt", "rt"])
 def test_a_recorded_person_walks_on_over_the_seam(leg):
-    """Strides, from one rise through 40° to the next, over two rounds of the file: 1.09 to 1.16 s, also the one with the seam in it."""
+    """Strides, from one rise through 40° to the next, over two rounds of the file: 1.09 to 1.16 s, also the one with
+    the seam in it.
+    """
     file = str(shared("gait/healthy_young.csv"))
     found = inside(lambda: RecordedKnee(file, f"knee_flexion_{leg}_deg"), rate=200, ticks=19000)
     rises = np.flatnonzero((found["angle"][1:] > 0.7) & (found["angle"][:-1] <= 0.7))
@@ -295,7 +319,11 @@ def test_a_wearer_moves_a_limb_in_a_diagram():
         knee = WalkingKnee()
         for name, torque in (("free", 0.0), ("helped", 5.0)):
             Limb(start=knee.at_start, name=name)(
-                torque=player(np.full(2, torque), "N·m"), angle=knee.angle, rate=knee.velocity, acceleration=knee.acceleration)
+                torque=player(np.full(2, torque), "N·m"),
+                angle=knee.angle,
+                rate=knee.velocity,
+                acceleration=knee.acceleration,
+            )
     recording = run(diagram, 1000)
     shift = (recording["helped.position"] - recording["free.position"])[500:]
     assert shift.min() > 0.9 * 5.0 / 120.0 and shift.max() < 1.1 * 5.0 / 120.0

@@ -15,7 +15,9 @@ from tests.blocks.running import run
 def bits(tick, seed):
     """Two words from the counter (tick, 0, 0, 0) and the key (seed, 0): NumPy counts up before it draws."""
     counter = (tick - 1) % 2**256
-    words = np.random.Philox(counter=[counter >> shift & 2**64 - 1 for shift in (0, 64, 128, 192)], key=seed).random_raw(2)
+    words = np.random.Philox(
+        counter=[counter >> shift & 2**64 - 1 for shift in (0, 64, 128, 192)], key=seed
+    ).random_raw(2)
     return [(int(word) >> 11) * 2.0**-53 for word in words]
 
 
@@ -46,12 +48,17 @@ def test_mean_and_deviation_scale_the_noise():
     assert at(GaussianNoise(5.0, 0.0, seed=9), 17) == 5.0
 
 
-@pytest.mark.parametrize("make, distribution, parameters", [
-    (lambda: GaussianNoise(2.0, 3.0, seed=11, name="noise"), "norm", (2.0, 3.0)),
-    (lambda: UniformNoise(-1.0, 4.0, seed=11, name="noise"), "uniform", (-1.0, 5.0)),
-])
+@pytest.mark.parametrize(
+    "make, distribution, parameters",
+    [
+        (lambda: GaussianNoise(2.0, 3.0, seed=11, name="noise"), "norm", (2.0, 3.0)),
+        (lambda: UniformNoise(-1.0, 4.0, seed=11, name="noise"), "uniform", (-1.0, 5.0)),
+    ],
+)
 def test_the_distribution_is_right_and_neighbours_do_not_hang_together(make, distribution, parameters):
-    """Kolmogorov and Smirnov over 20,000 ticks of one seed, p above 0.01; correlation of neighbours within four standard errors."""
+    """Kolmogorov and Smirnov over 20,000 ticks of one seed, p above 0.01; correlation of neighbours within four
+    standard errors.
+    """
     with Diagram("noise", rate=1000) as diagram:
         make()
     y = run(diagram, 20000)["noise.y"]
@@ -65,11 +72,16 @@ def test_the_range_holds_the_largest_value_that_53_random_bits_can_make():
     assert -largest - 0.001 <= GaussianNoise().output_range().low <= -largest
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: UniformNoise(2.0, 1.0), "in order"), (lambda: UniformNoise(-math.inf, 1.0), "finite"),
-    (lambda: GaussianNoise(deviation=-1.0), "at least"),
-    (lambda: GaussianNoise(seed=-1), "at least 0"), (lambda: GaussianNoise(seed=1.5), "whole number"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: UniformNoise(2.0, 1.0), "in order"),
+        (lambda: UniformNoise(-math.inf, 1.0), "finite"),
+        (lambda: GaussianNoise(deviation=-1.0), "at least"),
+        (lambda: GaussianNoise(seed=-1), "at least 0"),
+        (lambda: GaussianNoise(seed=1.5), "whole number"),
+    ],
+)
 def test_wrong_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -14,15 +14,21 @@ from graph import Diagram
 from tests.blocks.running import by_hand
 
 RATE, G = 200.0, 9.80665
-FIELD = np.array([20.0, 0.0, -43.0])                    # µT: north, and down
+FIELD = np.array([20.0, 0.0, -43.0])  # µT: north, and down
 FILTERS = {"Madgwick": Madgwick, "Mahony": Mahony, "Complementary": ComplementaryOrientation}
-FAST = {Mahony: {"kp": 3.0, "ki": 0.0}}                 # else it takes what is wrong at first for a bias, and unlearns that in a minute
+# else it takes what is wrong at first for a bias, and unlearns that in a minute
+FAST = {Mahony: {"kp": 3.0, "ki": 0.0}}
 
 
 def measured(rotation, turn, field=True, bias=(0.0, 0.0, 0.0)):
-    """What an IMU measures at these orientations (body to world) while it turns at `turn` rad/s in its own axes, one row each."""
+    """What an IMU measures at these orientations (body to world) while it turns at `turn` rad/s in its own axes, one
+    row each.
+    """
     count = len(rotation)
-    inputs = {"gyro": np.broadcast_to(np.asarray(turn) + bias, (count, 3)), "accel": rotation.inv().apply((0.0, 0.0, G))}
+    inputs = {
+        "gyro": np.broadcast_to(np.asarray(turn) + bias, (count, 3)),
+        "accel": rotation.inv().apply((0.0, 0.0, G)),
+    }
     return inputs | ({"mag": rotation.inv().apply(FIELD)} if field else {})
 
 
@@ -115,9 +121,12 @@ def test_nan_shows_and_is_not_remembered(kind):
     inputs = {name: np.array(values) for name, values in measured(true, (0.5, 0.2, -0.3)).items()}
     inputs["accel"][100] = math.nan
     outputs = by_hand(made(kind), 400, **inputs)
-    assert np.isnan(outputs["quaternion"][100]).all() and np.isfinite(np.delete(outputs["quaternion"], 100, axis=0)).all()
+    assert (
+        np.isnan(outputs["quaternion"][100]).all() and np.isfinite(np.delete(outputs["quaternion"], 100, axis=0)).all()
+    )
     last = Rotation.from_quat(outputs["quaternion"][-1], scalar_first=True)
-    assert (last * true[-1].inv()).magnitude() < 0.01           # one step of the gyroscope was lost, and most of it has been made good
+    # one step of the gyroscope was lost, and most of it has been made good
+    assert (last * true[-1].inv()).magnitude() < 0.01
 
 
 def made(kind, **parameters):
@@ -137,9 +146,14 @@ def test_madgwick_does_a_step_of_the_library_ahrs(field):
         block.step(**at_rest(before))
         ours = block.step(**(now if field else {name: now[name] for name in ("gyro", "accel")}))
         theirs, q = library.Madgwick(Dt=1.0 / RATE, gain=0.4), before.as_quat(scalar_first=True)
-        step = theirs.updateMARG(q, now["gyro"], now["accel"], now["mag"]) if field else theirs.updateIMU(q, now["gyro"], now["accel"])
+        step = (
+            theirs.updateMARG(q, now["gyro"], now["accel"], now["mag"])
+            if field
+            else theirs.updateIMU(q, now["gyro"], now["accel"])
+        )
         assert Rotation.from_quat(ours, scalar_first=True).as_matrix() == pytest.approx(
-            Rotation.from_quat(step, scalar_first=True).as_matrix(), abs=1e-8)
+            Rotation.from_quat(step, scalar_first=True).as_matrix(), abs=1e-8
+        )
 
 
 def at_rest(rotation):
@@ -148,7 +162,9 @@ def at_rest(rotation):
 
 @pytest.mark.parametrize("field", [False, True])
 def test_all_are_where_imufusion_is_after_a_motion_with_noise(field):
-    """Half a minute of turns about three axes, with the noise of a cheap IMU: within a degree of the truth, as it is."""
+    """Half a minute of turns about three axes, with the noise of a cheap IMU: within a degree of the truth, as it
+    is.
+    """
     imufusion = pytest.importorskip("imufusion")
     random = np.random.default_rng(2)
     time = np.arange(round(30.0 * RATE)) / RATE
@@ -156,7 +172,10 @@ def test_all_are_where_imufusion_is_after_a_motion_with_noise(field):
     true = Rotation.from_euler("ZYX", angles)
     turn = (true[:-1].inv() * true[1:]).as_rotvec() * RATE
     inputs = measured(true, np.vstack([turn[:1], turn]), field)
-    inputs = {name: values + random.normal(0.0, {"gyro": 0.005, "accel": 0.05, "mag": 0.3}[name], values.shape) for name, values in inputs.items()}
+    inputs = {
+        name: values + random.normal(0.0, {"gyro": 0.005, "accel": 0.05, "mag": 0.3}[name], values.shape)
+        for name, values in inputs.items()
+    }
     theirs = imufusion.Ahrs()
     theirs.set_settings(imufusion.AhrsSettings(sample_rate=RATE, gain=0.5))
     library = []

@@ -28,15 +28,21 @@ def law(r, y, kp=0.0, ki=0.0, kd=0.0, tf=0.0, b=1.0, c=0.0):
     return kp * (b * r - y) + signal.lfilter([ki * DT], [1.0, -1.0], r - y) + kd * slope
 
 
-@pytest.mark.parametrize("make, gains", [
-    (lambda: P(3.0), {"kp": 3.0}),
-    (lambda: PD(3.0, 0.2), {"kp": 3.0, "kd": 0.2}),
-    (lambda: PD(3.0, 0.2, 0.02, b=0.5, c=1.0), {"kp": 3.0, "kd": 0.2, "tf": 0.02, "b": 0.5, "c": 1.0}),
-    (lambda: PI(3.0, 8.0), {"kp": 3.0, "ki": 8.0}),
-    (lambda: PI(3.0, 8.0, b=0.0), {"kp": 3.0, "ki": 8.0, "b": 0.0}),
-    (lambda: PID(3.0, 8.0, 0.2), {"kp": 3.0, "ki": 8.0, "kd": 0.2}),
-    (lambda: PID(-3.0, -8.0, -0.2, 0.03, b=0.7, c=0.3), {"kp": -3.0, "ki": -8.0, "kd": -0.2, "tf": 0.03, "b": 0.7, "c": 0.3}),
-])
+@pytest.mark.parametrize(
+    "make, gains",
+    [
+        (lambda: P(3.0), {"kp": 3.0}),
+        (lambda: PD(3.0, 0.2), {"kp": 3.0, "kd": 0.2}),
+        (lambda: PD(3.0, 0.2, 0.02, b=0.5, c=1.0), {"kp": 3.0, "kd": 0.2, "tf": 0.02, "b": 0.5, "c": 1.0}),
+        (lambda: PI(3.0, 8.0), {"kp": 3.0, "ki": 8.0}),
+        (lambda: PI(3.0, 8.0, b=0.0), {"kp": 3.0, "ki": 8.0, "b": 0.0}),
+        (lambda: PID(3.0, 8.0, 0.2), {"kp": 3.0, "ki": 8.0, "kd": 0.2}),
+        (
+            lambda: PID(-3.0, -8.0, -0.2, 0.03, b=0.7, c=0.3),
+            {"kp": -3.0, "ki": -8.0, "kd": -0.2, "tf": 0.03, "b": 0.7, "c": 0.3},
+        ),
+    ],
+)
 def test_between_its_limits_each_is_a_sum_of_filters(make, gains):
     """Within 1e-11 of the largest command."""
     u = play(make, RATE, reference=REFERENCE, measurement=MEASUREMENT)["command"]
@@ -72,16 +78,29 @@ def oracle(r, y, manual, by_hand, kp, ki, kd, tf, b, c, lower, upper, tracking):
     return np.array(out)
 
 
-@pytest.mark.parametrize("anti_windup, tracking_time, tracking", [
-    ("clamping", None, None), ("back-calculation", 0.3, 0.3),
-    ("back-calculation", None, math.sqrt(0.1 / 20.0)), ("back-calculation", 1e-4, 1e-4),
-])
+@pytest.mark.parametrize(
+    "anti_windup, tracking_time, tracking",
+    [
+        ("clamping", None, None),
+        ("back-calculation", 0.3, 0.3),
+        ("back-calculation", None, math.sqrt(0.1 / 20.0)),
+        ("back-calculation", 1e-4, 1e-4),
+    ],
+)
 def test_at_its_limits_and_by_hand_it_is_the_oracle_to_the_bit(anti_windup, tracking_time, tracking):
     manual = np.arange(401) % 90 > 70
     by_hand = 3.0 * np.sin(0.1 * np.arange(401))
-    u = play(lambda: PID(3.0, 20.0, 0.1, 0.02, 0.8, 0.2, -2.0, 2.5, anti_windup, tracking_time), RATE, reference=REFERENCE,
-             measurement=MEASUREMENT, manual=manual, manual_command=by_hand)["command"]
-    assert np.array_equal(u, oracle(REFERENCE, MEASUREMENT, manual, by_hand, 3.0, 20.0, 0.1, 0.02, 0.8, 0.2, -2.0, 2.5, tracking))
+    u = play(
+        lambda: PID(3.0, 20.0, 0.1, 0.02, 0.8, 0.2, -2.0, 2.5, anti_windup, tracking_time),
+        RATE,
+        reference=REFERENCE,
+        measurement=MEASUREMENT,
+        manual=manual,
+        manual_command=by_hand,
+    )["command"]
+    assert np.array_equal(
+        u, oracle(REFERENCE, MEASUREMENT, manual, by_hand, 3.0, 20.0, 0.1, 0.02, 0.8, 0.2, -2.0, 2.5, tracking)
+    )
     assert u.min() == -2.0 and u.max() == 2.5 and len(np.unique(u)) > 50
 
 
@@ -98,9 +117,13 @@ def step_response(controller, ticks=2000):
 
 def test_without_limits_a_loop_reaches_its_set_point_and_with_anti_windup_it_barely_overshoots():
     for anti_windup in ("clamping", "back-calculation"):
-        y = step_response(lambda: PI(kp=2.0, ki=30.0, lower=-1.2, upper=1.2, anti_windup=anti_windup, tracking_time=0.05))
+        y = step_response(
+            lambda: PI(kp=2.0, ki=30.0, lower=-1.2, upper=1.2, anti_windup=anti_windup, tracking_time=0.05)
+        )
         assert abs(y[-1] - 1.0) < 1e-6 and y.max() < 1.1
-    wound_up = step_response(lambda: PI(kp=2.0, ki=30.0, lower=-1.2, upper=1.2, anti_windup="back-calculation", tracking_time=1e9))
+    wound_up = step_response(
+        lambda: PI(kp=2.0, ki=30.0, lower=-1.2, upper=1.2, anti_windup="back-calculation", tracking_time=1e9)
+    )
     assert wound_up.max() > 1.15
 
 
@@ -108,14 +131,26 @@ def test_the_way_back_from_manual_has_no_bump():
     """The first command of the controller differs from the last by hand by one step of the integral, and no more."""
     ticks = 100
     manual = np.arange(ticks) < 60
-    u = play(lambda: PID(5.0, 10.0, 0.3, 0.05, lower=-10.0, upper=10.0), RATE, reference=np.full(ticks, 1.0),
-             measurement=np.full(ticks, 0.4), manual=manual, manual_command=np.full(ticks, 4.25))["command"]
+    u = play(
+        lambda: PID(5.0, 10.0, 0.3, 0.05, lower=-10.0, upper=10.0),
+        RATE,
+        reference=np.full(ticks, 1.0),
+        measurement=np.full(ticks, 0.4),
+        manual=manual,
+        manual_command=np.full(ticks, 4.25),
+    )["command"]
     assert np.all(u[:60] == 4.25) and abs(u[60] - 4.25 - 10.0 * DT * 0.6) < 1e-12
 
 
 def test_a_command_by_hand_is_clipped_and_the_integral_does_not_wind_up_meanwhile():
-    u = play(lambda: PI(0.0, 10.0, lower=-1.0, upper=1.0), RATE, reference=np.full(50, 1.0), measurement=np.zeros(50),
-             manual=np.arange(50) < 40, manual_command=np.full(50, -9.0))["command"]
+    u = play(
+        lambda: PI(0.0, 10.0, lower=-1.0, upper=1.0),
+        RATE,
+        reference=np.full(50, 1.0),
+        measurement=np.zeros(50),
+        manual=np.arange(50) < 40,
+        manual_command=np.full(50, -9.0),
+    )["command"]
     assert np.all(u[:40] == -1.0) and np.abs(u[40:] - (-1.0 + 10.0 * DT * np.arange(1, 11))).max() < 1e-12
 
 
@@ -124,13 +159,20 @@ def test_a_step_of_the_reference_does_not_kick_the_derivative_but_one_of_the_mea
     steady = play(lambda: PD(0.0, 1.0), RATE, reference=r, measurement=np.zeros(10))["command"]
     kicked = play(lambda: PD(0.0, 1.0), RATE, reference=np.zeros(10), measurement=r)["command"]
     assert np.all(steady == 0.0) and kicked[5] == -RATE and kicked[0] == 0.0
-    assert play(lambda: PD(0.0, 1.0), RATE, reference=np.full(4, 3.0), measurement=np.full(4, -2.0))["command"].tolist() == [0.0] * 4
+    assert (
+        play(lambda: PD(0.0, 1.0), RATE, reference=np.full(4, 3.0), measurement=np.full(4, -2.0))["command"].tolist()
+        == [0.0] * 4
+    )
 
 
 @pytest.mark.parametrize("kind", [P, PI, PD, PID])
 def test_nan_passes_and_is_not_held(kind):
     """The reference and the measurement of a tick with a NaN count for nothing."""
-    gains = {"kp": 2.0} | ({"ki": 5.0} if "ki" in kind.parameters else {}) | ({"kd": 0.1} if "kd" in kind.parameters else {})
+    gains = (
+        {"kp": 2.0}
+        | ({"ki": 5.0} if "ki" in kind.parameters else {})
+        | ({"kd": 0.1} if "kd" in kind.parameters else {})
+    )
     clean, dirty = made(kind, **gains), made(kind, **gains)
     for k in range(20):
         r, y = math.sin(k), math.cos(k)
@@ -155,7 +197,9 @@ def test_no_input_brings_a_command_beyond_its_limits_or_leaves_a_nan_behind(data
     assert not math.isnan(block.step(0.0, 0.0)), "the slope after an infinite input is not known for one tick"
 
 
-@given(data=st.data(), tf=st.sampled_from([0.0, 0.003, 0.4]), weights=st.tuples(st.floats(0.0, 2.0), st.floats(0.0, 2.0)))
+@given(
+    data=st.data(), tf=st.sampled_from([0.0, 0.003, 0.4]), weights=st.tuples(st.floats(0.0, 2.0), st.floats(0.0, 2.0))
+)
 @settings(max_examples=100, deadline=None)
 def test_pd_and_p_stay_inside_their_ranges(data, tf, weights):
     spans = [sorted(data.draw(st.tuples(st.floats(-9.0, 9.0), st.floats(-9.0, 9.0)))) for _ in range(2)]
@@ -169,7 +213,9 @@ def test_pd_and_p_stay_inside_their_ranges(data, tf, weights):
 
 def test_the_worst_input_comes_near_the_range_of_pd():
     found = made(PD, 2.0, 0.5, 0.1).output_range(reference=Interval(0.0, 1.0), measurement=Interval(-1.0, 3.0))
-    u = play(lambda: PD(2.0, 0.5, 0.1), RATE, reference=np.ones(2000), measurement=np.r_[np.full(1999, 3.0), -1.0])["command"]
+    u = play(lambda: PD(2.0, 0.5, 0.1), RATE, reference=np.ones(2000), measurement=np.r_[np.full(1999, 3.0), -1.0])[
+        "command"
+    ]
     assert found.high - 1e-6 < u[-1] <= found.high
 
 
@@ -182,7 +228,9 @@ def test_each_element_of_a_vector_is_controlled_alone():
     r, y = REFERENCE[:399].reshape(133, 3), MEASUREMENT[:399].reshape(133, 3)
     together = play(lambda: PID(3.0, 20.0, 0.1, lower=-2.0, upper=2.0), RATE, reference=r, measurement=y)["command"]
     for column in range(3):
-        alone = play(lambda: PID(3.0, 20.0, 0.1, lower=-2.0, upper=2.0), RATE, reference=r[:, column], measurement=y[:, column])["command"]
+        alone = play(
+            lambda: PID(3.0, 20.0, 0.1, lower=-2.0, upper=2.0), RATE, reference=r[:, column], measurement=y[:, column]
+        )["command"]
         assert np.array_equal(together[:, column], alone)
 
 
@@ -190,7 +238,9 @@ def test_the_command_has_its_own_unit_and_reference_and_measurement_share_theirs
     def diagram(unit_of_measurement, unit_of_command):
         with Diagram("units", rate=RATE) as found:
             by_hand = source([0.0], unit_of_command)
-            torque = PID(30.0, unit="N*m")(source([0.0], "rad"), source([0.0], unit_of_measurement), manual_command=by_hand)
+            torque = PID(30.0, unit="N*m")(
+                source([0.0], "rad"), source([0.0], unit_of_measurement), manual_command=by_hand
+            )
             assert torque.declaration.unit == "N·m"
             P()(torque, Sine()())
         return found
@@ -202,12 +252,16 @@ def test_the_command_has_its_own_unit_and_reference_and_measurement_share_theirs
         assert [d.code for d in complaint.value.diagnostics] == ["TW002"]
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: PI(lower=2.0, upper=1.0), "lower, 2, is above upper, 1"),
-    (lambda: PID(anti_windup="none"), "anti_windup: must be one of clamping"),
-    (lambda: PID(filter_time=-1.0), "filter_time: must be at least 0"), (lambda: PI(tracking_time=0.0), "tracking_time: must be above 0"),
-    (lambda: PD(unit="furlong"), "'furlong' is not a unit"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: PI(lower=2.0, upper=1.0), "lower, 2, is above upper, 1"),
+        (lambda: PID(anti_windup="none"), "anti_windup: must be one of clamping"),
+        (lambda: PID(filter_time=-1.0), "filter_time: must be at least 0"),
+        (lambda: PI(tracking_time=0.0), "tracking_time: must be above 0"),
+        (lambda: PD(unit="furlong"), "'furlong' is not a unit"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -14,7 +14,7 @@ from tests.blocks.proofs import at
 from tests.blocks.running import run
 from tests.shared import shared
 
-STRIDE = str(Path(__file__).with_name("stride.csv"))          # 1 s at 20 Hz, with a NaN in the torque at 0.5 s
+STRIDE = str(Path(__file__).with_name("stride.csv"))  # 1 s at 20 Hz, with a NaN in the torque at 0.5 s
 
 
 def trace(make, ticks, rate=200.0):
@@ -36,7 +36,9 @@ def test_a_table_over_time_is_that_of_numpy():
 
 
 def test_a_table_that_holds_changes_at_the_tick_of_its_times():
-    y = trace(lambda name: TimeTable((0.1, 0.3, 0.6), (1.0, 2.0, 3.0), interpolation="previous", name=name), 10, rate=10)
+    y = trace(
+        lambda name: TimeTable((0.1, 0.3, 0.6), (1.0, 2.0, 3.0), interpolation="previous", name=name), 10, rate=10
+    )
     assert y.tolist() == [1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 3.0, 3.0, 3.0, 3.0]
 
 
@@ -55,13 +57,17 @@ def test_a_table_that_repeats_goes_from_its_last_value_on_with_its_first():
     assert y == pytest.approx(np.arange(1000) % 100 / 20.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "rise from each to the next"),
-    ({"times": (0.0, 1.0), "values": (0.0,)}, "2 and 1"),
-    ({"times": (0.0,), "values": (0.0,)}, "at least two times"), ({"times": (0.0, math.inf)}, "finite"),
-    ({"values": (0.0, math.nan)}, "finite"),
-    ({"interpolation": "cubic"}, "must be one of linear, previous"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"times": (0.0, 1.0, 1.0), "values": (0.0, 1.0, 2.0)}, "rise from each to the next"),
+        ({"times": (0.0, 1.0), "values": (0.0,)}, "2 and 1"),
+        ({"times": (0.0,), "values": (0.0,)}, "at least two times"),
+        ({"times": (0.0, math.inf)}, "finite"),
+        ({"values": (0.0, math.nan)}, "finite"),
+        ({"interpolation": "cubic"}, "must be one of linear, previous"),
+    ],
+)
 def test_a_table_that_is_none_is_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         TimeTable(**parameters)
@@ -70,8 +76,12 @@ def test_a_table_that_is_none_is_refused(parameters, said):
 finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@given(data=st.data(), times=st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=6, unique=True), repeat=st.booleans(),
-       interpolation=st.sampled_from(["linear", "previous"]))
+@given(
+    data=st.data(),
+    times=st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=6, unique=True),
+    repeat=st.booleans(),
+    interpolation=st.sampled_from(["linear", "previous"]),
+)
 def test_no_table_leaves_the_range_of_its_values(data, times, repeat, interpolation):
     values = data.draw(st.lists(finite | st.floats(-10.0, 10.0), min_size=len(times), max_size=len(times)))
     block = TimeTable(tuple(sorted(times)), tuple(values), interpolation, repeat)
@@ -96,13 +106,17 @@ def test_a_column_without_a_unit_may_be_given_one_but_not_another():
     assert Playback(STRIDE, "phase", unit="%").output_units() == {"y": "%"}
     assert Playback(STRIDE, "phase").output_units() == {"y": "any"}
     assert Playback(STRIDE, "left/knee.torque", unit="N·m").output_units() == {"y": "N·m"}
-    with pytest.raises(DiagramError, match="left/knee.position is in rad, not in deg: convert it with a UnitConversion"):
+    with pytest.raises(
+        DiagramError, match="left/knee.position is in rad, not in deg: convert it with a UnitConversion"
+    ):
         Playback(STRIDE, "left/knee.position", unit="deg")
 
 
 def test_a_nan_in_the_file_is_played_as_nan_and_is_gone_with_it():
     y = trace(lambda name: Playback(STRIDE, "left/knee.torque", name=name), 100, rate=100)
-    assert np.flatnonzero(np.isnan(y)).tolist() == list(range(46, 55)), "the torque at 0.50 s is NaN, those at 0.45 and 0.55 s are not"
+    assert np.flatnonzero(np.isnan(y)).tolist() == list(range(46, 55)), (
+        "the torque at 0.50 s is NaN, those at 0.45 and 0.55 s are not"
+    )
     assert Playback(STRIDE, "left/knee.torque").output_range() == Interval(-1.0, 1.0)
 
 
@@ -119,15 +133,22 @@ def test_semicolons_tabs_uneven_times_and_a_start_that_is_not_zero(tmp_path):
         assert y == pytest.approx([1.0, 3.0, 2.0, 1.0, 0.0], abs=1e-9)
 
 
-@pytest.mark.parametrize("text, said", [
-    ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"),
-    ("time,u\n0,1\n1,x\n", "line 3: a number is missing in column 'time' or 'u'"),
-    ("time,u\n0,1\n1\n", "line 3"), ("time,u\n0,1\n", "at least two times"), ("time,u\n0,1\n0,2\n", "rise"),
-    ("time,u\n0,1\n1,inf\n", "finite"),
-    ("time,u\n0,nan\n1,nan\n", "finite"), ("", "has no column 'time'; it has none"),
-    ("time [ms],u\n0,1\n5,2\n", "must be in s, and it is in ms"),
-    ("time,u\nnan,1\n1,2\n", "finite"), ("time,u\n", "finite"),
-])
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("time,a\n0,1\n1,2\n", "has no column 'u'; it has time, a"),
+        ("time,u\n0,1\n1,x\n", "line 3: a number is missing in column 'time' or 'u'"),
+        ("time,u\n0,1\n1\n", "line 3"),
+        ("time,u\n0,1\n", "at least two times"),
+        ("time,u\n0,1\n0,2\n", "rise"),
+        ("time,u\n0,1\n1,inf\n", "finite"),
+        ("time,u\n0,nan\n1,nan\n", "finite"),
+        ("", "has no column 'time'; it has none"),
+        ("time [ms],u\n0,1\n5,2\n", "must be in s, and it is in ms"),
+        ("time,u\nnan,1\n1,2\n", "finite"),
+        ("time,u\n", "finite"),
+    ],
+)
 def test_a_file_that_cannot_be_played_is_refused_with_its_line(tmp_path, text, said):
     with pytest.raises(DiagramError, match=said):
         Playback(write(tmp_path, text), "u")

@@ -1,4 +1,6 @@
-"""What stands between a controller, a motor and a person: dead zone, power, soft stop, root mean square, temperature, soft start."""
+"""What stands between a controller, a motor and a person: dead zone, power, soft stop, root mean square, temperature,
+soft start.
+"""
 
 import math
 
@@ -72,7 +74,9 @@ def test_power_is_bounded_to_one_rounding_and_nothing_else_is_touched(torque, ve
 
 
 def test_the_power_of_each_joint_is_bounded_alone():
-    y = play(lambda: PowerLimiter(10.0), torque=np.full((2, 3), 6.0), velocity=np.array([[1.0, 2.0, -5.0], [4.0, 0.0, 1.0]]))["limited"]
+    y = play(
+        lambda: PowerLimiter(10.0), torque=np.full((2, 3), 6.0), velocity=np.array([[1.0, 2.0, -5.0], [4.0, 0.0, 1.0]])
+    )["limited"]
     assert np.array_equal(y, [[6.0, 5.0, 2.0], [2.5, 6.0, 6.0]])
 
 
@@ -110,7 +114,11 @@ def stopped(torque, position, velocity, lower=-0.5, upper=1.5, K=80.0, B=2.0):
 
 def test_a_soft_stop_pushes_back_and_damps_only_what_moves_outward():
     random = np.random.default_rng(19)
-    torque, position, velocity = random.normal(0.0, 5.0, 500), random.normal(0.5, 1.5, 500), random.normal(0.0, 4.0, 500)
+    torque, position, velocity = (
+        random.normal(0.0, 5.0, 500),
+        random.normal(0.5, 1.5, 500),
+        random.normal(0.0, 4.0, 500),
+    )
     y = play(lambda: SoftStop(-0.5, 1.5, 80.0, 2.0), torque=torque, position=position, velocity=velocity)["stopped"]
     assert np.array_equal(y, [stopped(*values) for values in zip(torque, position, velocity)])
 
@@ -146,14 +154,26 @@ def test_the_range_of_a_soft_stop_is_the_torque_where_the_joint_cannot_leave():
     block = made(SoftStop, -1.0, 1.0)
     inside = Interval(-1.0, 1.0)
     assert block.output_range(torque=Interval(-3.0, 4.0), position=inside, velocity=Interval()) == Interval(-3.0, 4.0)
-    assert made(SoftStop, -math.inf, 1.0).output_range(torque=inside, position=Interval(-9.0, 1.0), velocity=Interval()) == inside
+    assert (
+        made(SoftStop, -math.inf, 1.0).output_range(torque=inside, position=Interval(-9.0, 1.0), velocity=Interval())
+        == inside
+    )
     found = block.output_range(torque=Interval(-3.0, 4.0), position=Interval(0.0, 1.5), velocity=Interval(-9.0, 2.0))
     assert abs(found.low - (-3.0 - 50.0 - 2.0)) < 1e-9 and found.high == 4.0
 
 
-@pytest.mark.parametrize("values", [
-    (math.nan, 0.0, 0.0), (0.0, math.nan, 0.0), (0.0, 0.0, math.nan), (0.0, math.inf, 0.0), (0.0, -math.inf, 0.0), (0.0, 0.0, math.inf),
-    (0.0, 2.0, -math.inf)])
+@pytest.mark.parametrize(
+    "values",
+    [
+        (math.nan, 0.0, 0.0),
+        (0.0, math.nan, 0.0),
+        (0.0, 0.0, math.nan),
+        (0.0, math.inf, 0.0),
+        (0.0, -math.inf, 0.0),
+        (0.0, 0.0, math.inf),
+        (0.0, 2.0, -math.inf),
+    ],
+)
 def test_what_is_not_finite_comes_out_of_a_soft_stop_as_nan(values):
     block = made(SoftStop)
     assert math.isnan(block.step(*values)) and block.step(2.0, 0.0, 0.0) == 2.0
@@ -169,7 +189,9 @@ def rms_over_windows(y, length):
 
 
 def test_rms_limit_saturates_after_window_fills():
-    """18 N·m asked of a drive rated for 9: the whole torque at first, then less, and the mean square over 20 s is that of the rating."""
+    """18 N·m asked of a drive rated for 9: the whole torque at first, then less, and the mean square over 20 s is that
+    of the rating.
+    """
     y = play(lambda: RMSTorqueLimiter(9.0), torque=np.full(12000, 18.0))["limited"]
     squares = np.cumsum(np.r_[0.0, y**2])
     rms = np.sqrt((squares[4000:] - squares[:-4000]) / 4000)
@@ -184,11 +206,18 @@ def test_without_a_fade_it_gives_all_there_is_and_then_nothing():
 
 def test_a_limit_of_a_few_millinewton_metres_is_one_too():
     y = play(lambda: RMSTorqueLimiter(0.05, window=0.1, fade=0.0), torque=np.full(21, 0.2))["limited"]
-    assert y[0] == 0.2 and abs(y[1] - math.sqrt(20.0 * 0.05**2 - 0.2**2)) < 1e-9 and np.abs(y[2:20]).max() < 1e-6 and y[20] == 0.2
+    assert (
+        y[0] == 0.2
+        and abs(y[1] - math.sqrt(20.0 * 0.05**2 - 0.2**2)) < 1e-9
+        and np.abs(y[2:20]).max() < 1e-6
+        and y[20] == 0.2
+    )
 
 
 def test_nan_passes_an_rms_limit_and_weighs_nothing_in_its_window():
-    y = play(lambda: RMSTorqueLimiter(0.5, window=0.05, fade=0.0), torque=np.array([0.3, math.nan, math.nan, 9.0]))["limited"]
+    y = play(lambda: RMSTorqueLimiter(0.5, window=0.05, fade=0.0), torque=np.array([0.3, math.nan, math.nan, 9.0]))[
+        "limited"
+    ]
     assert y[0] == 0.3 and np.isnan(y[1:3]).all() and abs(y[3] - math.sqrt(10.0 * 0.25 - 0.09)) < 1e-9
 
 
@@ -205,8 +234,14 @@ def test_what_rounding_loses_of_a_long_window_is_not_lost_to_what_it_still_allow
     assert 0.9e-9 < left < 1.1e-9 and abs(y[-1] ** 2 - left) < 2e-12
 
 
-@given(u=st.lists(st.one_of(finite, st.sampled_from([math.inf, -math.inf, math.nan, 5.0, -5.0, 0.0])), min_size=1, max_size=80),
-       limit=st.one_of(st.just(0.0), st.floats(1e-6, 50.0)), length=st.integers(1, 12), fade=st.floats(0.0, 1.0))
+@given(
+    u=st.lists(
+        st.one_of(finite, st.sampled_from([math.inf, -math.inf, math.nan, 5.0, -5.0, 0.0])), min_size=1, max_size=80
+    ),
+    limit=st.one_of(st.just(0.0), st.floats(1e-6, 50.0)),
+    length=st.integers(1, 12),
+    fade=st.floats(0.0, 1.0),
+)
 @settings(max_examples=300, deadline=None)
 def test_whatever_is_asked_the_root_mean_square_never_exceeds_the_limit(u, limit, length, fade):
     block = made(RMSTorqueLimiter, limit, window=length * DT, fade=fade * length * DT)
@@ -253,13 +288,13 @@ def test_through_ticks_that_were_missed_the_last_torque_counts():
     block.step(4.0)
     for _ in range(11):
         steady.step(4.0)
-    block.scratch.arena[2] = 11.0 * DT              # this tick comes 11 periods after the one before
+    block.scratch.arena[2] = 11.0 * DT  # this tick comes 11 periods after the one before
     assert block.step(100.0) == steady.step(100.0) < 6.0
     block.scratch.arena[2] = 1e9
     assert abs(block.step(100.0)) <= 3.0 * math.sqrt(20.0)
     block, steady = (made(RMSTorqueLimiter, 3.0, window=0.1, fade=0.0) for _ in range(2))
     for torque in [1.0] * 18 + [2.0, 2.0]:
-        block.step(torque)                          # a window to its end: the newest square stands in its last place
+        block.step(torque)  # a window to its end: the newest square stands in its last place
         steady.step(torque)
     for _ in range(5):
         steady.step(2.0)
@@ -268,9 +303,11 @@ def test_through_ticks_that_were_missed_the_last_torque_counts():
 
 
 def test_rms_limits_that_make_no_sense_are_refused():
-    for parameters, said in (({"limit": 9.0, "window": 1.0, "fade": 2.0}, "fade, 2 s, is longer than the window, 1 s"),
-                             ({}, "limit is missing"),
-                             ({"limit": -1.0}, "limit: must be at least 0")):
+    for parameters, said in (
+        ({"limit": 9.0, "window": 1.0, "fade": 2.0}, "fade, 2 s, is longer than the window, 1 s"),
+        ({}, "limit is missing"),
+        ({"limit": -1.0}, "limit: must be at least 0"),
+    ):
         with pytest.raises(DiagramError, match=said):
             RMSTorqueLimiter(**parameters)
 
@@ -281,7 +318,9 @@ def test_rms_limits_that_make_no_sense_are_refused():
 def test_torque_is_taken_back_in_a_straight_line_as_the_motor_gets_hot():
     temperature = np.array([20.0, 80.0, 85.0, 90.0, 99.0, 100.0, 150.0, math.nan, -math.inf, math.inf])
     y = play(lambda: TemperatureDerating(80.0, 100.0), torque=np.full(10, -8.0), temperature=temperature)["derated"]
-    assert np.allclose(y, [-8.0, -8.0, -6.0, -4.0, -0.4, 0.0, 0.0, math.nan, math.nan, math.nan], atol=1e-15, equal_nan=True)
+    assert np.allclose(
+        y, [-8.0, -8.0, -6.0, -4.0, -0.4, 0.0, 0.0, math.nan, math.nan, math.nan], atol=1e-15, equal_nan=True
+    )
 
 
 @given(torque=anything, temperature=anything, ends=st.tuples(st.floats(-50.0, 200.0), st.floats(0.001, 100.0)))
@@ -292,11 +331,15 @@ def test_a_derated_torque_lies_between_none_and_what_was_asked(torque, temperatu
     if math.isnan(torque) or not math.isfinite(temperature):
         assert math.isnan(y)
     elif math.isfinite(torque):
-        assert y in block.output_range(torque=Interval(torque, torque), temperature=Interval()) and abs(y) <= abs(torque)
+        assert y in block.output_range(torque=Interval(torque, torque), temperature=Interval()) and abs(y) <= abs(
+            torque
+        )
 
 
 def test_one_temperature_takes_back_the_torque_of_every_element():
-    y = play(lambda: TemperatureDerating(80.0, 100.0), torque=np.array([[8.0, -4.0, 2.0]]), temperature=np.array([90.0]))["derated"]
+    y = play(
+        lambda: TemperatureDerating(80.0, 100.0), torque=np.array([[8.0, -4.0, 2.0]]), temperature=np.array([90.0])
+    )["derated"]
     assert y.tolist() == [[4.0, -2.0, 1.0]]
 
 
@@ -316,7 +359,10 @@ def test_a_soft_start_fades_in_over_its_duration_and_again_when_enabled_again():
     assert np.array_equal(y[65:95], y[:30]) and np.all(np.diff(y[:41]) >= 0.0)
 
 
-@given(u=st.lists(anything, min_size=1, max_size=30), enable=st.lists(st.sampled_from([True, False, math.nan]), min_size=30, max_size=30))
+@given(
+    u=st.lists(anything, min_size=1, max_size=30),
+    enable=st.lists(st.sampled_from([True, False, math.nan]), min_size=30, max_size=30),
+)
 @settings(max_examples=200, deadline=None)
 def test_a_soft_start_stays_between_zero_and_its_input_and_lets_nan_pass(u, enable):
     block = made(SoftStart, 0.05)
@@ -335,12 +381,17 @@ def test_a_soft_start_knows_of_missed_ticks():
     assert abs(block.step(1.0) - 0.5) < 1e-12
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: DeadZone(2.0, 1.0), "lower, 2, is above upper, 1"), (lambda: SoftStop(1.0, 1.0), "lower, 1 rad, is not below upper, 1 rad"),
-    (lambda: TemperatureDerating(100.0, 80.0), "full, 100 °C, is not below none, 80 °C"),
-    (lambda: SoftStart(0.0), "duration: must be above 0"),
-    (lambda: PowerLimiter(-1.0), "power: must be at least 0"), (lambda: SoftStop(stiffness=-1.0), "stiffness: must be at least 0"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: DeadZone(2.0, 1.0), "lower, 2, is above upper, 1"),
+        (lambda: SoftStop(1.0, 1.0), "lower, 1 rad, is not below upper, 1 rad"),
+        (lambda: TemperatureDerating(100.0, 80.0), "full, 100 °C, is not below none, 80 °C"),
+        (lambda: SoftStart(0.0), "duration: must be above 0"),
+        (lambda: PowerLimiter(-1.0), "power: must be at least 0"),
+        (lambda: SoftStop(stiffness=-1.0), "stiffness: must be at least 0"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
@@ -348,6 +399,7 @@ def test_what_makes_no_sense_is_refused(make, said):
 
 def test_a_chain_of_limiters_runs_in_a_diagram_at_a_slower_rate():
     """Every other tick: the window then has half as many samples, and the bound is the same."""
+
     class Burst(Block):
         """12 N·m, on and off."""
 

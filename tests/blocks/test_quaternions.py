@@ -8,7 +8,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from blocks.quaternions import QuaternionConjugate, QuaternionFromEuler, QuaternionMultiply, QuaternionToEuler, RotateVector
+from blocks.quaternions import (
+    QuaternionConjugate,
+    QuaternionFromEuler,
+    QuaternionMultiply,
+    QuaternionToEuler,
+    RotateVector,
+)
 from blocks.sources import Constant
 from graph import Diagram, DiagramError, Interval, compile
 from tests.blocks.proofs import anything, keeps_its_range, sensible
@@ -42,7 +48,16 @@ def test_a_product_turns_by_the_second_first(p, q):
 def test_the_units_multiply_as_hamilton_carved_them():
     one, i, j, k = np.eye(4)
     product = QuaternionMultiply()
-    for a, b, wanted in ((i, i, -one), (j, j, -one), (k, k, -one), (i, j, k), (j, k, i), (k, i, j), (j, i, -k), (one, k, k)):
+    for a, b, wanted in (
+        (i, i, -one),
+        (j, j, -one),
+        (k, k, -one),
+        (i, j, k),
+        (j, k, i),
+        (k, i, j),
+        (j, i, -k),
+        (one, k, k),
+    ):
         assert np.array_equal(product.step(a, b), wanted)
 
 
@@ -50,7 +65,9 @@ def test_the_units_multiply_as_hamilton_carved_them():
 def test_the_conjugate_turns_back(q):
     assert np.array_equal(QuaternionConjugate().step(q), q * [1.0, -1.0, -1.0, -1.0])
     unit = q / np.linalg.norm(q)
-    assert QuaternionMultiply().step(unit, QuaternionConjugate().step(unit)) == pytest.approx([1.0, 0.0, 0.0, 0.0], abs=1e-15)
+    assert QuaternionMultiply().step(unit, QuaternionConjugate().step(unit)) == pytest.approx(
+        [1.0, 0.0, 0.0, 0.0], abs=1e-15
+    )
 
 
 @given(elements, vectors)
@@ -68,7 +85,7 @@ def test_a_quarter_turn_about_z_takes_x_to_y():
 @pytest.mark.parametrize("scale", [1e-320, 1e-200, 3.0, 1e200, 1e308])
 def test_the_size_of_a_quaternion_does_not_matter(scale):
     q, v = np.array([1.0, -0.5, 0.25, 0.75]), np.array([1.0, 2.0, 3.0])
-    within = 1e-13 if scale > 1e-300 else 1e-3                    # a subnormal number has few digits
+    within = 1e-13 if scale > 1e-300 else 1e-3  # a subnormal number has few digits
     assert RotateVector().step(scale * q, v) == pytest.approx(RotateVector().step(q, v), rel=within)
     assert QuaternionToEuler().step(scale * q) == pytest.approx(QuaternionToEuler().step(q), rel=within)
 
@@ -95,7 +112,9 @@ def test_euler_angles_are_those_of_scipy(q):
     yaw, pitch, roll = scipys(q).as_euler("ZYX")
     assume(abs(abs(pitch) - math.pi / 2) > 1e-3)
     found = QuaternionToEuler().step(q)
-    assert [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(found, (yaw, pitch, roll))] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert [math.remainder(a - b, 2.0 * math.pi) for a, b in zip(found, (yaw, pitch, roll))] == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-9
+    )
 
 
 @given(angles, angles, st.sampled_from([-math.pi / 2, math.pi / 2]))
@@ -138,7 +157,9 @@ def test_an_angle_that_is_none_is_nan_in_every_element(place, broken):
 
 
 def test_a_zero_quaternion_turns_nothing_and_is_nan():
-    assert np.all(np.isnan(RotateVector().step(np.zeros(4), np.ones(3)))) and math.isnan(QuaternionToEuler().step(np.zeros(4))[0])
+    assert np.all(np.isnan(RotateVector().step(np.zeros(4), np.ones(3)))) and math.isnan(
+        QuaternionToEuler().step(np.zeros(4))[0]
+    )
 
 
 def test_angles_in_degrees_do_not_compile():

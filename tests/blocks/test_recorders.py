@@ -10,7 +10,9 @@ from tests.blocks.running import player
 
 
 def columns(sink):
-    """Paths of the columns that the only sink of a diagram with two sources takes; sink: called with them, inside the diagram."""
+    """Paths of the columns that the only sink of a diagram with two sources takes; sink: called with them, inside the
+    diagram.
+    """
     with Diagram("recorded", rate=100) as diagram:
         sink(Sine(name="a"), player([[1.0, 2.0]], "rad"))
     (found,) = compile(diagram).sinks
@@ -39,18 +41,27 @@ def test_a_stride_report_wants_all_it_reports():
 def test_a_stride_report_knows_torque_from_angle():
     with Diagram("report", rate=100) as diagram:
         StrideReport()(
-            phase=player([0.0], "1"), walking=player([True], "1", bool), angle=player([0.0], "N·m"), velocity=player([0.0], "rad/s"),
-            torque=player([0.0], "N·m"))
+            phase=player([0.0], "1"),
+            walking=player([True], "1", bool),
+            angle=player([0.0], "N·m"),
+            velocity=player([0.0], "rad/s"),
+            torque=player([0.0], "N·m"),
+        )
     with pytest.raises(DiagramError, match="stride_report.angle: expected rad, got N·m"):
         compile(diagram)
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: CsvRecorder(flush_rows=0), "flush_rows: must be at least 1, got 0"),
-    (lambda: CsvRecorder(delimiter="|"), "delimiter: must be one of"), (lambda: PlotJuggler(port=0), "port: must be at least 1, got 0"),
-    (lambda: PlotJuggler(port=70000), "port: must be at most 65535, got 70000"),
-    (lambda: PlotJuggler(port=9870.5), "port: expected a whole number"), (lambda: PlotJuggler(host=127), "host: expected text"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: CsvRecorder(flush_rows=0), "flush_rows: must be at least 1, got 0"),
+        (lambda: CsvRecorder(delimiter="|"), "delimiter: must be one of"),
+        (lambda: PlotJuggler(port=0), "port: must be at least 1, got 0"),
+        (lambda: PlotJuggler(port=70000), "port: must be at most 65535, got 70000"),
+        (lambda: PlotJuggler(port=9870.5), "port: expected a whole number"),
+        (lambda: PlotJuggler(host=127), "host: expected text"),
+    ],
+)
 def test_parameters_out_of_bounds_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

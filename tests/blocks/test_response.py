@@ -43,10 +43,12 @@ def response(make, length=6000):
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("low, high", [(-1.0, 1.0), (0.0, 3.0), (-2.0, 0.5), (1.0, 4.0)])
 def test_the_worst_input_comes_near_both_ends_and_does_not_pass_them(name, low, high):
-    """The input that has the sign of the impulse response, read backwards. Within 1e-6 of the bound, and inside it to the last bit."""
+    """The input that has the sign of the impulse response, read backwards. Within 1e-6 of the bound, and inside it to
+    the last bit.
+    """
     h = response(CASES[name])
     found = made(CASES[name]).output_range(u=Interval(low, high))
-    low, high = min(low, 0.0), max(high, 0.0)               # a filter starts at zero
+    low, high = min(low, 0.0), max(high, 0.0)  # a filter starts at zero
     upward = play(CASES[name], RATE, u=np.where(h[::-1] > 0.0, high, low))["y"]
     downward = play(CASES[name], RATE, u=np.where(h[::-1] > 0.0, low, high))["y"]
     size = found.high - found.low
@@ -71,7 +73,9 @@ def test_no_input_leaves_the_range_from_zero_or_from_a_settled_start(name, data)
         assert y in found
 
 
-@pytest.mark.parametrize("order, cutoff, rate", [(2, 0.01, 200.0), (8, 2.0, 1000.0), (4, 0.1, 200.0), (1, 0.001, 100.0)])
+@pytest.mark.parametrize(
+    "order, cutoff, rate", [(2, 0.01, 200.0), (8, 2.0, 1000.0), (4, 0.1, 200.0), (1, 0.001, 100.0)]
+)
 def test_a_settled_start_at_full_scale_stays_inside_though_the_poles_lie_near_one(order, cutoff, rate):
     """Rounding is felt for many steps here: what the bound adds for it must be enough."""
     found = made(Butterworth, order, cutoff, rate=rate).output_range(u=Interval(-1.0, 1.0))
@@ -84,16 +88,24 @@ def test_a_settled_start_at_full_scale_stays_inside_though_the_poles_lie_near_on
 
 
 def test_a_low_pass_of_first_order_has_no_overshoot_and_one_of_second_has_four_percent():
-    """A Butterworth of second order overshoots a step by exp(-π) = 4.3 % in continuous time; the 1-norm counts both swings and the rest."""
+    """A Butterworth of second order overshoots a step by exp(-π) = 4.3 % in continuous time; the 1-norm counts both
+    swings and the rest.
+    """
     first = made(Butterworth, 1, 1.0, rate=1000.0).output_range(u=Interval(-1.0, 1.0))
     second = made(Butterworth, 2, 1.0, rate=1000.0).output_range(u=Interval(0.0, 1.0))
     assert 1.0 <= first.high < 1.0 + 1e-8
     overshoot = math.exp(-math.pi)
-    assert abs(second.high - (1.0 + overshoot / (1.0 - overshoot))) < 1e-4 and abs(second.low + overshoot / (1.0 - overshoot)) < 1e-4
+    assert (
+        abs(second.high - (1.0 + overshoot / (1.0 - overshoot))) < 1e-4
+        and abs(second.low + overshoot / (1.0 - overshoot)) < 1e-4
+    )
 
 
 def test_a_filter_behind_a_limiter_is_proved_by_its_overshoot():
-    """20 Hz at 200 Hz overshoots to 1.11 times its input at the worst: 16 N·m pass under a rating of 18, and 17 do not."""
+    """20 Hz at 200 Hz overshoots to 1.11 times its input at the worst: 16 N·m pass under a rating of 18, and 17 do
+    not.
+    """
+
     def diagram(limit):
         with Diagram("filtered", rate=RATE) as found:
             knee = CubeMars("AK10-9-V2.0", name="knee")
@@ -111,8 +123,11 @@ def test_each_input_and_output_of_a_state_space_counts():
     A, B = np.diag([0.5, -0.5]), np.array([[1.0, 0.0], [0.0, 2.0]])
     C, D = np.array([[1.0, 1.0]]), np.array([[0.0, -3.0]])
     found = reach_of_state_space(A, B, C, D)
-    # h of the first input: 0 1 .5 .25 ... = 2; of the second: -3, then 2 -1 .5 ...: positive 2 / (1 - 1/4), negative 3 + 1 / (1 - 1/4).
-    assert np.allclose(found.positive, [[2.0, 8.0 / 3.0]], rtol=1e-8) and np.allclose(found.negative, [[0.0, 3.0 + 4.0 / 3.0]], atol=1e-8)
+    # h of the first input: 0 1 .5 .25 ... = 2; of the second: -3, then 2 -1 .5 ...: positive 2 / (1 - 1/4), negative 3
+    # + 1 / (1 - 1/4).
+    assert np.allclose(found.positive, [[2.0, 8.0 / 3.0]], rtol=1e-8) and np.allclose(
+        found.negative, [[0.0, 3.0 + 4.0 / 3.0]], atol=1e-8
+    )
     interval = found.interval([Interval(0.0, 1.0), Interval(-1.0, 0.0)])
     assert abs(interval.low + 8.0 / 3.0) < 1e-7 and abs(interval.high - (2.0 + 13.0 / 3.0)) < 1e-7
 

@@ -14,7 +14,7 @@ from cext.mailbox_writer import Writer
 from graph import Block, Diagram, DiagramError, Output, compile, stack, subsystem
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
-RATE, PRESSED_AT = 200, 0.5                     # Hz, s
+RATE, PRESSED_AT = 200, 0.5  # Hz, s
 
 
 class Truth(Block):
@@ -68,7 +68,9 @@ def test_a_number_that_is_none_is_pressed():
 
 def test_there_may_be_any_number_and_each_is_enough():
     rig = robot_with(
-        lambda: EmergencyStop(name="first")(Truth([False]).y), lambda: EmergencyStop(name="second")(Truth([False] * 9 + [True]).y))
+        lambda: EmergencyStop(name="first")(Truth([False]).y),
+        lambda: EmergencyStop(name="second")(Truth([False] * 9 + [True]).y),
+    )
     outcome = rig.run(50)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "second", 9)
 
@@ -87,7 +89,9 @@ def test_one_that_might_not_be_looked_at_is_refused():
         return [(d.code, d.message) for d in raised.value.diagnostics]
 
     def in_a_part_that_is(**how):
-        with subsystem("part", **{key: value(Truth([True], name="on")) if callable(value) else value for key, value in how.items()}):
+        with subsystem(
+            "part", **{key: value(Truth([True], name="on")) if callable(value) else value for key, value in how.items()}
+        ):
             EmergencyStop(name="stop")(Truth([False]).y)
 
     [(code, message)] = complaint(lambda: in_a_part_that_is(every=4))
@@ -106,8 +110,11 @@ def test_one_that_might_not_be_looked_at_is_refused():
 
 # The heartbeat
 
+
 def heartbeat_rig(*, pressed=lambda: False, silent=lambda: False, period=0.02, timeout=0.1, knee_answers_from=0.0):
-    """A knee and a button, both emulated. pressed, silent : functions that make the plant's signals; knee_answers_from : s"""
+    """A knee and a button, both emulated. pressed, silent : functions that make the plant's signals; knee_answers_from
+    : s
+    """
     with Diagram("robot", rate=RATE) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=1.0)
         EStopHeartbeat(name="button", timeout=timeout)
@@ -136,7 +143,9 @@ class Thief(Block):
 
 
 class Window(Block):
-    """True between two instants, in s from the plant's begin, which is that of arming. then : called once, half a second after it"""
+    """True between two instants, in s from the plant's begin, which is that of arming. then : called once, half a
+    second after it
+    """
 
     y = Output("1", dtype=bool)
 
@@ -179,7 +188,11 @@ def test_a_button_that_falls_silent_ends_the_run_after_its_timeout():
 def test_nothing_arms_without_a_button():
     rig = heartbeat_rig(silent=lambda: True)
     outcome = rig.run(10)
-    assert (outcome.status, outcome.unanswered) == ("no answer", ("button",)) and set(rig.sent()) <= {ENABLE, NOTHING, DISABLE}
+    assert (outcome.status, outcome.unanswered) == ("no answer", ("button",)) and set(rig.sent()) <= {
+        ENABLE,
+        NOTHING,
+        DISABLE,
+    }
 
 
 def test_a_button_that_is_pressed_while_arming_keeps_every_command_back():
@@ -202,7 +215,11 @@ def test_a_press_at_the_pre_flight_table_that_is_let_go_again_ends_it_before_any
     rig = heartbeat_rig(pressed=lambda: Window(0.3, 0.321, lambda: writer.confirm(), name="press").y)
     writer = Writer(rig.page, "keys")
     outcome = rig.run(10, answered=lambda: None, confirm=True)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and set(rig.sent()) == {ENABLE, NOTHING, DISABLE}
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("e-stop", "button", -1) and set(rig.sent()) == {
+        ENABLE,
+        NOTHING,
+        DISABLE,
+    }
     assert ends_in_the_safe_stop(rig)
 
 
@@ -220,6 +237,7 @@ def test_nan_at_the_emulator_is_pressed():
 
 
 # Its frames, byte for byte
+
 
 class Says(Block):
     """Puts frames on a bus itself: at each tick of a plant what a list says of it, else a good frame."""
@@ -262,7 +280,9 @@ def test_only_one_byte_of_256_says_released(second):
 @pytest.mark.parametrize("data", [b"", b"\x07", b"\x07\x5a\x00", bytes(8), bytes(7) + b"\x5a"])
 def test_frames_of_another_length_change_nothing_and_are_counted(data):
     outcome, rig = heard({20: [(0x123, data), (0x123, None)]})
-    assert outcome.status == "ok" and rig.statistics()["frames"]["malformed"] == 1 and rig["button.pressed"].max() == 0.0
+    assert (
+        outcome.status == "ok" and rig.statistics()["frames"]["malformed"] == 1 and rig["button.pressed"].max() == 0.0
+    )
 
 
 def test_frames_of_other_ids_are_not_its_business():
@@ -299,4 +319,6 @@ def test_a_timeout_of_never_is_refused():
 def test_the_guardian_has_nothing_to_stop_there():
     with Diagram("robot", rate=RATE):
         button = EStopHeartbeat()
-    assert button.zero_frames() == button.disable_frames() == button.enable_frames() == [] and math.isfinite(button.timeout)
+    assert button.zero_frames() == button.disable_frames() == button.enable_frames() == [] and math.isfinite(
+        button.timeout
+    )

@@ -27,7 +27,9 @@ def test_an_exponential_is_the_recursion_to_the_bit_and_scipys_filter(time_const
         wanted.append(state)
     share = dt / (time_constant + dt)
     assert np.array_equal(y, wanted)
-    assert np.abs(y - signal.lfilter([share], [1.0, share - 1.0], NOISE, zi=[(1.0 - share) * NOISE[0]])[0]).max() < 1e-12
+    assert (
+        np.abs(y - signal.lfilter([share], [1.0, share - 1.0], NOISE, zi=[(1.0 - share) * NOISE[0]])[0]).max() < 1e-12
+    )
 
 
 def test_a_step_reaches_63_percent_after_the_time_constant():
@@ -46,12 +48,17 @@ def test_an_exponential_never_leaves_the_interval_of_its_inputs(u, time_constant
 
 def test_nan_passes_an_exponential_and_is_not_held():
     block = made(Exponential, 0.1)
-    assert math.isnan(block.step(math.nan)) and block.step(4.0) == 4.0 and math.isnan(block.step(math.nan)) and block.step(4.0) == 4.0
+    assert (
+        math.isnan(block.step(math.nan))
+        and block.step(4.0) == 4.0
+        and math.isnan(block.step(math.nan))
+        and block.step(4.0) == 4.0
+    )
 
 
 @pytest.mark.parametrize("samples", [1, 3, 5, 21])
 def test_a_median_is_that_of_the_last_inputs_and_scipys_behind_the_start(samples):
-    u = np.round(NOISE, 1)                                  # with equals among them
+    u = np.round(NOISE, 1)  # with equals among them
     y = play(lambda: Median(samples), RATE, u=u)["y"]
     for k in range(len(u)):
         assert y[k] == statistics.median(u[max(0, k - samples + 1) : k + 1])
@@ -65,7 +72,9 @@ def test_a_single_outlier_leaves_no_trace_and_an_edge_stays_an_edge():
     assert play(lambda: Median(3), RATE, u=u)["y"].tolist() == [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 5.0, 5.0]
 
 
-@given(u=st.lists(st.one_of(numbers, st.just(math.nan)), min_size=1, max_size=40), samples=st.sampled_from([1, 3, 5, 9]))
+@given(
+    u=st.lists(st.one_of(numbers, st.just(math.nan)), min_size=1, max_size=40), samples=st.sampled_from([1, 3, 5, 9])
+)
 @settings(max_examples=200, deadline=None)
 def test_a_median_shows_nan_while_it_is_in_the_window_and_stays_in_the_range_of_its_inputs(u, samples):
     block = made(Median, samples)
@@ -129,7 +138,12 @@ def test_a_complementary_filter_stays_inside_its_range(data, time_constant):
 def test_the_worst_rate_comes_near_the_range_of_a_complementary_filter():
     found = made(Complementary, 0.1).output_range(rate=Interval(-3.0, 2.0), angle=Interval(-1.0, 1.0))
     y = play(lambda: Complementary(0.1), RATE, rate=np.full(2000, 2.0), angle=np.ones(2000))["fused"]
-    assert abs(found.high - 1.2) < 1e-12 and abs(found.low + 1.3) < 1e-12 and y.max() <= found.high and found.high - y[-1] < 1e-9
+    assert (
+        abs(found.high - 1.2) < 1e-12
+        and abs(found.low + 1.3) < 1e-12
+        and y.max() <= found.high
+        and found.high - y[-1] < 1e-9
+    )
 
 
 def test_nan_in_rate_or_angle_passes_a_complementary_filter_and_is_not_held():

@@ -10,10 +10,15 @@ from graph import Diagram, DiagramError
 from tests.blocks.running import both_ways
 
 
-@pytest.mark.parametrize("parameters", [
-    {}, {"amplitude": 3.0, "frequency": 0.7}, {"amplitude": -2.0, "frequency": 25.0, "phase": 1.0, "bias": 0.5},
-    {"frequency": 0.0, "phase": 0.5},
-])
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {},
+        {"amplitude": 3.0, "frequency": 0.7},
+        {"amplitude": -2.0, "frequency": 25.0, "phase": 1.0, "bias": 0.5},
+        {"frequency": 0.0, "phase": 0.5},
+    ],
+)
 def test_a_sine_is_a_sine(parameters):
     """Within 1e-12 of its amplitude, over ten seconds."""
     y = both_ways(lambda: Sine(**parameters), ticks=2000)["y"]
@@ -35,11 +40,15 @@ def test_a_step_at_time_zero_was_always_there():
         assert [StepSource(0.0, 2.0, 0.0).step() for _ in range(2)] == [2.0, 2.0]
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: Sine(frequency=-1.0), "Sine: frequency: must be at least 0.0 Hz, got -1.0"),
-    (lambda: Sine(amplitude=math.nan), "Sine: amplitude: NaN"),
-    (lambda: StepSource(time=math.nan), "StepSource: time: NaN"), (lambda: Sine(1.0, 2.0, 3.0, 4.0, "rad", 6.0), "Sine: takes 5 parameters"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: Sine(frequency=-1.0), "Sine: frequency: must be at least 0.0 Hz, got -1.0"),
+        (lambda: Sine(amplitude=math.nan), "Sine: amplitude: NaN"),
+        (lambda: StepSource(time=math.nan), "StepSource: time: NaN"),
+        (lambda: Sine(1.0, 2.0, 3.0, 4.0, "rad", 6.0), "Sine: takes 5 parameters"),
+    ],
+)
 def test_parameters_out_of_bounds_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

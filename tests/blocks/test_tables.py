@@ -51,21 +51,29 @@ def test_nan_passes_alone(beyond):
 
 @given(row=sensible, column=sensible)
 def test_a_surface_is_that_of_scipy_and_clamps(row, column):
-    wanted = RegularGridInterpolator((ROWS, COLUMNS), np.array(GRID))((np.clip(row, 0.0, 4.0), np.clip(column, -1.0, 2.0)))
+    wanted = RegularGridInterpolator((ROWS, COLUMNS), np.array(GRID))(
+        (np.clip(row, 0.0, 4.0), np.clip(column, -1.0, 2.0))
+    )
     assert LookupTable2D(ROWS, COLUMNS, GRID).step(row, column) == pytest.approx(float(wanted), rel=1e-13, abs=1e-13)
 
 
 @given(row=sensible, column=sensible)
 def test_a_surface_that_extrapolates_is_that_of_scipy(row, column):
-    wanted = RegularGridInterpolator((ROWS, COLUMNS), np.array(GRID), bounds_error=False, fill_value=None)((row, column))
-    assert LookupTable2D(ROWS, COLUMNS, GRID, "extrapolate").step(row, column) == pytest.approx(float(wanted), rel=1e-12, abs=1e-12)
+    wanted = RegularGridInterpolator((ROWS, COLUMNS), np.array(GRID), bounds_error=False, fill_value=None)(
+        (row, column)
+    )
+    assert LookupTable2D(ROWS, COLUMNS, GRID, "extrapolate").step(row, column) == pytest.approx(
+        float(wanted), rel=1e-12, abs=1e-12
+    )
 
 
 def test_beyond_the_ends_the_run_ends_in_a_fault_on_request():
     with Diagram("d", rate=10) as diagram:
         LookupTable1D(X, Y, "error", name="table")(Ramp(1.0)())
     outcome = Executor(Program(compile(diagram)), 10.0, virtual=True).run(100, fade=0.0)
-    assert (outcome.faulted, outcome.culprit, outcome.tick) == (True, "table", 26), "2.5 is the last breakpoint, reached at tick 25"
+    assert (outcome.faulted, outcome.culprit, outcome.tick) == (True, "table", 26), (
+        "2.5 is the last breakpoint, reached at tick 25"
+    )
     block = LookupTable2D(ROWS, COLUMNS, GRID, "error")
     for row, column in ((-0.1, 0.0), (4.1, 0.0), (1.0, -1.1), (1.0, 2.1), (math.inf, 0.0)):
         with pytest.raises(ArithmeticError, match="status 64"):
@@ -75,20 +83,27 @@ def test_beyond_the_ends_the_run_ends_in_a_fault_on_request():
 def test_the_output_has_the_unit_it_is_given():
     with Diagram("d", rate=10) as diagram:
         LookupTable1D(X, Y, unit="N*m", name="curve")(Ramp(1.0, unit="rad")())
-        LookupTable2D(unit="N*m", name="surface")(Ramp(1.0, unit="rad", name="a")(), Ramp(1.0, unit="rad/s", name="b")())
+        LookupTable2D(unit="N*m", name="surface")(
+            Ramp(1.0, unit="rad", name="a")(), Ramp(1.0, unit="rad/s", name="b")()
+        )
     signals = compile(diagram).signals
     assert signals["curve.y"].unit == signals["surface.y"].unit == "N·m"
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: LookupTable1D((0.0, 0.0), (1.0, 2.0)), "each above the one before"), (lambda: LookupTable1D((0.0,), (1.0,)), "at least two"),
-    (lambda: LookupTable1D((0.0, 1.0), (1.0,)), "2 breakpoints and 1 values"), (lambda: LookupTable1D((0.0, math.inf),
-    (1.0, 2.0)), "finite"),
-    (lambda: LookupTable1D((-1.7e308, 1.7e308), (1.0, 2.0)), "each above"), (lambda: LookupTable1D(beyond="wrap"), "must be one of clamp"),
-    (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0), (3.0,))), "2 rows of 2 numbers"),
-    (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0),)), "2 rows of 2 numbers"),
-    (lambda: LookupTable2D(values=(1.0, 2.0)), "finite numbers"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: LookupTable1D((0.0, 0.0), (1.0, 2.0)), "each above the one before"),
+        (lambda: LookupTable1D((0.0,), (1.0,)), "at least two"),
+        (lambda: LookupTable1D((0.0, 1.0), (1.0,)), "2 breakpoints and 1 values"),
+        (lambda: LookupTable1D((0.0, math.inf), (1.0, 2.0)), "finite"),
+        (lambda: LookupTable1D((-1.7e308, 1.7e308), (1.0, 2.0)), "each above"),
+        (lambda: LookupTable1D(beyond="wrap"), "must be one of clamp"),
+        (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0), (3.0,))), "2 rows of 2 numbers"),
+        (lambda: LookupTable2D((0.0, 1.0), (0.0, 1.0), ((1.0, 2.0),)), "2 rows of 2 numbers"),
+        (lambda: LookupTable2D(values=(1.0, 2.0)), "finite numbers"),
+    ],
+)
 def test_a_table_that_is_none_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
@@ -103,7 +118,13 @@ def knots(smallest, largest):
 @given(data=st.data(), x=knots(2, 6))
 def test_no_curve_leaves_its_range(beyond, data, x):
     values = data.draw(st.lists(sensible | finite, min_size=len(x), max_size=len(x)))
-    keeps_its_range(data, LookupTable1D(x, tuple(values), beyond), nan=True, ticks=4, numbers=anything | sensible | st.sampled_from(x))
+    keeps_its_range(
+        data,
+        LookupTable1D(x, tuple(values), beyond),
+        nan=True,
+        ticks=4,
+        numbers=anything | sensible | st.sampled_from(x),
+    )
 
 
 @pytest.mark.parametrize("beyond", ["clamp", "extrapolate"])
@@ -121,22 +142,36 @@ def test_a_surface_whose_lines_overflow_proves_nothing():
     assert block.output_range(Interval(0.0, 0.0), Interval(0.0, 1.000001)) == Interval()
 
 
-@pytest.mark.parametrize("beyond, ends, wanted", [
-    ("clamp", (-math.inf, math.inf), (-1.0, 4.0)), ("clamp", (5.0, 9.0), (4.0, 4.0)), ("clamp", (-0.25, 0.25), (-1.0 / 3.0, 1.0)),
-    ("clamp", (0.0, 1.25), (-1.0, 1.5)), ("extrapolate", (-4.0, 0.5), (-1.0, 11.0)), ("extrapolate", (2.0, math.inf), (4.0, 4.0)),
-    ("extrapolate", (-math.inf, 3.0), (-1.0, math.inf)), ("error", (-9.0, 0.5), (-1.0, 3.0)),
-])
+@pytest.mark.parametrize(
+    "beyond, ends, wanted",
+    [
+        ("clamp", (-math.inf, math.inf), (-1.0, 4.0)),
+        ("clamp", (5.0, 9.0), (4.0, 4.0)),
+        ("clamp", (-0.25, 0.25), (-1.0 / 3.0, 1.0)),
+        ("clamp", (0.0, 1.25), (-1.0, 1.5)),
+        ("extrapolate", (-4.0, 0.5), (-1.0, 11.0)),
+        ("extrapolate", (2.0, math.inf), (4.0, 4.0)),
+        ("extrapolate", (-math.inf, 3.0), (-1.0, math.inf)),
+        ("error", (-9.0, 0.5), (-1.0, 3.0)),
+    ],
+)
 def test_the_range_of_a_curve_is_tight(beyond, ends, wanted):
     """Within 1e-14: what rounding may add."""
     found = LookupTable1D(X, Y, beyond).output_range(Interval(*ends))
     assert (found.low, found.high) == pytest.approx(wanted, rel=1e-14)
 
 
-@pytest.mark.parametrize("beyond, row, column, wanted", [
-    ("clamp", (-math.inf, math.inf), (-math.inf, math.inf), (-3.0, 5.0)), ("clamp", (0.0, 0.5), (-1.0, -0.5), (1.0, 2.5)),
-    ("clamp", (4.0, 4.0), (0.25, 0.25), (2.5, 2.5)), ("extrapolate", (4.0, 7.0), (0.0, 0.0), (5.0, 10.0)),
-    ("extrapolate", (0.0, math.inf), (0.0, 0.0), (-math.inf, math.inf)), ("extrapolate", (0.0, 1.0), (0.5, 2.0), (-3.0, 2.0)),
-])
+@pytest.mark.parametrize(
+    "beyond, row, column, wanted",
+    [
+        ("clamp", (-math.inf, math.inf), (-math.inf, math.inf), (-3.0, 5.0)),
+        ("clamp", (0.0, 0.5), (-1.0, -0.5), (1.0, 2.5)),
+        ("clamp", (4.0, 4.0), (0.25, 0.25), (2.5, 2.5)),
+        ("extrapolate", (4.0, 7.0), (0.0, 0.0), (5.0, 10.0)),
+        ("extrapolate", (0.0, math.inf), (0.0, 0.0), (-math.inf, math.inf)),
+        ("extrapolate", (0.0, 1.0), (0.5, 2.0), (-3.0, 2.0)),
+    ],
+)
 def test_the_range_of_a_surface_is_tight(beyond, row, column, wanted):
     """Within 1e-13: what rounding may add."""
     found = LookupTable2D(ROWS, COLUMNS, GRID, beyond).output_range(Interval(*row), Interval(*column))

@@ -43,10 +43,17 @@ def test_it_is_the_oracle_to_the_bit():
 
 
 def test_heating_up_follows_the_exact_solution():
-    """Ten minutes at a constant torque, copper included, against the matrix exponential: within 0.02 K of a rise of 34 K at 200 Hz."""
+    """Ten minutes at a constant torque, copper included, against the matrix exponential: within 0.02 K of a rise of 34
+    K at 200 Hz.
+    """
     loss, torque, air = 0.2, 9.0, 22.0
     heat, cw, rw, cc, rc = loss * torque**2, 16.3, 1.07, 512.0, 1.94
-    A = np.array([[-1.0 / (cw * rw) + heat * COPPER / cw, 1.0 / (cw * rw)], [1.0 / (cc * rw), -1.0 / (cc * rw) - 1.0 / (cc * rc)]])
+    A = np.array(
+        [
+            [-1.0 / (cw * rw) + heat * COPPER / cw, 1.0 / (cw * rw)],
+            [1.0 / (cc * rw), -1.0 / (cc * rw) - 1.0 / (cc * rc)],
+        ]
+    )
     b = np.array([heat * (1.0 - 25.0 * COPPER) / cw, air / (cc * rc)])
     rest = -np.linalg.solve(A, b)
     ticks = 120_000
@@ -79,11 +86,17 @@ def test_a_peak_torque_heats_the_winding_long_before_the_case():
     assert found["winding"][-1] > 60.0 and found["case"][-1] < 27.0
 
 
-@given(data=st.data(), loss=st.floats(0.0, 1.0), start=st.one_of(st.none(), st.floats(-20.0, 120.0)),
-       rate=st.sampled_from([0.01, 1.0, 200.0]))
+@given(
+    data=st.data(),
+    loss=st.floats(0.0, 1.0),
+    start=st.one_of(st.none(), st.floats(-20.0, 120.0)),
+    rate=st.sampled_from([0.01, 1.0, 200.0]),
+)
 @settings(max_examples=100, deadline=None)
 def test_no_torque_brings_it_out_of_its_range(data, loss, start, rate):
-    torque, ambient = (sorted(data.draw(st.tuples(values, values))) for values in (st.floats(-12.0, 12.0), st.floats(-20.0, 45.0)))
+    torque, ambient = (
+        sorted(data.draw(st.tuples(values, values))) for values in (st.floats(-12.0, 12.0), st.floats(-20.0, 45.0))
+    )
     block = made(ThermalModel, loss=loss, start=start, rate=rate)
     found = block.output_range(torque=Interval(*torque), ambient=Interval(*ambient))
     for _ in range(30):
@@ -95,7 +108,9 @@ def test_no_torque_brings_it_out_of_its_range(data, loss, start, rate):
 def test_the_range_is_where_the_largest_torque_leads_in_the_end():
     found = made(ThermalModel, rated=9.0).output_range(torque=Interval(-9.0, 4.0), ambient=Interval(20.0, 25.0))
     assert abs(found.high - 100.0) < 1e-3 and abs(found.low - 20.0) < 1e-3
-    hot = made(ThermalModel, rated=9.0, start=130.0).output_range(torque=Interval(0.0, 0.0), ambient=Interval(20.0, 25.0))
+    hot = made(ThermalModel, rated=9.0, start=130.0).output_range(
+        torque=Interval(0.0, 0.0), ambient=Interval(20.0, 25.0)
+    )
     assert abs(hot.high - 130.0) < 1e-3 and abs(hot.low - 20.0) < 1e-3
     runaway = made(ThermalModel, rated=9.0).output_range(torque=Interval(-30.0, 30.0), ambient=Interval(20.0, 25.0))
     assert runaway == Interval()
@@ -137,12 +152,15 @@ def test_with_derating_a_motor_that_is_asked_for_too_much_settles_below_its_limi
     assert 80.0 < winding < 100.0 and 7.0 < torque < 9.5
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: ThermalModel(), "loss: name an actuator, or give its rated torque or its loss"),
-    (lambda: ThermalModel("AK99"), "'AK99' is not a CubeMars model"),
-    (lambda: ThermalModel(rated=0.0), "rated: must be above 0"),
-    (lambda: ThermalModel(loss=0.1, case_capacity=0.0), "case_capacity: must be above 0"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: ThermalModel(), "loss: name an actuator, or give its rated torque or its loss"),
+        (lambda: ThermalModel("AK99"), "'AK99' is not a CubeMars model"),
+        (lambda: ThermalModel(rated=0.0), "rated: must be above 0"),
+        (lambda: ThermalModel(loss=0.1, case_capacity=0.0), "case_capacity: must be above 0"),
+    ],
+)
 def test_what_makes_no_sense_is_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()

@@ -34,9 +34,10 @@ def test_the_angle_of_a_point_is_that_of_python(opposite, adjacent):
         assert math.isnan(y)
 
 
-@pytest.mark.parametrize("opposite, adjacent, wanted", [
-    (1.0, 1.0, PI / 4), (1.0, -1.0, 3 * PI / 4), (-1.0, -1.0, -3 * PI / 4), (0.0, -2.0, PI), (0.0, 0.0, 0.0),
-])
+@pytest.mark.parametrize(
+    "opposite, adjacent, wanted",
+    [(1.0, 1.0, PI / 4), (1.0, -1.0, 3 * PI / 4), (-1.0, -1.0, -3 * PI / 4), (0.0, -2.0, PI), (0.0, 0.0, 0.0)],
+)
 def test_angles_in_all_four_quadrants(opposite, adjacent, wanted):
     assert Atan2().step(opposite, adjacent) == pytest.approx(wanted, rel=1e-15, abs=0.0)
 
@@ -64,16 +65,24 @@ def test_no_output_leaves_its_range_near_peaks_and_poles(kind, data, quarter, wi
         assert kind().step(value) in found
 
 
-@pytest.mark.parametrize("block, inputs, wanted", [
-    (Sin(), {"u": (0.1, 0.2)}, (math.sin(0.1), math.sin(0.2))), (Sin(), {"u": (1.0, 2.0)}, (math.sin(1.0), 1.0)),
-    (Sin(), {"u": (4.0, 5.0)}, (-1.0, math.sin(4.0))), (Cos(), {"u": (-0.5, 0.25)}, (math.cos(0.5), 1.0)),
-    (Cos(), {"u": (3.0, 3.5)}, (-1.0, math.cos(3.5))), (Tan(), {"u": (-1.0, 1.5)}, (math.tan(-1.0), math.tan(1.5))),
-    (Tan(), {"u": (1.0, 2.0)}, (-math.inf, math.inf)), (Asin(), {"u": (-2.0, 0.5)}, (-PI / 2, math.asin(0.5))),
-    (Acos(), {"u": (0.5, 7.0)}, (0.0, math.acos(0.5))), (Atan(), {"u": (-math.inf, 1.0)}, (-PI / 2, PI / 4)),
-    (Atan2(), {"opposite": (-1.0, 1.0), "adjacent": (1.0, 2.0)}, (-PI / 4, PI / 4)),
-    (Atan2(), {"opposite": (1.0, 2.0), "adjacent": (-2.0, -1.0)}, (math.atan2(2.0, -1.0), math.atan2(1.0, -2.0))),
-    (Atan2(), {"opposite": (0.0, 1.0), "adjacent": (-1.0, 1.0)}, (-PI, PI)),
-])
+@pytest.mark.parametrize(
+    "block, inputs, wanted",
+    [
+        (Sin(), {"u": (0.1, 0.2)}, (math.sin(0.1), math.sin(0.2))),
+        (Sin(), {"u": (1.0, 2.0)}, (math.sin(1.0), 1.0)),
+        (Sin(), {"u": (4.0, 5.0)}, (-1.0, math.sin(4.0))),
+        (Cos(), {"u": (-0.5, 0.25)}, (math.cos(0.5), 1.0)),
+        (Cos(), {"u": (3.0, 3.5)}, (-1.0, math.cos(3.5))),
+        (Tan(), {"u": (-1.0, 1.5)}, (math.tan(-1.0), math.tan(1.5))),
+        (Tan(), {"u": (1.0, 2.0)}, (-math.inf, math.inf)),
+        (Asin(), {"u": (-2.0, 0.5)}, (-PI / 2, math.asin(0.5))),
+        (Acos(), {"u": (0.5, 7.0)}, (0.0, math.acos(0.5))),
+        (Atan(), {"u": (-math.inf, 1.0)}, (-PI / 2, PI / 4)),
+        (Atan2(), {"opposite": (-1.0, 1.0), "adjacent": (1.0, 2.0)}, (-PI / 4, PI / 4)),
+        (Atan2(), {"opposite": (1.0, 2.0), "adjacent": (-2.0, -1.0)}, (math.atan2(2.0, -1.0), math.atan2(1.0, -2.0))),
+        (Atan2(), {"opposite": (0.0, 1.0), "adjacent": (-1.0, 1.0)}, (-PI, PI)),
+    ],
+)
 def test_ranges_are_tight_within_two_ulp(block, inputs, wanted):
     found = block.output_range(**{name: Interval(*ends) for name, ends in inputs.items()})
     assert found.low <= wanted[0] + 1e-15 and ulps(found.low, wanted[0]) <= 4.0

@@ -1,4 +1,6 @@
-"""Vectors against NumPy: putting together, taking apart, and linear algebra; shapes and units along the wires; ranges."""
+"""Vectors against NumPy: putting together, taking apart, and linear algebra; shapes and units along the wires;
+ranges.
+"""
 
 import math
 
@@ -72,7 +74,9 @@ def test_a_vector_of_another_length_does_not_compile():
 
 @given(vectors, vectors)
 def test_products_are_those_of_numpy(a, b):
-    """To the bit where NumPy does the same operations in the same order; within 1e-13 for sums that it may order otherwise."""
+    """To the bit where NumPy does the same operations in the same order; within 1e-13 for sums that it may order
+    otherwise.
+    """
     assert np.array_equal(Cross().step(a, b), np.cross(a, b))
     assert Dot().step(a, b) == pytest.approx(np.dot(a, b), rel=1e-13, abs=1e-13)
     assert Norm().step(a) == pytest.approx(np.linalg.norm(a), rel=1e-15)
@@ -97,13 +101,22 @@ def test_nan_passes_and_is_gone_with_it(make):
     assert np.array_equal(block.step(*[sound] * count), first)
 
 
-@pytest.mark.parametrize("make, said", [
-    (lambda: Stack(0), "at least 1"), (lambda: Stack(2, shape=3), "whole numbers"), (lambda: Stack(2, shape=(0,)), "from 1 up"),
-    (lambda: Concatenate(()), "at least"), (lambda: Concatenate((2.5,)), "whole numbers"), (lambda: Select(1.5), "whole numbers"),
-    (lambda: Select(()), "must name an element"), (lambda: MatrixGain(((1.0, 2.0), (3.0,))), "all of one length"),
-    (lambda: MatrixGain(((1.0, math.inf),)), "finite"), (lambda: MatrixGain(()), "rows of finite numbers"),
-    (lambda: MatrixGain("unit"), "rows"),
-])
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda: Stack(0), "at least 1"),
+        (lambda: Stack(2, shape=3), "whole numbers"),
+        (lambda: Stack(2, shape=(0,)), "from 1 up"),
+        (lambda: Concatenate(()), "at least"),
+        (lambda: Concatenate((2.5,)), "whole numbers"),
+        (lambda: Select(1.5), "whole numbers"),
+        (lambda: Select(()), "must name an element"),
+        (lambda: MatrixGain(((1.0, 2.0), (3.0,))), "all of one length"),
+        (lambda: MatrixGain(((1.0, math.inf),)), "finite"),
+        (lambda: MatrixGain(()), "rows of finite numbers"),
+        (lambda: MatrixGain("unit"), "rows"),
+    ],
+)
 def test_wrong_parameters_are_refused(make, said):
     with pytest.raises(DiagramError, match=said):
         make()
@@ -117,22 +130,30 @@ MAKERS = {
     "Stack": st.builds(Stack, st.integers(1, 5), st.sampled_from([(), (2,), (2, 2)])),
     "Concatenate": st.builds(Concatenate, st.lists(st.integers(1, 3), min_size=1, max_size=4).map(tuple)),
     "Select": st.builds(Select, st.sampled_from([0, -1, (0, 0), (-1, 0)])),
-    "Norm": st.builds(Norm), "Dot": st.builds(Dot), "Cross": st.builds(Cross),
-    "MatrixGain": st.builds(MatrixGain, st.lists(st.tuples(*[finite | sensible] * 3), min_size=1, max_size=3).map(tuple)),
+    "Norm": st.builds(Norm),
+    "Dot": st.builds(Dot),
+    "Cross": st.builds(Cross),
+    "MatrixGain": st.builds(
+        MatrixGain, st.lists(st.tuples(*[finite | sensible] * 3), min_size=1, max_size=3).map(tuple)
+    ),
 }
 
 
 @pytest.mark.parametrize("kind", MAKERS)
 @given(data=st.data())
 def test_no_output_leaves_its_range(kind, data):
-    keeps_its_range(data, data.draw(MAKERS[kind]), nan=True, ticks=3, shapes=((), (3,), (2, 2)), numbers=anything | sensible)
+    keeps_its_range(
+        data, data.draw(MAKERS[kind]), nan=True, ticks=3, shapes=((), (3,), (2, 2)), numbers=anything | sensible
+    )
 
 
 def test_ranges_are_tight():
     """Within 1e-14."""
     norm, dot = Norm(), Dot()
     norm.width = dot.width = 4
-    assert norm.output_range(Interval(-1.0, 3.0)) == Interval(0.0, 6.0) and norm.output_range(Interval(1.0, 2.0)) == Interval(2.0, 4.0)
+    assert norm.output_range(Interval(-1.0, 3.0)) == Interval(0.0, 6.0) and norm.output_range(
+        Interval(1.0, 2.0)
+    ) == Interval(2.0, 4.0)
     found = dot.output_range(Interval(-1.0, 2.0), Interval(0.0, 3.0))
     assert (found.low, found.high) == pytest.approx((-12.0, 24.0), rel=1e-14)
     found = Cross().output_range(Interval(0.0, 1.0), Interval(0.0, 2.0))

@@ -67,7 +67,9 @@ def test_after_its_sweep_a_chirp_goes_on_at_the_last_frequency_without_a_jump(me
     """Within 1e-9: the wave from the end of the sweep on is a sine of that frequency and of the phase reached."""
     start, stop, duration = 1.0, 4.0, 2.0
     y = trace(lambda name: Chirp(1.0, start, stop, duration, method=method, name=name), 800)
-    turns = 0.5 * (start + stop) * duration if method == "linear" else (stop - start) * duration / math.log(stop / start)
+    turns = (
+        0.5 * (start + stop) * duration if method == "linear" else (stop - start) * duration / math.log(stop / start)
+    )
     t = np.arange(400, 800) / 200.0
     assert y[400:] == pytest.approx(np.sin(2.0 * math.pi * (turns + stop * (t - duration))), abs=1e-9)
 
@@ -99,10 +101,14 @@ MAKERS = {
     "StepSource": st.builds(StepSource, SIZES, SIZES, TIMES),
     "Ramp": st.builds(Ramp, SIZES, TIMES, SIZES, LENGTHS | st.just(math.inf)),
     "Sine": st.builds(Sine, SIZES, st.floats(0.0, 1e3), TIMES, SIZES),
-    "Chirp": st.builds(Chirp, SIZES, LENGTHS, LENGTHS, LENGTHS, st.sampled_from(["linear", "logarithmic"]), TIMES, SIZES),
+    "Chirp": st.builds(
+        Chirp, SIZES, LENGTHS, LENGTHS, LENGTHS, st.sampled_from(["linear", "logarithmic"]), TIMES, SIZES
+    ),
     "Pulse": st.builds(Pulse, SIZES, SIZES, LENGTHS, st.floats(0.0, 1.0), TIMES),
     "GaussianNoise": st.builds(GaussianNoise, SIZES, SIZES.map(abs), st.integers(0, 2**53)),
-    "UniformNoise": st.builds(lambda a, b, seed: UniformNoise(min(a, b), max(a, b), seed), SIZES, SIZES, st.integers(0, 2**53)),
+    "UniformNoise": st.builds(
+        lambda a, b, seed: UniformNoise(min(a, b), max(a, b), seed), SIZES, SIZES, st.integers(0, 2**53)
+    ),
 }
 
 

@@ -17,7 +17,9 @@ MIXED = st.one_of(st.floats(-1e6, 1e6), st.sampled_from([0.0, 1e6, -1e6, 1e-9, 0
 
 
 def signals():
-    """A million samples of each: noise; noise on a large offset; bursts a million million times larger than what follows them."""
+    """A million samples of each: noise; noise on a large offset; bursts a million million times larger than what
+    follows them.
+    """
     random = np.random.default_rng(15)
     noise = random.normal(0.0, 1.0, MILLION)
     bursts = noise * np.where(np.arange(MILLION) % 5000 < 1000, 1e12, 1.0)
@@ -37,7 +39,9 @@ def checkpoints(length):
 @pytest.mark.parametrize("name", ["noise", "offset", "bursts"])
 @pytest.mark.parametrize("length", [7, 3001])
 def test_a_moving_average_does_not_drift_over_a_million_samples(million, name, length):
-    """Against math.fsum at a thousand checkpoints: within two roundings of the mean, and 1e-25 of the largest sample of two windows."""
+    """Against math.fsum at a thousand checkpoints: within two roundings of the mean, and 1e-25 of the largest sample of
+    two windows.
+    """
     u = million[name]
     y = play(lambda: MovingAverage(length / RATE), RATE, u=u)["y"]
     for k in checkpoints(length):
@@ -54,12 +58,14 @@ def test_a_moving_rms_does_not_drift_over_a_million_samples(million, name, lengt
     for k in checkpoints(length):
         square = math.fsum(x * x for x in u[k - length + 1 : k + 1].tolist()) / length
         largest = np.abs(u[max(0, k - 2 * length) : k + 1]).max()
-        assert abs(y[k] - math.sqrt(square)) <= 3.0 * math.ulp(math.sqrt(square)) + 1e-25 * largest**2 / math.sqrt(square)
+        assert abs(y[k] - math.sqrt(square)) <= 3.0 * math.ulp(math.sqrt(square)) + 1e-25 * largest**2 / math.sqrt(
+            square
+        )
 
 
 @pytest.mark.parametrize("length", [1, 3001])
 def test_extremes_of_a_window_are_exact_over_a_million_samples(million, length):
-    u = np.round(million["noise"], 2)                       # with equals among them
+    u = np.round(million["noise"], 2)  # with equals among them
     largest, smallest = (play(lambda: kind(length / RATE), RATE, u=u)["y"] for kind in (MovingMaximum, MovingMinimum))
     for k in checkpoints(length):
         window = u[k - length + 1 : k + 1]
@@ -74,11 +80,17 @@ def test_until_the_window_is_full_it_is_over_what_there_is(u, length):
         mean, rms, largest, smallest = (block.step(x) for block in blocks)
         window = u[max(0, k - length + 1) : k + 1]
         assert abs(mean - math.fsum(window) / len(window)) <= 1e-15 * max(map(abs, window)) + 1e-19
-        assert abs(rms - math.sqrt(math.fsum(v * v for v in window) / len(window))) <= 1e-15 * max(map(abs, window)) + 1e-12
+        assert (
+            abs(rms - math.sqrt(math.fsum(v * v for v in window) / len(window)))
+            <= 1e-15 * max(map(abs, window)) + 1e-12
+        )
         assert largest == max(window) and smallest == min(window)
 
 
-@given(u=st.lists(st.one_of(MIXED, st.sampled_from([math.nan, math.inf, -math.inf])), min_size=1, max_size=60), length=st.integers(1, 9))
+@given(
+    u=st.lists(st.one_of(MIXED, st.sampled_from([math.nan, math.inf, -math.inf])), min_size=1, max_size=60),
+    length=st.integers(1, 9),
+)
 @settings(max_examples=150, deadline=None)
 def test_what_is_not_finite_shows_as_long_as_it_is_in_the_window_and_no_longer(u, length):
     blocks = [made(kind, length / RATE, rate=RATE) for kind in (MovingAverage, MovingRMS, MovingMaximum, MovingMinimum)]
@@ -107,8 +119,12 @@ def test_no_statistic_leaves_its_range(data, length):
 def test_ranges_are_tight():
     assert MovingMaximum().output_range(u=Interval(-1.0, 2.0)) == Interval(-1.0, 2.0)
     mean, rms = MovingAverage().output_range(u=Interval(-1.0, 2.0)), MovingRMS().output_range(u=Interval(-1.0, 2.0))
-    assert abs(mean.low + 1.0) < 1e-14 and abs(mean.high - 2.0) < 1e-14 and rms.low == 0.0 and abs(rms.high - 2.0) < 1e-14
-    assert MovingAverage().output_range(u=Interval(0.0)) == Interval() and MovingRMS().output_range(u=Interval()) == Interval(0.0)
+    assert (
+        abs(mean.low + 1.0) < 1e-14 and abs(mean.high - 2.0) < 1e-14 and rms.low == 0.0 and abs(rms.high - 2.0) < 1e-14
+    )
+    assert MovingAverage().output_range(u=Interval(0.0)) == Interval() and MovingRMS().output_range(
+        u=Interval()
+    ) == Interval(0.0)
     assert abs(MovingRMS().output_range(u=Interval(-3.0, -2.0)).low - 2.0) < 1e-8
 
 
@@ -133,10 +149,14 @@ def test_the_window_is_the_nearest_whole_number_of_samples():
     assert [samples_in(window, 0.005) for window in (0.005, 0.0074, 0.0076, 1.0, 20.0)] == [1, 1, 2, 200, 4000]
 
 
-@pytest.mark.parametrize("window, said", [
-    (0.002, "a window of 0.002 s is shorter than half a sampling period of 0.005 s"),
-    (6000.0, "a window of 6000 s has 1200000 samples at 200 Hz, and 1000000 are the most"), (0.0, "window: must be above 0.0 s"),
-])
+@pytest.mark.parametrize(
+    "window, said",
+    [
+        (0.002, "a window of 0.002 s is shorter than half a sampling period of 0.005 s"),
+        (6000.0, "a window of 6000 s has 1200000 samples at 200 Hz, and 1000000 are the most"),
+        (0.0, "window: must be above 0.0 s"),
+    ],
+)
 def test_a_window_that_cannot_be_is_refused(window, said):
     with pytest.raises((DiagramError, ValueError), match=said):
         made(MovingAverage, window).step(0.0)

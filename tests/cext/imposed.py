@@ -1,4 +1,6 @@
-"""One drive at a joint whose motion is imposed, in virtual time: what it is sent, what it gives at every substep, how the run ends."""
+"""One drive at a joint whose motion is imposed, in virtual time: what it is sent, what it gives at every substep, how
+the run ends.
+"""
 
 import math
 
@@ -50,11 +52,29 @@ class Kept(Block):
         self.rows.append((t, torque))
 
 
-UNITS = {"temperature": ("°C", float), "power_lost": ("1", bool), "fault": ("1", int), "dropped": ("1", float), "delay": ("s", float)}
+UNITS = {
+    "temperature": ("°C", float),
+    "power_lost": ("1", bool),
+    "fault": ("1", int),
+    "dropped": ("1", float),
+    "delay": ("s", float),
+}
 
 
-def imposed(motion, *, rate=200, substeps=4, seconds=1.0, noise=0.0, drive=CubeMars, model="AK80-9", commands=None, emulator=None,
-            fade=0.0, **parameters):
+def imposed(
+    motion,
+    *,
+    rate=200,
+    substeps=4,
+    seconds=1.0,
+    noise=0.0,
+    drive=CubeMars,
+    model="AK80-9",
+    commands=None,
+    emulator=None,
+    fade=0.0,
+    **parameters,
+):
     """(Rig after its run, Outcome). rig.torques : rows of time and the drive's torque; rig.watched : what was seen
 
     motion : (position, velocity) as a function of time; commands : by name, numbers or functions of time
@@ -68,12 +88,18 @@ def imposed(motion, *, rate=200, substeps=4, seconds=1.0, noise=0.0, drive=CubeM
         for name, value in (commands or {"torque_command": 0.0}).items():
             if callable(value):
                 source = Given(value, unit=knee.inputs[name].unit)
-                source.outputs["y"] = Output(knee.inputs[name].unit, range=(limits[name].low, limits[name].high)).named("y")
+                source.outputs["y"] = Output(knee.inputs[name].unit, range=(limits[name].low, limits[name].high)).named(
+                    "y"
+                )
                 value = source()
             wires[name] = value
         knee(**wires)
     with Diagram("plant", rate=rate * substeps) as plant:
-        inputs = {name: Given(emulator.pop(name), *kind, name=f"given_{name}")() for name, kind in UNITS.items() if name in emulator}
+        inputs = {
+            name: Given(emulator.pop(name), *kind, name=f"given_{name}")()
+            for name, kind in UNITS.items()
+            if name in emulator
+        }
         played = robot["knee"].emulator(name="drive", **emulator)
         joint = Imposed(motion, noise)()
         kept = Kept(name="kept")
@@ -102,4 +128,5 @@ def accelerated(rate, begin=0.5, until=math.inf, start=0.0):
         t = max(0.0, t - begin)
         a, b = min(t, length), max(0.0, t - length)
         return start + 0.5 * rate * a * a + rate * a * b, rate * a
+
     return motion

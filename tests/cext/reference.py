@@ -1,7 +1,7 @@
 """A slow executor in plain Python: what every native kernel must agree with, bit for bit.
 
-A network is a list of nodes; node i gives one number and is called f"n{i:02}". Nodes without feedthrough may be read by any node, the
-others only by later ones.
+A network is a list of nodes; node i gives one number and is called f"n{i:02}". Nodes without feedthrough may be read by
+any node, the others only by later ones.
 """
 
 import math
@@ -74,9 +74,24 @@ class Node:
         return BLOCKS[self.kind]
 
 
-BLOCKS = {block.__name__: block for block in (
-    Sine, StepSource, Gain, Sum, Product, Saturation, SlewRate, Butterworth, UnitDelay, Affine, Largest, Integral)}
-OPEN = ("UnitDelay", "Integral")                # no direct feedthrough
+BLOCKS = {
+    block.__name__: block
+    for block in (
+        Sine,
+        StepSource,
+        Gain,
+        Sum,
+        Product,
+        Saturation,
+        SlewRate,
+        Butterworth,
+        UnitDelay,
+        Affine,
+        Largest,
+        Integral,
+    )
+}
+OPEN = ("UnitDelay", "Integral")  # no direct feedthrough
 SOURCES = ("Sine", "StepSource")
 ARITY = {"Sum": 3, "Product": 2, "Affine": 2, "Sine": 0, "StepSource": 0}
 
@@ -87,7 +102,15 @@ def clip(x, low, high):
 
 def toward(previous, target, most):
     change = target - previous
-    return math.nan if math.isinf(target) else previous + most if change > most else previous - most if change < -most else target
+    return (
+        math.nan
+        if math.isinf(target)
+        else previous + most
+        if change > most
+        else previous - most
+        if change < -most
+        else target
+    )
 
 
 class Cell:
@@ -98,7 +121,9 @@ class Cell:
         p = self.p = {name: param.default for name, param in node.block.parameters.items()} | node.parameters
         self.state = {"UnitDelay": p.get("initial"), "Largest": -math.inf, "Integral": 0.25}.get(node.kind, 0.0)
         if node.kind == "Butterworth":
-            self.sections = [(*section, [0.0, 0.0]) for section in butterworth(p["order"], p["cutoff"], "lowpass", node.every / rate)]
+            self.sections = [
+                (*section, [0.0, 0.0]) for section in butterworth(p["order"], p["cutoff"], "lowpass", node.every / rate)
+            ]
 
     def compute(self, u, t, dt):
         kind, p = self.node.kind, self.p
@@ -153,6 +178,7 @@ def execute(nodes, rate, ticks):
     order = sorted(range(len(nodes)), key=lambda i: (nodes[i].kind not in OPEN, i))
     rows = []
     for tick in range(ticks):
+
         def inputs(i):
             return [cells[k].y for k in nodes[i].inputs]
 

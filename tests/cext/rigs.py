@@ -32,7 +32,9 @@ class Frame(NamedTuple):
 
 
 class Change(NamedTuple):
-    """What the mailbox has brought, as the page has it. kind : 0 a set, 1 a mark, 2 a stop; index : of the live parameter"""
+    """What the mailbox has brought, as the page has it. kind : 0 a set, 1 a mark, 2 a stop; index : of the live
+    parameter
+    """
 
     tick: int
     kind: int
@@ -66,7 +68,14 @@ class Rig:
             substeps = round(plant.rate / robot.rate)
         self.page = page if isinstance(page, Page) else Page(page)
         self.executor = Executor(
-            self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=virtual, **options)
+            self.control,
+            self.schedule.rate,
+            plant=self.plant,
+            substeps=substeps,
+            page=self.page,
+            virtual=virtual,
+            **options,
+        )
 
     def run(self, ticks, **options):
         """Run, and take what was recorded: rows by column, frames and events in their order. Returns the Outcome."""
@@ -86,7 +95,9 @@ class Rig:
                 self.changes += map(Change._make, CHANGE.iter_unpack(record))
         rows = np.array(rows).reshape(-1, width)
         self.tick, self.time = rows[:, 0].astype(int), rows[:, 0] / self.schedule.rate
-        self.signals = {column.path: rows[:, 2 + column.index] for sink in self.schedule.sinks for column in sink.columns}
+        self.signals = {
+            column.path: rows[:, 2 + column.index] for sink in self.schedule.sinks for column in sink.columns
+        }
         return outcome
 
     def __getitem__(self, path):
@@ -127,7 +138,9 @@ def ends_in_the_safe_stop(rig, can_id=1):
 
 
 def one_drive(law, *, rate=200, virtual=True, plant=True, options=None, **parameters):
-    """A rig with one drive. law(drive) : the signal that commands its torque; options : of the Executor; parameters : of the drive"""
+    """A rig with one drive. law(drive) : the signal that commands its torque; options : of the Executor; parameters :
+    of the drive
+    """
     with Diagram("robot", rate=rate) as robot:
         drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee", **parameters)
         drive(torque_command=law(drive))

@@ -1,4 +1,6 @@
-"""Kernels from outside: ctypes function pointers, capsules by their C signature, cfuncs by their address; and what is refused."""
+"""Kernels from outside: ctypes function pointers, capsules by their C signature, cfuncs by their address; and what is
+refused.
+"""
 
 import ctypes
 import shutil
@@ -17,7 +19,9 @@ from graph import Block, Diagram, Input, Memory, Output, Param, compile
 from graph.layout import KernelTable
 from tests.cext.rigs import Rig
 
-KERNEL = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32))
+KERNEL = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32)
+)
 SIGNATURE = b"int (double *, int32_t const *, int32_t const *)"
 
 new_capsule = ctypes.pythonapi.PyCapsule_New
@@ -69,7 +73,9 @@ def expected(values, leak=0.25):
     return out
 
 
-@pytest.mark.parametrize("kernel", [leaky, new_capsule(ctypes.cast(leaky, ctypes.c_void_p), SIGNATURE, None)], ids=["ctypes", "capsule"])
+@pytest.mark.parametrize(
+    "kernel", [leaky, new_capsule(ctypes.cast(leaky, ctypes.c_void_p), SIGNATURE, None)], ids=["ctypes", "capsule"]
+)
 def test_a_kernel_from_outside_runs_in_a_diagram(kernel):
     class Foreign(Leaky):
         """The same, by each way of handing it over."""
@@ -115,19 +121,22 @@ def test_a_status_of_its_own_is_a_fault_that_names_the_block():
         Executor(Program(compile(diagram)), 100.0).spin(50)
 
 
-@pytest.mark.parametrize("kernel, complaint", [
-    (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
-    (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
-    (cubemars.decode, "must be named"),
-    (leaky.__call__, "a native kernel is a PyCapsule, a ctypes function or a Numba cfunc"),
-    (lambda arena, slots, sizes: 0, "a native kernel is a PyCapsule"),
-    (140_000_000_000, "a native kernel is a PyCapsule"),
-    (b"kernel", "a native kernel is a PyCapsule"),
-    ("gain", "a native kernel is a PyCapsule"),
-    (object(), "a native kernel is a PyCapsule"),
-    (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)(lambda x: 0), "takes 3 arguments, and .* takes 1"),
-    (KERNEL(), "cannot be a null pointer"),
-])
+@pytest.mark.parametrize(
+    "kernel, complaint",
+    [
+        (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
+        (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
+        (cubemars.decode, "must be named"),
+        (leaky.__call__, "a native kernel is a PyCapsule, a ctypes function or a Numba cfunc"),
+        (lambda arena, slots, sizes: 0, "a native kernel is a PyCapsule"),
+        (140_000_000_000, "a native kernel is a PyCapsule"),
+        (b"kernel", "a native kernel is a PyCapsule"),
+        ("gain", "a native kernel is a PyCapsule"),
+        (object(), "a native kernel is a PyCapsule"),
+        (ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_double)(lambda x: 0), "takes 3 arguments, and .* takes 1"),
+        (KERNEL(), "cannot be a null pointer"),
+    ],
+)
 def test_what_is_no_kernel_is_refused_before_anything_runs(kernel, complaint):
     class Odd(Leaky):
         """Names something else as its kernel."""

@@ -1,4 +1,6 @@
-"""A tick allocates nothing: however long it runs, a native loop leaves no block of memory and a Python one none that stays."""
+"""A tick allocates nothing: however long it runs, a native loop leaves no block of memory and a Python one none that
+stays.
+"""
 
 import gc
 import os
@@ -91,6 +93,7 @@ def test_native_ticks_trace_no_allocation_at_all():
 
 def test_the_memory_of_the_process_stays_what_it_was():
     """Rows and frames into the ring included, until it is full."""
+
     def resident():
         return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 

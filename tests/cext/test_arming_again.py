@@ -1,4 +1,6 @@
-"""After a fault: behind the fence until somebody arms again, and only once nothing stands in the way. In virtual time, on in-memory buses."""
+"""After a fault: behind the fence until somebody arms again, and only once nothing stands in the way. In virtual time,
+on in-memory buses.
+"""
 
 import ctypes
 import math
@@ -17,8 +19,9 @@ from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
 SIGNATURE = ctypes.CFUNCTYPE(
-    ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32))
-FADE = 0.1                      # s
+    ctypes.c_int, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32), ctypes.POINTER(ctypes.c_int32)
+)
+FADE = 0.1  # s
 RATE = 200
 
 
@@ -88,7 +91,9 @@ class Thief(Block):
 
 
 class Survivor:
-    """A drive whose law follows a script, and which may be armed again. asks : ticks at which its input asks for that"""
+    """A drive whose law follows a script, and which may be armed again. asks : ticks at which its input asks for
+    that
+    """
 
     def __init__(self, script, asks=(), *, plant=None, more=lambda: None, **options):
         with Diagram("robot", rate=RATE) as robot:
@@ -134,17 +139,19 @@ def test_after_a_fault_a_rising_input_arms_again_with_torque_faded_in_on_the_sam
     assert set(robot.between()) <= {NOTHING, DISABLE}
     rig = robot.rig
     assert (np.diff(rig.tick) > 0).all() and len(rig.tick) == len(set(rig.tick))
-    armed = next(tick for tick in rig.tick if tick > 80 and rig["knee.torque_sent"][list(rig.tick).index(tick)] > 0.0) - 1
+    armed = (
+        next(tick for tick in rig.tick if tick > 80 and rig["knee.torque_sent"][list(rig.tick).index(tick)] > 0.0) - 1
+    )
     assert 81 < armed < 90
     sent = dict(zip(rig.tick, rig["knee.torque_sent"]))
-    for tick in range(armed, armed + 20):                           # as after the first arming
+    for tick in range(armed, armed + 20):  # as after the first arming
         assert sent[tick] == pytest.approx(2.0 * (tick - armed) / (FADE * RATE), abs=130.0 / 4095)
     assert sent[199] == pytest.approx(2.0, abs=130.0 / 4095)
     waiting = [torque for tick, torque in sent.items() if 50 < tick <= 80]
-    assert len(waiting) > 20 and np.abs(waiting).max() < 130.0 / 4095       # computed and recorded, and nothing of it sent
+    assert len(waiting) > 20 and np.abs(waiting).max() < 130.0 / 4095  # computed and recorded, and nothing of it sent
     untroubled = Survivor({})
     untroubled.run()
-    assert robot.law.resets == untroubled.law.resets + 1            # blocks begin anew at each arming
+    assert robot.law.resets == untroubled.law.resets + 1  # blocks begin anew at each arming
     assert ends_in_the_safe_stop(rig)
 
 
@@ -187,11 +194,17 @@ def test_a_letter_from_before_the_wait_counts_no_more():
 
 
 def test_as_long_as_the_cause_stands_arming_is_refused_with_its_name():
-    robot = Survivor({tick: nan for tick in range(50, 100)} | {79: lambda: robot.press("rearm") and math.nan}, asks=[70, 130])
+    robot = Survivor(
+        {tick: nan for tick in range(50, 100)} | {79: lambda: robot.press("rearm") and math.nan}, asks=[70, 130]
+    )
     outcome = robot.run()
     assert outcome.status == "ok" and robot.rig.sent().count(ENABLE) == 2
     assert [entry[:3] for entry in robot.heard] == [
-        ("fault", "not finite", "knee"), ("refused", "not finite", "knee"), ("refused", "not finite", "knee"), ("rearm", "ok", None)]
+        ("fault", "not finite", "knee"),
+        ("refused", "not finite", "knee"),
+        ("refused", "not finite", "knee"),
+        ("rearm", "ok", None),
+    ]
     assert robot.heard[1][3] == 70 and robot.heard[2][3] == 80
 
 
@@ -200,7 +213,9 @@ def test_an_exception_is_survived_too_and_told_each_time():
     outcome = robot.run()
     assert outcome.status == "ok" and outcome.error is None
     assert [(fault.status, fault.culprit, fault.tick, str(fault.error)) for fault in outcome.faults] == [
-        ("exception", "law", 50, "a wire has come loose"), ("exception", "law", 120, "a wire has come loose")]
+        ("exception", "law", 50, "a wire has come loose"),
+        ("exception", "law", 120, "a wire has come loose"),
+    ]
     assert [entry[0] for entry in robot.heard] == ["fault", "refused", "rearm", "fault", "rearm"]
 
 
@@ -214,7 +229,7 @@ def test_a_fault_in_the_very_first_tick_is_survived_as_well():
 def test_a_status_of_a_labs_own_kernel_is_survived(status):
     @SIGNATURE
     def kernel(arena, slots, sizes):
-        return status if arena[1] == 50.0 else 0                    # the slot of the tick
+        return status if arena[1] == 50.0 else 0  # the slot of the tick
 
     class Own(Block):
         y = Output("1")
@@ -263,7 +278,11 @@ def test_while_it_waits_it_shows_that_it_lives_and_looks_whether_its_guardian_do
     robot = Survivor(script, page=page, guard=5.0)
     page.look_after(time.monotonic_ns())
     outcome = robot.run()
-    assert (outcome.status, [fault.status for fault in outcome.faults], robot.rig.tick[-1]) == ("unguarded", ["not finite"], 90)
+    assert (outcome.status, [fault.status for fault in outcome.faults], robot.rig.tick[-1]) == (
+        "unguarded",
+        ["not finite"],
+        90,
+    )
     assert len(set(beats)) == len(beats) and beats == sorted(beats) and len(beats) > 80
 
 
@@ -288,7 +307,7 @@ def test_in_real_time_the_rounds_of_a_stop_are_5_ms_apart_until_time_is_up():
     outcome = robot.run(40, rearm=None)
     assert outcome.status == "not finite" and outcome.unconfirmed == ("knee",)
     times = [frame.time for frame in robot.rig.frames if frame.sent and frame.data == DISABLE]
-    assert 30 <= len(times) <= 40                                   # of 200 ms; a machine that is busy misses some
+    assert 30 <= len(times) <= 40  # of 200 ms; a machine that is busy misses some
     assert 0.15e9 < times[-1] - times[0] < 0.2e9 + 5e6
     assert np.median(np.diff(times)) == pytest.approx(5e6, abs=1e6)
 
@@ -310,7 +329,11 @@ def test_a_drive_that_is_silent_stands_in_the_way_until_it_answers_again():
     plant.thief.host = robot.rig.buses["can"].host
     outcome = robot.run(400)
     assert outcome.status == "ok" and [fault.status for fault in outcome.faults] == ["silent"]
-    assert [entry[:3] for entry in robot.heard] == [("fault", "silent", "knee"), ("refused", "silent", "knee"), ("rearm", "ok", None)]
+    assert [entry[:3] for entry in robot.heard] == [
+        ("fault", "silent", "knee"),
+        ("refused", "silent", "knee"),
+        ("rearm", "ok", None),
+    ]
     assert robot.rig.sent().count(ENABLE) == 2 and outcome.faults[0].unconfirmed == ("knee",)
 
 
@@ -326,7 +349,10 @@ def test_a_fault_bit_stands_in_the_way_until_the_drive_takes_it_back():
     outcome = robot.run(300)
     assert outcome.status == "ok"
     assert [entry[:3] for entry in robot.heard] == [
-        ("fault", "device fault", "knee"), ("refused", "device fault", "knee"), ("rearm", "ok", None)]
+        ("fault", "device fault", "knee"),
+        ("refused", "device fault", "knee"),
+        ("rearm", "ok", None),
+    ]
 
 
 def test_an_emergency_stop_stands_in_the_way_until_it_is_released():
@@ -363,10 +389,14 @@ def test_a_joint_in_doubt_is_not_armed_again_until_it_is_clear(script, asks):
 
     def permitted():
         asked.append(len(robot.heard))
-        return len(asked) in (1, 3)                                 # at the start; not at 80; at 90
+        return len(asked) in (1, 3)  # at the start; not at 80; at 90
 
     outcome = robot.run(permitted=permitted, answered=lambda: None)
     assert outcome.status == "ok" and len(asked) == 3
-    assert [entry[:2] for entry in robot.heard] == [("fault", "not finite"), ("refused", "unclear pose"), ("rearm", "ok")]
+    assert [entry[:2] for entry in robot.heard] == [
+        ("fault", "not finite"),
+        ("refused", "unclear pose"),
+        ("rearm", "ok"),
+    ]
     refused, armed = robot.heard[1][3], robot.heard[2][3]
     assert 80 <= refused <= 82 and 90 <= armed <= 92 and set(robot.between()) <= {NOTHING, DISABLE}

@@ -1,4 +1,6 @@
-"""Bits of a frame on the wire, against a bit-accurate encoder, the worst case of the standard, and numbers worked out by hand."""
+"""Bits of a frame on the wire, against a bit-accurate encoder, the worst case of the standard, and numbers worked out
+by hand.
+"""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -58,5 +60,7 @@ def test_it_agrees_with_the_definition_and_never_leaves_its_bounds(identifier, d
 def test_zero_torque_of_ours_and_of_epically_powerful_takes_nearly_the_same():
     """Theirs takes 125 bits on the fact sheet's ids; ours has one code less of position, and its runs elsewhere."""
     theirs, ours = (
-        [frame_bits(can_id, bytes.fromhex(data))[0] for can_id in range(1, 9)] for data in ("8000800000000800", "7fff7ff0000007ff"))
+        [frame_bits(can_id, bytes.fromhex(data))[0] for can_id in range(1, 9)]
+        for data in ("8000800000000800", "7fff7ff0000007ff")
+    )
     assert theirs[0] == 125 and sum(theirs) == 1000 and sum(ours) == 1002

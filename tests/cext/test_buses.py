@@ -34,7 +34,9 @@ def test_a_full_queue_refuses_and_counts_and_goes_on_once_read():
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from(["host", "device"]), st.one_of(st.none(), st.binary(max_size=64))), max_size=60))
+@given(
+    st.lists(st.tuples(st.sampled_from(["host", "device"]), st.one_of(st.none(), st.binary(max_size=64))), max_size=60)
+)
 def test_whatever_is_sent_arrives_once_in_order(actions):
     bus, sent, heard = MemoryBus(), {"host": [], "device": []}, {"host": [], "device": []}
     for end, data in actions:
@@ -58,7 +60,7 @@ def test_frames_that_a_full_queue_refused_are_not_counted_as_sent():
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=1.0)
     rig = Rig(robot)
     rig.buses["can"].device.send(1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]))
-    assert rig.run(2000).status == "ok"                                 # nobody reads the other end
+    assert rig.run(2000).status == "ok"  # nobody reads the other end
     assert rig.statistics()["frames"]["sent"] == 1024 == len(rig.sent())
     assert rig.buses["can"].dropped == 2000 + 2 * 40 - 1024
 

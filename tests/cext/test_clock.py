@@ -1,4 +1,6 @@
-"""The clock: a grid that keeps its phase, late and missed ticks, slow blocks after a skip. What is asserted is structure, never speed."""
+"""The clock: a grid that keeps its phase, late and missed ticks, slow blocks after a skip. What is asserted is
+structure, never speed.
+"""
 
 import time
 
@@ -70,9 +72,12 @@ def test_ticks_and_missed_make_up_the_grid_and_time_is_tick_by_rate():
     rig, outcome, passed = real_time(diagram, 100)
     statistics = rig.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 100
-    assert rig.time.tolist() == [tick / RATE for tick in rig.tick] == rig["b.t"].tolist() and rig["b.tick"].tolist() == rig.tick.tolist()
+    assert (
+        rig.time.tolist() == [tick / RATE for tick in rig.tick] == rig["b.t"].tolist()
+        and rig["b.tick"].tolist() == rig.tick.tolist()
+    )
     assert sorted(set(rig.tick)) == rig.tick.tolist() and statistics["lateness"]["count"] == statistics["ticks"]
-    assert 0.495 <= passed                                      # 100 grid points cannot pass faster than the grid
+    assert 0.495 <= passed  # 100 grid points cannot pass faster than the grid
 
 
 def test_a_long_block_makes_the_tick_jump_and_the_phase_is_kept():
@@ -82,11 +87,13 @@ def test_a_long_block_makes_the_tick_jump_and_the_phase_is_kept():
     statistics = rig.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 60
     ticks, held = rig.tick.tolist(), diagram["b"].held
-    assert ticks[ticks.index(held) + 1] >= held + 6 and statistics["missed"] >= 5           # 32.5 ms are six whole periods and a half
+    # 32.5 ms are six whole periods and a half
+    assert ticks[ticks.index(held) + 1] >= held + 6 and statistics["missed"] >= 5
     assert rig.time.tolist() == [tick / RATE for tick in ticks]
     dt = rig["b.passed"].tolist()
     assert dt == pytest.approx([(now - before) / RATE for before, now in zip([-1, *ticks], ticks)], rel=1e-12)
-    assert statistics["lateness"]["max"] >= 0.0325 - PERIOD - 1e-6      # counted from the grid point that was awaited, not from the newest
+    # counted from the grid point that was awaited, not from the newest
+    assert statistics["lateness"]["max"] >= 0.0325 - PERIOD - 1e-6
     assert statistics["execution"]["max"] >= 0.0325
 
 
@@ -128,7 +135,7 @@ def test_no_burst_follows_a_stall():
     with Diagram("d", rate=RATE) as diagram:
         Busy(10, 0.1, name="b")
     rig, _, _ = real_time(diagram, 50)
-    assert len(rig.tick) <= 50 - 19                             # what was missed is not made up for
+    assert len(rig.tick) <= 50 - 19  # what was missed is not made up for
 
 
 def test_a_slow_block_runs_when_its_own_period_has_come_also_after_a_skip():
@@ -163,7 +170,7 @@ def test_the_plant_does_not_stand_still_while_ticks_are_missed():
     rig = Rig(robot, plant, virtual=False)
     assert rig.run(60).status == "ok" and rig.statistics()["missed"] >= 9
     arming = PERIOD
-    for asked, angle in zip(rig.tick, rig["knee.position"][1:]):                       # each answer is to the command of the tick before
+    for asked, angle in zip(rig.tick, rig["knee.position"][1:]):  # each answer is to the command of the tick before
         assert angle == pytest.approx(0.1 * (asked * PERIOD + arming), abs=25.0 / 65535)
 
 
@@ -211,7 +218,7 @@ def test_a_run_needs_no_page():
 
 
 def test_a_robot_in_real_time_arms_runs_and_stops_on_its_grid():
-    rig = one_drive(lambda knee: 1.0, virtual=False, timeout=0.0)           # a machine that stalls is no silent drive
+    rig = one_drive(lambda knee: 1.0, virtual=False, timeout=0.0)  # a machine that stalls is no silent drive
     outcome = rig.run(40)
     statistics = rig.statistics()
     assert outcome.status == "ok" and outcome.unconfirmed == () and statistics["ticks"] + statistics["missed"] == 40

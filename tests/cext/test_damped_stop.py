@@ -1,4 +1,6 @@
-"""The damped stop stays inside the limit at every speed: from the loop and from the watchdog, judged from the bytes on the bus."""
+"""The damped stop stays inside the limit at every speed: from the loop and from the watchdog, judged from the bytes on
+the bus.
+"""
 
 import math
 import signal
@@ -18,7 +20,7 @@ from tests.played_drive import PlayedDrive, never_gains
 
 AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
 LIMIT, CODE = 5.0, 36.0 / 4095  # N·m
-STOP_TIME = 1.0                 # s
+STOP_TIME = 1.0  # s
 
 
 class Trip(Block):
@@ -72,13 +74,18 @@ class Witness(Block):
 
 
 def stopped(joint, rate=200, substeps=20, silent=False, **parameters):
-    """A run that ends in a damped stop. Returns (torque, velocity) of the joint in every substep, judged from the bytes.
+    """A run that ends in a damped stop. Returns (torque, velocity) of the joint in every substep, judged from the
+    bytes.
 
     joint : called in the plant with the emulated drive, gives its position and velocity
     """
     with Diagram("robot", rate=rate) as robot:
-        knee = CubeMars("AK80-9", can_id=1, name="knee", **{
-            "limit": LIMIT, "safe_stop": "damp", "stop_damping": 1.0, "stop_time": STOP_TIME} | parameters)
+        knee = CubeMars(
+            "AK80-9",
+            can_id=1,
+            name="knee",
+            **{"limit": LIMIT, "safe_stop": "damp", "stop_damping": 1.0, "stop_time": STOP_TIME} | parameters,
+        )
         knee(torque_command=TorqueLimiter(limit=0.4)(Trip(name="trip")(knee.position)))
     with Diagram("plant", rate=rate * substeps) as plant:
         drive = EmulatedCubeMars.of(robot["knee"], name="drive")
@@ -95,7 +102,9 @@ def stopped(joint, rate=200, substeps=20, silent=False, **parameters):
         while place < len(sent) and sent[place].time <= index * step:
             law = None if sent[place].data == STOP[1] else reference.read_command(AK80_9, sent[place].data)
             place += 1
-        torque.append(0.0 if law is None else ratio * (law["damping"] * (law["velocity"] - ratio * speed) + law["torque"]))
+        torque.append(
+            0.0 if law is None else ratio * (law["damping"] * (law["velocity"] - ratio * speed) + law["torque"])
+        )
         assert law is None or law["stiffness"] == 0.0
     assert sent[-1].data == STOP[1]
     return np.array(torque), np.array(witness.seen)
@@ -120,6 +129,7 @@ def moved(motion):
     def joint(drive):
         imposed = Imposed(motion, name="imposed")
         return imposed.position, imposed.velocity
+
     return joint
 
 
@@ -130,13 +140,13 @@ def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_of_5_newton_metres():
     assert never_gains([(0, speed, 0.0) for speed in velocity])
     assert abs(velocity[-1]) < 1.0
     half = np.flatnonzero(velocity <= 4.0)[0] / 4000
-    assert half < 0.55                              # s; the clipped ideal takes 0.288
+    assert half < 0.55  # s; the clipped ideal takes 0.288
 
 
 @pytest.mark.parametrize("rate", [100, 200, 1000])
 @pytest.mark.parametrize("frequency, peak", [(0.5, 45.0), (2.0, 30.0), (5.0, 15.9), (20.0, 3.9)])
 def test_a_joint_that_is_moved_within_its_acceleration_feels_no_more_than_the_limit(rate, frequency, peak):
-    motion = lambda t: peak * math.sin(2.0 * math.pi * frequency * t + 0.7)         # noqa: E731
+    motion = lambda t: peak * math.sin(2.0 * math.pi * frequency * t + 0.7)  # noqa: E731
     torque, velocity = stopped(moved(motion), rate=rate, substeps=4000 // rate)
     assert np.abs(torque).max() <= LIMIT + CODE and (torque * velocity <= 0.05).all()
 
@@ -148,8 +158,16 @@ def test_a_drive_that_answers_no_more_is_damped_inside_the_limit_at_every_speed(
     assert 0.0 < np.abs(torque).max() <= LIMIT + CODE and never_gains([(0, speed, 0.0) for speed in velocity])
 
 
-@pytest.mark.parametrize("parameters", [
-    {"gear_ratio": 2.0}, {"invert": True, "offset": 0.3}, {"limit": 0.5}, {"stop_damping": 5.0}, {"limit": 9.0, "stop_damping": 0.1}])
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"gear_ratio": 2.0},
+        {"invert": True, "offset": 0.3},
+        {"limit": 0.5},
+        {"stop_damping": 5.0},
+        {"limit": 9.0, "stop_damping": 0.1},
+    ],
+)
 def test_the_limit_holds_for_every_mounting_and_every_damping(parameters):
     limit, ratio = parameters.get("limit", LIMIT), parameters.get("gear_ratio", 1.0)
     torque, _ = stopped(moved(lambda t: 24.0 / ratio * math.sin(15.0 * t)), **parameters)
@@ -184,7 +202,9 @@ class Playing(Block):
 
 def test_a_drive_under_a_tick_that_hangs_is_damped_inside_the_limit_by_the_watchdog():
     with Diagram("robot", rate=200) as robot:
-        knee = CubeMars("AK80-9", can_id=1, name="knee", limit=LIMIT, safe_stop="damp", stop_damping=1.0, stop_time=0.2, timeout=0.0)
+        knee = CubeMars(
+            "AK80-9", can_id=1, name="knee", limit=LIMIT, safe_stop="damp", stop_damping=1.0, stop_time=0.2, timeout=0.0
+        )
         law = Playing(name="law")
         knee(torque_command=TorqueLimiter(limit=1.0)(law(knee.position)))
     with Diagram("plant", rate=200) as plant:
@@ -198,5 +218,6 @@ def test_a_drive_under_a_tick_that_hangs_is_damped_inside_the_limit_by_the_watch
     played = law.drive
     assert played.worst() <= LIMIT + CODE and never_gains(played.log)
     damped = [torque for _, velocity, torque in played.log if abs(torque) > 0.6 * LIMIT]
-    assert len(damped) > 1000, "the watchdog does not read the velocity"         # 50 ms of more than B = limit / top speed would give
+    # 50 ms of more than B = limit / top speed would give
+    assert len(damped) > 1000, "the watchdog does not read the velocity"
     assert abs(played.log[-1][1]) < 7.0

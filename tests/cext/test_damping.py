@@ -58,13 +58,20 @@ def test_one_drive_is_damped_for_its_time_and_then_disabled_while_the_other_is_d
     assert [data for _, data in hip[:2]] == STOP
     damped = [(time, data) for time, data in knee if data not in STOP]
     said = [reference.read_command(AK10_9, data) for _, data in damped]
-    assert max(each["damping"] for each in said) == pytest.approx(2.0, abs=5.0 / 4095) and min(each["damping"] for each in said) > 0.0
+    assert (
+        max(each["damping"] for each in said) == pytest.approx(2.0, abs=5.0 / 4095)
+        and min(each["damping"] for each in said) > 0.0
+    )
     for each in said:
         assert each["stiffness"] == 0.0
-        assert each["velocity"] == pytest.approx(0.0, abs=100.0 / 4095) and each["torque"] == pytest.approx(0.0, abs=130.0 / 4095)
+        assert each["velocity"] == pytest.approx(0.0, abs=100.0 / 4095) and each["torque"] == pytest.approx(
+            0.0, abs=130.0 / 4095
+        )
     times = [time for time, _ in damped]
     assert np.diff(times) == pytest.approx(0.002, abs=1e-9) and times[-1] == pytest.approx(0.3 - 0.002, abs=1e-9)
-    assert [data for _, data in knee[len(damped) : len(damped) + 2]] == STOP and knee[len(damped)][0] == pytest.approx(0.3, abs=1e-9)
+    assert [data for _, data in knee[len(damped) : len(damped) + 2]] == STOP and knee[len(damped)][0] == pytest.approx(
+        0.3, abs=1e-9
+    )
     assert rig.page.fenced and rig.page.state == "safe"
 
 
@@ -84,7 +91,7 @@ def test_a_damped_limb_comes_to_rest_and_a_disabled_one_swings_on():
         replies = [frame.data for frame in rig.frames if not frame.sent and frame.id == 1]
         speeds[how] = [reference.read_reply(AK10_9, data)[2] for data in replies]
     assert max(np.abs(speeds["disable"])) > 3.0 and abs(speeds["disable"][-1]) > 3.0
-    assert max(np.abs(speeds["damp"])) > 3.0 and abs(speeds["damp"][-1]) < 0.1         # I / B = 0.1 s, and 0.5 s of it
+    assert max(np.abs(speeds["damp"])) > 3.0 and abs(speeds["damp"][-1]) < 0.1  # I / B = 0.1 s, and 0.5 s of it
 
 
 def test_a_run_that_was_never_under_torque_is_not_damped():
@@ -96,7 +103,7 @@ def test_a_run_that_was_never_under_torque_is_not_damped():
 def test_a_run_that_ends_with_its_first_tick_was_under_torque_and_is_damped():
     rig = one_drive(lambda knee: 1.0, safe_stop="damp", stop_damping=2.0, stop_time=0.1)
     assert rig.run(1, fade=0.0).status == "ok"
-    assert len([data for data in rig.sent() if data not in (ENABLE, *STOP)]) == 1 + 50                # every 2 ms
+    assert len([data for data in rig.sent() if data not in (ENABLE, *STOP)]) == 1 + 50  # every 2 ms
 
 
 def test_who_waits_for_arming_was_damped_once_and_is_not_when_the_run_ends():
@@ -126,7 +133,9 @@ def test_damping_ends_on_its_time_where_nobody_answers_any_more():
     assert rig.page.state == "safe"
 
 
-@pytest.mark.parametrize("wrong", [{"safe_stop": "brake"}, {"stop_damping": 0.0}, {"stop_damping": 5.1}, {"stop_time": 6.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"safe_stop": "brake"}, {"stop_damping": 0.0}, {"stop_damping": 5.1}, {"stop_time": 6.0}]
+)
 def test_a_stop_that_cannot_be_is_refused(wrong):
     with pytest.raises(DiagramError, match=next(iter(wrong))), Diagram("robot", rate=200):
         CubeMars("AK10-9-V2.0", **wrong)(torque_command=0.0)
@@ -149,4 +158,5 @@ def test_a_bus_that_cannot_carry_a_round_in_2_ms_has_longer_ones():
         for number in range(1, 9):
             damp(robot, can_id=number, name=f"drive{number}")(torque_command=0.0)
     rounds = [device.damp.round for device in compile(robot).devices]
-    assert rounds == [pytest.approx(16 * 135 * 1e-6 / 0.8)] * 8             # s: eight commands and replies of up to 135 bits, at 80 %
+    # s: eight commands and replies of up to 135 bits, at 80 %
+    assert rounds == [pytest.approx(16 * 135 * 1e-6 / 0.8)] * 8

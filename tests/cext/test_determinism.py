@@ -1,4 +1,6 @@
-"""Random networks: the order of making and wiring never shows, native and plain Python agree bit for bit, and no proved range is left."""
+"""Random networks: the order of making and wiring never shows, native and plain Python agree bit for bit, and no proved
+range is left.
+"""
 
 import math
 
@@ -16,21 +18,25 @@ from tests.cext.rigs import Rig
 
 RATE, TICKS = 125.0, 24
 MILD = st.floats(-3.0, 3.0)
-WILD = st.one_of(MILD, st.floats(allow_nan=False), st.sampled_from([0.0, -0.0, 1e-320, 1e308, -1e308, math.inf, -math.inf]))
+WILD = st.one_of(
+    MILD, st.floats(allow_nan=False), st.sampled_from([0.0, -0.0, 1e-320, 1e308, -1e308, math.inf, -math.inf])
+)
 
 
 def parameters(kind, number):
     if kind == "Saturation":
         return st.tuples(number, number).map(lambda pair: {"lower": min(pair), "upper": max(pair)})
-    return st.fixed_dictionaries({
-        "Sine": {"amplitude": number, "frequency": st.floats(0.0, 40.0), "phase": MILD, "bias": number},
-        "StepSource": {"before": number, "after": number, "time": st.floats(0.0, 0.2)},
-        "Gain": {"gain": number},
-        "Sum": {"signs": st.text("+-", min_size=3, max_size=3)},
-        "SlewRate": {"rate": number.map(abs)},
-        "Butterworth": {"order": st.integers(1, 5), "cutoff": st.floats(0.1, 12.0)},
-        "UnitDelay": {"initial": number},
-    }.get(kind, {}))
+    return st.fixed_dictionaries(
+        {
+            "Sine": {"amplitude": number, "frequency": st.floats(0.0, 40.0), "phase": MILD, "bias": number},
+            "StepSource": {"before": number, "after": number, "time": st.floats(0.0, 0.2)},
+            "Gain": {"gain": number},
+            "Sum": {"signs": st.text("+-", min_size=3, max_size=3)},
+            "SlewRate": {"rate": number.map(abs)},
+            "Butterworth": {"order": st.integers(1, 5), "cutoff": st.floats(0.1, 12.0)},
+            "UnitDelay": {"initial": number},
+        }.get(kind, {})
+    )
 
 
 @st.composite
@@ -40,7 +46,7 @@ def networks(draw, number=MILD):
     nodes = []
     for i, kind in enumerate(kinds):
         readable = [k for k in range(count) if kinds[k] in OPEN or kind in OPEN or k < i]
-        near = [k for k in readable if k < i][-2:] or readable                 # chains are longer than chance would make them
+        near = [k for k in readable if k < i][-2:] or readable  # chains are longer than chance would make them
         inputs = tuple(draw(st.sampled_from(near) | st.sampled_from(readable)) for _ in range(ARITY.get(kind, 1)))
         nodes.append(Node(kind, draw(parameters(kind, number)), inputs, draw(st.sampled_from([1, 1, 1, 2, 4]))))
     return nodes
@@ -103,7 +109,13 @@ def test_no_output_leaves_the_range_that_is_proved(nodes):
     straight = range(len(nodes))
     diagram = build(nodes, straight, straight)
     compilation = Compilation(diagram)
-    for check in (compilation.check_wires, compilation.check_shapes, compilation.check_units, compilation.sort, compilation.prove):
+    for check in (
+        compilation.check_wires,
+        compilation.check_shapes,
+        compilation.check_units,
+        compilation.sort,
+        compilation.prove,
+    ):
         check()
     ranges = [compilation.ranges[Signal(diagram[f"n{i:02}"], "y")] for i in straight]
     for row in execute(nodes, RATE, TICKS):
@@ -113,8 +125,11 @@ def test_no_output_leaves_the_range_that_is_proved(nodes):
 
 def test_a_run_leaves_the_same_bits_as_the_one_before():
     nodes = [
-        Node("Sine", {"frequency": 3.0}), Node("Butterworth", {"order": 3, "cutoff": 9.0}, (0,)), Node("Integral", {}, (1,)),
-        Node("Sum", {"signs": "+-+"}, (0, 1, 2)), Node("SlewRate", {"rate": 3.0}, (3,), 2),
+        Node("Sine", {"frequency": 3.0}),
+        Node("Butterworth", {"order": 3, "cutoff": 9.0}, (0,)),
+        Node("Integral", {}, (1,)),
+        Node("Sum", {"signs": "+-+"}, (0, 1, 2)),
+        Node("SlewRate", {"rate": 3.0}, (3,), 2),
     ]
     rig = Rig(build(nodes, range(5), range(5)))
     expected = bits(execute(nodes, RATE, TICKS))

@@ -44,7 +44,8 @@ def test_a_drive_that_falls_silent_ends_the_run_after_its_timeout():
     for tick in range(30):
         host.send(1, reply, time=0)
     outcome = rig.run(100)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", 11)       # more than 0.05 s after the answer
+    # more than 0.05 s after the answer
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", 11)
     assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == ("knee",) and len(rig.commands()) == 11
     assert rig["knee.age"] == pytest.approx([tick / 200 for tick in range(11)], abs=1e-9)
 
@@ -82,7 +83,7 @@ def test_a_drive_that_answers_all_but_its_disable_has_not_confirmed_the_stop():
     outcome = rig.run(5)
     assert (outcome.status, outcome.unconfirmed) == ("ok", ("knee",)) and len(rig.commands()) == 5
     assert states == {"stopping"} and rig.page.state == "safe"
-    assert len(beats) == rig.sent().count(DISABLE) > 30       # it shows that it lives, all the time
+    assert len(beats) == rig.sent().count(DISABLE) > 30  # it shows that it lives, all the time
 
 
 def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_one_a_round():
@@ -95,7 +96,7 @@ def test_a_drive_that_takes_many_frames_to_enable_is_sent_them_no_faster_than_on
     rounds = len([frame for frame in rig.frames if frame.sent and frame.data == steps.zero[0][2]]) // len(steps.zero)
     arming = [frame for frame in rig.frames if frame.sent and frame.time <= 100_000_000]
     enabling = sorted({frame.time for frame in arming if frame.data == steps.enable[-1][2]})
-    period = 5_000_000              # ns
+    period = 5_000_000  # ns
     assert rounds > 2 * len(steps.enable)
     assert len(enabling) > 2 and enabling == [k * len(steps.enable) * period for k in range(len(enabling))]
 
@@ -170,6 +171,7 @@ def test_a_flood_of_foreign_frames_is_taken_64_a_tick():
 
 def test_what_is_longer_than_a_frame_comes_neither_from_a_block_nor_from_a_recording():
     """It would be written behind the frame's end."""
+
     class Long(CubeMars):
         def enable_frames(self):
             return [(1, False, bytes(65))]
@@ -218,7 +220,9 @@ def test_a_sensor_that_speaks_by_itself_is_waited_for_too():
     rig = Rig(robot)
     rig.buses["can"].device.send(42, b"")
     outcome = rig.run(20)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "sensor", 11) and set(rig["sensor.reading"]) == {42.0}
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "sensor", 11) and set(
+        rig["sensor.reading"]
+    ) == {42.0}
     assert outcome.unconfirmed == ()
 
 
@@ -248,7 +252,7 @@ def test_a_fence_that_is_raised_while_a_robot_is_armed_lets_no_more_of_arming_ou
 def test_what_happens_during_the_stop_is_not_blamed_for_it():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def is_pressed(arena, slots, sizes, frame):
-        return 5                                    # PRESSED of cext/abi.pxd
+        return 5  # PRESSED of cext/abi.pxd
 
     class Button(Sensor):
         bus, decode = "other", is_pressed
@@ -278,6 +282,7 @@ def test_what_happens_during_the_stop_is_not_blamed_for_it():
 @pytest.mark.parametrize("by_signal", [False, True])
 def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow(by_signal):
     """Thirty drives that do not confirm, and a ring that is full to some degree when the stop begins."""
+
     class Ends(Block):
         y = Output("1")
 
@@ -301,7 +306,7 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
         for can_id in range(1, 31):
             CubeMars("AK10-9-V2.0", can_id=can_id, name=f"drive{can_id}", timeout=0.0)(torque_command=1.0)
     for ticks in range(40, 100, 5):
-        here, there = os.pipe()                     # hangs up when nobody reads any more
+        here, there = os.pipe()  # hangs up when nobody reads any more
         rig, records, over = Rig(robot, plant, page=1 << 19, reader=here), [], threading.Event()
         hears.end = rig.buses["can"].device
         for can_id in range(1, 31):
@@ -322,8 +327,15 @@ def test_in_virtual_time_nothing_of_a_long_stop_is_lost_to_a_reader_that_is_slow
             os.close(there)
         records += rig.page.drain(1 << 30)
         statistics = rig.statistics()
-        assert outcome.signal == (signal.SIGTERM if by_signal else 0) and len(outcome.unconfirmed) == 30 and statistics["dropped"] == 0
-        assert sum(kind == RECORD_FRAME for kind, _ in records) == statistics["frames"]["sent"] + statistics["frames"]["received"]
+        assert (
+            outcome.signal == (signal.SIGTERM if by_signal else 0)
+            and len(outcome.unconfirmed) == 30
+            and statistics["dropped"] == 0
+        )
+        assert (
+            sum(kind == RECORD_FRAME for kind, _ in records)
+            == statistics["frames"]["sent"] + statistics["frames"]["received"]
+        )
 
 
 @pytest.mark.parametrize("plant, least, most", [(True, 2, 2), (False, 30, 42)])
@@ -367,7 +379,10 @@ def test_a_robot_without_a_page_arms_and_runs():
         CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=1.0)
     bus, schedule = MemoryBus(), compile(robot)
     plant = Program(compile(plant_of(robot)), [bus.device])
-    assert Executor(Program(schedule, [bus.host]), schedule.rate, plant=plant, substeps=5, virtual=True).run(20).status == "ok"
+    assert (
+        Executor(Program(schedule, [bus.host]), schedule.rate, plant=plant, substeps=5, virtual=True).run(20).status
+        == "ok"
+    )
 
 
 class Streamed(Sensor):
@@ -386,7 +401,9 @@ def test_what_a_line_has_given_is_taken_whole_in_one_tick():
 
 
 def on_lines(more=lambda: None):
-    """A drive on each of three buses, and more; lines that nobody but the test serves. Returns (schedule, lines, their ends)."""
+    """A drive on each of three buses, and more; lines that nobody but the test serves. Returns (schedule, lines, their
+    ends).
+    """
     with Diagram("robot", rate=200) as robot:
         for bus in ("left", "middle", "right"):
             CubeMars("AK80-9", bus=bus, can_id=1, name=bus, timeout=0.0)(torque_command=0.0)
@@ -408,7 +425,7 @@ def test_of_several_buses_it_is_the_one_that_fails_which_is_named():
 def test_of_several_buses_it_is_the_one_that_fails_while_it_is_sent_to_which_is_named():
     @ctypes.CFUNCTYPE(ctypes.c_int, DOUBLES, SLOTS, ctypes.c_void_p, FRAME)
     def pulls_the_plug(arena, slots, sizes, frame):
-        lines.fail(1, errno.ENODEV)                 # of a bus that has been heard already
+        lines.fail(1, errno.ENODEV)  # of a bus that has been heard already
         return 1
 
     class Spy(Sensor):
@@ -440,7 +457,7 @@ def test_of_several_buses_it_is_the_one_that_takes_no_more_which_is_named():
     executor = Executor(Program(schedule, ends), 200.0, virtual=True)
     for number in range(3):
         lines.give(number, 1, bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0]), 0)
-    for _ in range(500):                            # of 512 that it holds; nobody takes any
+    for _ in range(500):  # of 512 that it holds; nobody takes any
         ends[1].send(5, b"")
     outcome = executor.run(1000)
     assert (outcome.status, outcome.culprit) == ("bus error", schedule.buses[1]) and outcome.tick < 20
@@ -451,7 +468,7 @@ def test_what_is_like_any_command_of_ours_is_a_foreign_command(batch):
     with Diagram("robot", rate=200) as robot:
         RobStride("RS03", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
     page = Page(1 << 20)
-    page.look_after(time.monotonic_ns())            # where the guardian sees to it that we are alone
+    page.look_after(time.monotonic_ns())  # where the guardian sees to it that we are alone
     rig = Rig(robot, plant_of(robot), page=page, guard=30.0)
     number, extended, data = getattr(rig.schedule.devices[0], batch)[0]
     rig.buses["can"].device.send(number, bytes(len(data)), extended)
@@ -479,7 +496,13 @@ def test_a_drive_takes_only_what_it_says_it_hears(can_id):
     for identifier, extended in offered:
         rig.buses["can"].device.send(identifier, bytes([can_id, 0x80, 0, 0x80, 0x08, 0, 70, 0]), extended)
     assert rig.run(1).status == "ok"
-    heard = [frame for frame in offered if any(
-        frame[0] & mask == number & mask and frame[1] == extended for number, mask, extended in robot["knee"].hears())]
+    heard = [
+        frame
+        for frame in offered
+        if any(
+            frame[0] & mask == number & mask and frame[1] == extended
+            for number, mask, extended in robot["knee"].hears()
+        )
+    ]
     frames = rig.statistics()["frames"]
     assert frames["received"] - frames["foreign"] == len(heard) == 2

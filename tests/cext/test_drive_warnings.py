@@ -21,7 +21,9 @@ class Reports(Block):
     def step(self, tick):
         if tick in self.warnings:
             identifier = reference.identifier(21, 127, 0xFD) & 0x1FFFFFFF
-            self.end.send(identifier, struct.pack("<II", 0, self.warnings[tick]), True, time=round(tick * self.dt * 1e9))
+            self.end.send(
+                identifier, struct.pack("<II", 0, self.warnings[tick]), True, time=round(tick * self.dt * 1e9)
+            )
         return 0.0
 
 
@@ -42,13 +44,21 @@ def warned(model, warnings):
 def test_a_warning_is_announced_once_by_its_name():
     rig, events = warned("RS03", {100: 1, 200: 1, 250: 0, 300: 1})
     [event] = events
-    assert (event["event"], event["device"], event["what"]) == ("warning", "knee", "RobStride warning: motor too hot (bit 0)")
+    assert (event["event"], event["device"], event["what"]) == (
+        "warning",
+        "knee",
+        "RobStride warning: motor too hot (bit 0)",
+    )
     assert 19 <= event["tick"] <= 22 and rig["knee.warning"].max() == 1
 
 
-@pytest.mark.parametrize("model, mask, words", [
-    ("RS03", 1 | 1 << 3 | 1 << 31, ["motor too hot (bit 0)", "over-voltage (bit 3)", "bit 31"]),
-    ("CyberGear", 1 << 2, ["under-voltage (bit 2)"])])
+@pytest.mark.parametrize(
+    "model, mask, words",
+    [
+        ("RS03", 1 | 1 << 3 | 1 << 31, ["motor too hot (bit 0)", "over-voltage (bit 3)", "bit 31"]),
+        ("CyberGear", 1 << 2, ["under-voltage (bit 2)"]),
+    ],
+)
 def test_several_are_announced_one_a_tick(model, mask, words):
     _, events = warned(model, {100: mask})
     family = "CyberGear" if model == "CyberGear" else "RobStride"

@@ -11,7 +11,7 @@ from graph import Block, Diagram, DiagramError, Output
 from tests.cext.rigs import Rig
 
 RATE = 200
-RATED = 9.0                                     # N·m, AK80-9; its peak is 18
+RATED = 9.0  # N·m, AK80-9; its peak is 18
 
 
 class Asked(Block):
@@ -41,7 +41,9 @@ def watched(torque=None, temperature=30.0, seconds=2.0, **parameters):
         drive = EmulatedCubeMars.of(robot["knee"], name="drive")
         limb = Limb(inertia=10.0, damping=0.0, stiffness=0.0, reflex=0.0, name="limb")
         limb(torque=drive.torque)
-        drive(position=limb.position, velocity=limb.velocity, temperature=Heat()() if temperature is None else temperature)
+        drive(
+            position=limb.position, velocity=limb.velocity, temperature=Heat()() if temperature is None else temperature
+        )
     rig = Rig(robot, plant)
     outcome = rig.run(round(seconds * RATE), fade=0.0)
     return rig, outcome
@@ -111,7 +113,8 @@ def test_a_drive_that_gets_warm_is_told_derated_and_at_last_ends_the_run():
     assert np.abs(rig["knee.torque_sent"] - np.minimum(10.0, expected)).max() < 0.02
     assert [(told["what"], told["tick"]) for told in rig.events] == [
         ("warmer than 70 °C", rig.tick[heard >= 70.0][0]),
-        ("hotter than 80 °C: its limit goes down, and at 100 °C the run ends", rig.tick[heard >= 80.0][0])]
+        ("hotter than 80 °C: its limit goes down, and at 100 °C the run ends", rig.tick[heard >= 80.0][0]),
+    ]
 
 
 def test_stiffness_and_damping_are_held_inside_what_is_left_of_the_limit():
@@ -124,7 +127,9 @@ def test_stiffness_and_damping_are_held_inside_what_is_left_of_the_limit():
     rig = Rig(robot, plant)
     rig.run(20, fade=0.0)
     # The rest of the 9 N·m is for what the joint may move meanwhile: 100 N·m/rad times ½ max_acceleration (3 periods)².
-    assert rig["knee.torque"][2:].max() == pytest.approx(9.0 * 100.0 / 105.6, abs=0.1) and rig["knee.torque"].max() <= 9.05
+    assert (
+        rig["knee.torque"][2:].max() == pytest.approx(9.0 * 100.0 / 105.6, abs=0.1) and rig["knee.torque"].max() <= 9.05
+    )
 
 
 def test_the_current_of_a_mode_without_torque_goes_down_too():
@@ -138,8 +143,10 @@ def test_the_current_of_a_mode_without_torque_goes_down_too():
     assert rig["knee.current_sent"][-1] == pytest.approx(0.5, rel=0.05)
 
 
-@pytest.mark.parametrize("wrong", [
-    {"warning_temperature": 90.0}, {"derating_temperature": 100.0}, {"rms_mode": "shout"}, {"rms_window": 0.0}])
+@pytest.mark.parametrize(
+    "wrong",
+    [{"warning_temperature": 90.0}, {"derating_temperature": 100.0}, {"rms_mode": "shout"}, {"rms_window": 0.0}],
+)
 def test_a_watch_that_cannot_be_is_refused(wrong):
     with pytest.raises(DiagramError, match=next(iter(wrong))), Diagram("robot", rate=RATE):
         CubeMars("AK80-9", **wrong)(torque_command=0.0)

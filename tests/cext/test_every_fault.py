@@ -1,6 +1,8 @@
-"""Whatever ends a run, and on whichever of its buses, both drives on both buses are told within two ticks: zero torque, then disable.
+"""Whatever ends a run, and on whichever of its buses, both drives on both buses are told within two ticks: zero torque,
+then disable.
 
-In virtual time, on in-memory buses. The same with processes over real sockets: tests/runtime/guardian/test_every_fault.py.
+In virtual time, on in-memory buses. The same with processes over real sockets:
+tests/runtime/guardian/test_every_fault.py.
 """
 
 import ctypes
@@ -25,9 +27,9 @@ from graph import Block, Diagram, Input, Output
 from tests.cext.rigs import STOP, Rig
 
 RATE, SUBSTEPS = 200, 5
-PERIOD = 1e9 / RATE                             # ns
-AT = 40                                         # the tick in which it goes wrong
-BUSES = {"left": 1, "right": 2}                 # id of the one drive of each
+PERIOD = 1e9 / RATE  # ns
+AT = 40  # the tick in which it goes wrong
+BUSES = {"left": 1, "right": 2}  # id of the one drive of each
 
 
 class Law(Block):
@@ -131,6 +133,7 @@ class Own(Block):
 def raises(error):
     def action():
         raise error
+
     return action
 
 
@@ -138,12 +141,12 @@ def raises(error):
 class Fault:
     """How it is injected, and how the run says that it ended.
 
-    status, culprit, unconfirmed : of the Outcome
-    late : ticks after AT at which it can be detected at the latest
-    law : of the left drive, called from AT on; between : what stands between law and drive, a limiter; parameters : of the left drive
-    left : {input of the left drive's emulator: (block class, before, after)}; emulated : its parameters; wired : more inputs of the left drive
-    more, plant : make blocks in the robot, in the plant; act : called with the Rig, at AT; guard : whether a guardian is looked for
-    commanded : whether the torque of the newest tick has gone out; ticks : most that are run
+    status, culprit, unconfirmed : of the Outcome late : ticks after AT at which it can be detected at the latest law :
+    of the left drive, called from AT on; between : what stands between law and drive, a limiter; parameters : of the
+    left drive left : {input of the left drive's emulator: (block class, before, after)}; emulated : its parameters;
+    wired : more inputs of the left drive more, plant : make blocks in the robot, in the plant; act : called with the
+    Rig, at AT; guard : whether a guardian is looked for commanded : whether the torque of the newest tick has gone out;
+    ticks : most that are run
     """
 
     status: str
@@ -184,39 +187,80 @@ FAULTS = {
     "an exception in a block": Fault("exception", "law", law=raises(ValueError("torn"))),
     "sys.exit in a block": Fault("exception", "law", law=lambda: sys.exit("enough")),
     "a KeyboardInterrupt in a block": Fault("exception", "law", law=raises(KeyboardInterrupt())),
-    "more exceptions than are held": Fault("exception", "law", 3, law=raises(ValueError("torn")), parameters={"hold": 3}),
+    "more exceptions than are held": Fault(
+        "exception", "law", 3, law=raises(ValueError("torn")), parameters={"hold": 3}
+    ),
     "a status of a native kernel's own": Fault("kernel status 77", "own", more=lambda: Own(name="own")),
     "NaN": Fault("not finite", "left", law=lambda: math.nan, between=lambda u: Liar(1.0)(u)),
     "infinity": Fault("not finite", "left", law=lambda: math.inf, between=lambda u: Liar(1.0)(u)),
     "minus infinity": Fault("not finite", "left", law=lambda: -math.inf, between=lambda u: Liar(1.0)(u)),
-    **{f"NaN through {name}": Fault("not finite", "left", law=lambda: math.nan, between=between) for name, between in LIMITERS.items()},
+    **{
+        f"NaN through {name}": Fault("not finite", "left", law=lambda: math.nan, between=between)
+        for name, between in LIMITERS.items()
+    },
     "infinity through a filter": Fault("not finite", "left", 2, law=lambda: math.inf, between=LIMITERS["a filter"]),
     "a command past its limit": Fault("out of limits", "left", law=lambda: 30.0, between=lambda u: Liar(1.0)(u)),
-    "a silent drive": Fault("silent", "left", 12, unconfirmed=("left",), parameters={"timeout": 0.05}, plant=lambda: Thief(name="thief")),
+    "a silent drive": Fault(
+        "silent", "left", 12, unconfirmed=("left",), parameters={"timeout": 0.05}, plant=lambda: Thief(name="thief")
+    ),
     "a fault bit": Fault("device fault", "left", 2, left={"fault": (Code, 0, 5)}),
     "a drive that is too hot": Fault("too hot", "left", 2, left={"temperature": (Celsius, 30.0, 101.0)}),
     "a temperature that cannot be": Fault("implausible", "left", 2, left={"temperature": (Celsius, 30.0, -100.0)}),
-    "a joint outside its range": Fault("over-travel", "left", 2, left={"position": (Radians, 0.1, 0.6)}, parameters={"range": (0.0, 0.5)}),
-    "a joint that is too fast": Fault("overspeed", "left", 4, left={"velocity": (Speed, 0.0, 6.0)}, parameters={"max_velocity": 5.0}),
-    "a drive that is without power for 50 ms": Fault("not following", "left", 45, left={"power_lost": (Outage, False, True)}),
+    "a joint outside its range": Fault(
+        "over-travel", "left", 2, left={"position": (Radians, 0.1, 0.6)}, parameters={"range": (0.0, 0.5)}
+    ),
+    "a joint that is too fast": Fault(
+        "overspeed", "left", 4, left={"velocity": (Speed, 0.0, 6.0)}, parameters={"max_velocity": 5.0}
+    ),
+    "a drive that is without power for 50 ms": Fault(
+        "not following", "left", 45, left={"power_lost": (Outage, False, True)}
+    ),
     "torque beyond the limit": Fault(
-        "excess torque", "left", 6, left={"position": (Radians, 0.1, 0.5)}, wired={"position_command": 0.1, "stiffness_command": 20.0},
-        emulated={"wire_stiffness": 5000.0}),
-    "acceleration that goes on": Fault("acceleration", "left", 15, left={"velocity": (Shaken, 0.0, 4.0)}, wired={"damping_command": 0.2}),
+        "excess torque",
+        "left",
+        6,
+        left={"position": (Radians, 0.1, 0.5)},
+        wired={"position_command": 0.1, "stiffness_command": 20.0},
+        emulated={"wire_stiffness": 5000.0},
+    ),
+    "acceleration that goes on": Fault(
+        "acceleration", "left", 15, left={"velocity": (Shaken, 0.0, 4.0)}, wired={"damping_command": 0.2}
+    ),
     "a velocity with another scale": Fault("scale mismatch", "left", 205, left={"velocity": (Speed, 0.0, 1.0)}),
     "RMS torque that shall end the run": Fault(
-        "rms torque", "left", 250, law=lambda: 17.0, between=lambda u: TorqueLimiter(limit=18.0)(u),
-        parameters={"rms_mode": "disable", "rms_window": 1.0, "limit": "peak"}),
-    "an emergency stop": Fault("e-stop", "stop", more=lambda: EmergencyStop(name="stop")(Truth(False, True, name="hand").y)),
+        "rms torque",
+        "left",
+        250,
+        law=lambda: 17.0,
+        between=lambda u: TorqueLimiter(limit=18.0)(u),
+        parameters={"rms_mode": "disable", "rms_window": 1.0, "limit": "peak"},
+    ),
+    "an emergency stop": Fault(
+        "e-stop", "stop", more=lambda: EmergencyStop(name="stop")(Truth(False, True, name="hand").y)
+    ),
     "a button that is pressed": Fault(
-        "e-stop", "button", 6, more=lambda: EStopHeartbeat(bus="left", name="button"), left={"pressed": (Truth, False, True)}),
+        "e-stop",
+        "button",
+        6,
+        more=lambda: EStopHeartbeat(bus="left", name="button"),
+        left={"pressed": (Truth, False, True)},
+    ),
     "a button that is older than its timeout": Fault(
-        "silent", "button", 26, more=lambda: EStopHeartbeat(bus="left", name="button", timeout=0.1), left={"silent": (Truth, False, True)}),
-    "an exception in the plant": Fault("exception", "wall", 1, commanded=True, unconfirmed=("left", "right"), plant=lambda: Wall(name="wall")),
+        "silent",
+        "button",
+        26,
+        more=lambda: EStopHeartbeat(bus="left", name="button", timeout=0.1),
+        left={"silent": (Truth, False, True)},
+    ),
+    "an exception in the plant": Fault(
+        "exception", "wall", 1, commanded=True, unconfirmed=("left", "right"), plant=lambda: Wall(name="wall")
+    ),
     "a fence": Fault("fenced", None, act=lambda rig: rig.page.raise_fence()),
     "a guardian that is gone": Fault("unguarded", None, 1, act=lambda rig: rig.page.look_after(0), guard=True),
     "somebody else who enables": Fault("foreign command", "left", 1, act=command_by_somebody_else(ENABLE), guard=True),
-    "somebody else who commands": Fault("foreign command", "left", 1, act=command_by_somebody_else(NOTHING), guard=True),
+    "somebody else who commands": Fault(
+        "foreign command", "left", 1, act=command_by_somebody_else(NOTHING), guard=True
+    ),
     "the space bar": Fault("ok", None, 1, act=lambda rig: Writer(rig.page, "keys").stop()),
     "SIGINT": Fault("ok", None, 1, act=lambda rig: signal.raise_signal(signal.SIGINT), commanded=True),
     "SIGTERM": Fault("ok", None, 1, act=lambda rig: signal.raise_signal(signal.SIGTERM), commanded=True),
@@ -247,18 +291,28 @@ def build(fault):
     hold = parameters.pop("hold", 0)
     with Diagram("robot", rate=RATE) as robot:
         law = Law(fault.law, name="law", hold_exceptions=hold).torque
-        CubeMars("AK80-9", bus="left", can_id=1, name="left", **parameters)(torque_command=(fault.between or limited)(law), **fault.wired)
+        CubeMars("AK80-9", bus="left", can_id=1, name="left", **parameters)(
+            torque_command=(fault.between or limited)(law), **fault.wired
+        )
         CubeMars("AK80-9", bus="right", can_id=2, name="right")(torque_command=1.0)
         if fault.more is not None:
             fault.more()
         acts = Acts(fault.act, name="acts") if fault.act is not None else None
     with Diagram("plant", rate=SUBSTEPS * RATE) as plant:
-        signals = {name: kind(before, after, AT * SUBSTEPS, name=name).y for name, (kind, before, after) in fault.left.items()}
-        drive = {name: signals[name] for name in signals if name in EmulatedCubeMars.inputs and "button" not in robot.blocks}
-        EmulatedCubeMars.of(robot["left"], name="left_drive", **fault.emulated)(**{"position": 0.1, "velocity": 0.0} | drive)
+        signals = {
+            name: kind(before, after, AT * SUBSTEPS, name=name).y for name, (kind, before, after) in fault.left.items()
+        }
+        drive = {
+            name: signals[name] for name in signals if name in EmulatedCubeMars.inputs and "button" not in robot.blocks
+        }
+        EmulatedCubeMars.of(robot["left"], name="left_drive", **fault.emulated)(
+            **{"position": 0.1, "velocity": 0.0} | drive
+        )
         EmulatedCubeMars.of(robot["right"], name="right_drive")(position=0.1, velocity=0.0)
         if "button" in robot.blocks:
-            EmulatedEStop.of(robot["button"], name="emulated")(**{name: signals[name] for name in signals if name not in drive})
+            EmulatedEStop.of(robot["button"], name="emulated")(
+                **{name: signals[name] for name in signals if name not in drive}
+            )
         thief = fault.plant() if fault.plant is not None else None
     page = Page(1 << 24)
     page.look_after(time.monotonic_ns())
@@ -280,7 +334,9 @@ def test_every_drive_on_every_bus_is_told_within_two_ticks_and_nothing_but_that(
     number = {name: index for index, name in enumerate(rig.schedule.buses)}
     first = min(place for place, frame in enumerate(rig.frames) if frame.sent and frame.data == DISABLE)
     behind = [frame for frame in rig.frames[first - 1 :] if frame.sent]
-    assert {frame.data for frame in behind} == set(STOP), "only zero torque and disable, on any bus, from the first of them on"
+    assert {frame.data for frame in behind} == set(STOP), (
+        "only zero torque and disable, on any bus, from the first of them on"
+    )
     for bus, can_id in BUSES.items():
         sent = [frame for frame in rig.frames if frame.sent and frame.bus == number[bus] and frame.id == can_id]
         place = next(place for place, frame in enumerate(sent) if frame.data == DISABLE)

@@ -42,6 +42,7 @@ class TornAngle(Block):
 def raises(error):
     def action():
         raise error
+
     return action
 
 
@@ -62,14 +63,28 @@ def test_a_share_of_nan_is_a_fault_and_not_full_torque():
 
 
 @pytest.mark.parametrize("tick", [0, 1, 30])
-@pytest.mark.parametrize("error", [
-    ValueError("no"), KeyboardInterrupt(), SystemExit(3), MemoryError(), StopIteration(), RecursionError(), AssertionError(),
-    ZeroDivisionError(),
-])
+@pytest.mark.parametrize(
+    "error",
+    [
+        ValueError("no"),
+        KeyboardInterrupt(),
+        SystemExit(3),
+        MemoryError(),
+        StopIteration(),
+        RecursionError(),
+        AssertionError(),
+        ZeroDivisionError(),
+    ],
+)
 def test_whatever_a_python_block_raises_ends_in_the_safe_stop_within_the_tick(error, tick):
     rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(At(tick, raises(error), name="culprit").y))
     outcome = rig.run(100)
-    assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == ("exception", "culprit", tick, error) and outcome.faulted
+    assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == (
+        "exception",
+        "culprit",
+        tick,
+        error,
+    ) and outcome.faulted
     assert ends_in_the_safe_stop(rig) and len(rig.commands()) == tick and rig.statistics()["ticks"] == tick
     assert rig.tick.tolist() == list(range(tick))
 
@@ -96,8 +111,10 @@ def test_an_exception_in_an_update_is_told_too():
 
     rig = one_drive(lambda knee: Updates(name="updates")(knee.torque))
     outcome = rig.run(10)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("exception", "updates", 4) and isinstance(outcome.error, OSError)
-    assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 5          # the update comes after the frames of its tick
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("exception", "updates", 4) and isinstance(
+        outcome.error, OSError
+    )
+    assert ends_in_the_safe_stop(rig) and len(rig.commands()) == 5  # the update comes after the frames of its tick
 
 
 def test_an_exception_while_arming_is_told_and_nothing_was_commanded():
@@ -167,9 +184,10 @@ def test_the_largest_number_behind_a_limiter_is_its_limit_and_no_more(value):
     assert rig["knee.torque_sent"][21] == pytest.approx(1.0, abs=2 * 65.0 / 4095)
 
 
-@pytest.mark.parametrize("value, status", [
-    (math.nan, "not finite"), (math.inf, "not finite"), (18.1, "out of limits"), (-1e300, "out of limits"),
-])
+@pytest.mark.parametrize(
+    "value, status",
+    [(math.nan, "not finite"), (math.inf, "not finite"), (18.1, "out of limits"), (-1e300, "out of limits")],
+)
 def test_a_native_block_that_breaks_its_promise_is_stopped_at_the_actuator(value, status):
     class Liar(Block):
         """Says it stays within a newton metre."""
@@ -188,7 +206,9 @@ def test_a_native_block_that_breaks_its_promise_is_stopped_at_the_actuator(value
 def test_if_one_drive_refuses_none_of_the_tick_is_sent():
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK10-9-V2.0", can_id=1, name="good")(torque_command=1.0)
-        CubeMars("AK10-9-V2.0", can_id=2, name="bad")(torque_command=TorqueLimiter(limit=5.0)(At(6, lambda: math.nan).y))
+        CubeMars("AK10-9-V2.0", can_id=2, name="bad")(
+            torque_command=TorqueLimiter(limit=5.0)(At(6, lambda: math.nan).y)
+        )
     rig = Rig(robot, plant_of(robot))
     outcome = rig.run(50)
     assert (outcome.culprit, outcome.tick) == ("bad", 6) and len(rig.commands(1)) == len(rig.commands(2)) == 6
@@ -204,4 +224,9 @@ def test_what_is_told_of_a_run_is_as_it_was_before_its_safe_stop_was_answered():
     slot = rig.schedule.signals["knee.position"].slot
     assert rig.control.final[slot] == rig["knee.position"][-1] != rig.control.values[slot]
     limb = compile(plant).signals["knee_limb.position"].slot
-    assert abs(rig.plant.final[limb] - rig["knee.position"][-1]) < 0.05 < 0.15 < rig.plant.values[limb] - rig.plant.final[limb]
+    assert (
+        abs(rig.plant.final[limb] - rig["knee.position"][-1])
+        < 0.05
+        < 0.15
+        < rig.plant.values[limb] - rig.plant.final[limb]
+    )

@@ -1,4 +1,6 @@
-"""The loop and its guardian on the page: each sees whether the other lives; and nobody else may command a guarded robot."""
+"""The loop and its guardian on the page: each sees whether the other lives; and nobody else may command a guarded
+robot.
+"""
 
 import gc
 import os
@@ -12,7 +14,7 @@ from cext.page import Page
 from graph import Block, Input, Output
 from tests.cext.rigs import ends_in_the_safe_stop, one_drive
 
-GUARD = 0.5                         # s: before a run garbage is collected, which takes long among many tests
+GUARD = 0.5  # s: before a run garbage is collected, which takes long among many tests
 
 
 class Then(Block):
@@ -35,7 +37,7 @@ def guarded(action=lambda: None, tick=20, *, page=None, **options):
     """One drive under a guardian that has just looked. action : called in a tick"""
     page = page or Page(1 << 20)
     page.look_after(time.monotonic_ns())
-    law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))         # noqa: E731
+    law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
     return one_drive(law, options={"page": page, "guard": GUARD, **options})
 
 
@@ -56,7 +58,9 @@ def test_without_its_guardian_nothing_is_armed():
 def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
     rig = guarded(lambda: rig.page.look_after(0))
     outcome = rig.run(200)
-    assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    assert (
+        (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    )
 
 
 def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
@@ -78,11 +82,13 @@ def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
     rig = guarded(kill, page=page)
     assert not page.guardian_died
     outcome = rig.run(200)
-    assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    assert (
+        (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    )
     assert page.guardian_died and page.guardian_died
     for descriptor in (*alive, *dying):
         os.close(descriptor)
-    del rig, page                       # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
+    del rig, page  # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
     gc.collect()
     another = Page(1 << 12)
     another.take_hold()
@@ -129,11 +135,18 @@ def test_a_command_that_we_did_not_send_is_a_fault_before_the_next_of_ours(data)
     assert len(rig.commands()) == 21 and ends_in_the_safe_stop(rig)
 
 
-@pytest.mark.parametrize("identifier, data, extended", [
-    (1, b"", False), (1, NOTHING[:7], False), (1, NOTHING + b"!", False),      # as long as no command of ours
-    (2, NOTHING, False), (1, NOTHING, True), (0, NOTHING, False),               # to somebody else
-    (1, b"\1" + NOTHING[1:], False),                                            # a reply
-])
+@pytest.mark.parametrize(
+    "identifier, data, extended",
+    [
+        (1, b"", False),
+        (1, NOTHING[:7], False),
+        (1, NOTHING + b"!", False),  # as long as no command of ours
+        (2, NOTHING, False),
+        (1, NOTHING, True),
+        (0, NOTHING, False),  # to somebody else
+        (1, b"\1" + NOTHING[1:], False),  # a reply
+    ],
+)
 def test_other_frames_are_no_commands(identifier, data, extended):
     rig = guarded(lambda: rig.buses["can"].device.send(identifier, data, extended))
     assert rig.run(50).status == "ok"

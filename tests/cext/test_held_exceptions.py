@@ -43,7 +43,9 @@ def test_while_it_raises_its_output_keeps_its_last_value_and_the_next_good_step_
     expected[5:8] = [0.04] * 3
     expected[10:13] = [0.09] * 3
     assert rig["flaky.y"].tolist() == expected
-    assert [(path, count, first, str(error)) for path, count, first, error in rig.control.held] == [("flaky", 6, 5, "flaky")]
+    assert [(path, count, first, str(error)) for path, count, first, error in rig.control.held] == [
+        ("flaky", 6, 5, "flaky")
+    ]
 
 
 def test_one_more_in_a_row_than_it_holds_is_a_fault_in_that_tick():
@@ -67,7 +69,12 @@ def test_without_last_values_nothing_can_be_kept():
 @pytest.mark.parametrize("error", [SystemExit(4), KeyboardInterrupt()])
 def test_what_ends_a_program_is_never_held(error):
     outcome, rig = run({6}, hold=5, error=error)
-    assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == ("exception", "flaky", 6, error) and rig.control.held == []
+    assert (outcome.status, outcome.culprit, outcome.tick, outcome.error) == (
+        "exception",
+        "flaky",
+        6,
+        error,
+    ) and rig.control.held == []
 
 
 def test_a_result_that_cannot_be_taken_is_held_too_and_leaves_no_half_of_itself():
@@ -112,7 +119,7 @@ def test_an_update_is_held_with_the_state_as_it_left_it():
     rig = Rig(diagram)
     assert rig.run(8).status == "ok" and rig["counts.y"].tolist() == list(range(8))
     assert [(path, count, first) for path, count, first, _ in rig.control.held] == [("counts", 2, 3)]
-    assert rig.run(3).status == "ok" and rig.control.held == []         # of the run before
+    assert rig.run(3).status == "ok" and rig.control.held == []  # of the run before
 
 
 def test_a_slow_block_counts_its_own_steps():
@@ -183,7 +190,9 @@ def test_a_block_marked_for_numba_that_holds_exceptions_stays_in_python():
     with Diagram("robot", rate=100) as diagram:
         Inverse(hold_exceptions=3)(1.0)
     schedule = compile(diagram)
-    assert [step.kernel for step in schedule.output if step.name == "inverse"] == [None] and not schedule.warnings[0].code == "TW023"
+    assert [step.kernel for step in schedule.output if step.name == "inverse"] == [None] and not schedule.warnings[
+        0
+    ].code == "TW023"
 
 
 def test_it_belongs_to_the_diagrams_text_and_hash():
@@ -192,7 +201,9 @@ def test_it_belongs_to_the_diagrams_text_and_hash():
             Flaky((), hold_exceptions=hold)
         return diagram
 
-    assert content_hash(made(0)) != content_hash(made(2)) != content_hash(made(3)) and content_hash(made(2)) == content_hash(made(2))
+    assert content_hash(made(0)) != content_hash(made(2)) != content_hash(made(3)) and content_hash(
+        made(2)
+    ) == content_hash(made(2))
     assert json.loads(to_json(made(2)))["blocks"][0]["hold_exceptions"] == 2
     assert "hold_exceptions" not in json.loads(to_json(made(0)))["blocks"][0]
 

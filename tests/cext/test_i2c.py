@@ -1,4 +1,6 @@
-"""The thread of an I2C bus: what is asked when, over which channels, and what becomes of devices that fail. On chips in memory, in real time."""
+"""The thread of an I2C bus: what is asked when, over which channels, and what becomes of devices that fail. On chips in
+memory, in real time.
+"""
 
 import errno
 import time
@@ -43,7 +45,7 @@ def imu():
     number = wires.add(IMU)
     ready(wires, number)
     bus = I2cBus(wires)
-    bus.add(0, IMU, SET_UP, CHECK, (reading(tail=b"\xAA"),))
+    bus.add(0, IMU, SET_UP, CHECK, (reading(tail=b"\xaa"),))
     yield wires, number, bus
     bus.stop()
 
@@ -60,11 +62,11 @@ def test_each_answer_is_a_frame_with_what_stands_behind_it(imu):
     time.sleep(0.1)
     bus.stop()
     frames = bus.end.receive()
-    assert 15 <= len(frames) <= 22                                          # 20 periods of 5 ms
-    assert all(frame[:3] == (IMU, True, bytes(range(14)) + b"\xAA") for frame in frames)
+    assert 15 <= len(frames) <= 22  # 20 periods of 5 ms
+    assert all(frame[:3] == (IMU, True, bytes(range(14)) + b"\xaa") for frame in frames)
     times = [frame[3] for frame in frames]
     assert times == sorted(times) and 0 <= times[0] and times[-1] <= time.monotonic_ns() - began
-    assert wires.of_chip(number)[1] == 0                                    # it is set up: nothing is written
+    assert wires.of_chip(number)[1] == 0  # it is set up: nothing is written
 
 
 def test_each_round_has_its_own_period():
@@ -83,13 +85,18 @@ def test_each_round_has_its_own_period():
     assert told["answers"] == fast + slow and told["rate"] == pytest.approx(fast / 0.2, rel=0.1)
 
 
-@pytest.mark.parametrize("muxes, channels, least", [
-    ((0x70,), [(0x70, 1), (0x70, 4), (0x70, 6)], 2),
-    ((0x70,), [(0x70, 3)], 0),
-    ((0x70, 0x71), [(0x70, 1), (0x70, 4), (0x71, 0), (0x71, 2)], 4),        # and the other one is closed
-])
+@pytest.mark.parametrize(
+    "muxes, channels, least",
+    [
+        ((0x70,), [(0x70, 1), (0x70, 4), (0x70, 6)], 2),
+        ((0x70,), [(0x70, 3)], 0),
+        ((0x70, 0x71), [(0x70, 1), (0x70, 4), (0x71, 0), (0x71, 2)], 4),  # and the other one is closed
+    ],
+)
 def test_a_round_takes_the_fewest_switches_of_channels(muxes, channels, least):
-    """Where n channels of one are in use, n - 1 in a round: each begins with the one that is open. Two devices a channel, and one before."""
+    """Where n channels of one are in use, n - 1 in a round: each begins with the one that is open. Two devices a
+    channel, and one before.
+    """
     wires = MemoryI2c(muxes)
     bus = I2cBus(wires)
     for mux, channel in channels:
@@ -105,13 +112,14 @@ def test_a_round_takes_the_fewest_switches_of_channels(muxes, channels, least):
     bus.stop()
     counts = bus.counts
     assert counts["rounds"] >= 5 and counts["switches"] == wires.switches
-    first = len(muxes) - 1 + len(channels) + (len(muxes) - 1)               # all others closed, every channel, and from one to the next
+    # all others closed, every channel, and from one to the next
+    first = len(muxes) - 1 + len(channels) + (len(muxes) - 1)
     assert counts["switches"] <= first + least * (counts["rounds"] - 1)
     frames = bus.end.receive()
     for identifier, _, data, _ in frames:
         if identifier & 0xFF != 0x2A:
             mux, channel, address = data
-            assert identifier & 0xFFFF == place(mux, channel) << 8 | address   # never the answer of another channel's
+            assert identifier & 0xFFFF == place(mux, channel) << 8 | address  # never the answer of another channel's
     assert len({frame[0] for frame in frames}) == 2 * len(channels) + 1
 
 
@@ -138,7 +146,7 @@ def test_one_that_falls_silent_is_lost_and_set_up_again_when_it_is_back(imu):
     time.sleep(0.02)
     told = answers(bus.end.receive(), TROUBLE)
     assert [frame[2][0] for frame in told][:3] == [0, 0, 1] and told[2][2][1:] == b"\x03\x00\x00\x00"
-    wires.clear(number)                                                     # it has been without power
+    wires.clear(number)  # it has been without power
     wires.write(number, BURST, bytes(range(14)))
     wires.behave(number, absent=False)
     wait(lambda: bus.counts["devices"][0]["state"] == "fine" and answers(bus.end.receive()))
@@ -169,7 +177,7 @@ def test_one_that_has_lost_its_settings_is_seen_though_it_answers(imu):
     wires.write(number, 0x19, b"\x00\x00")
     lost = time.monotonic()
     wait(lambda: wires.read(number, 0x19, 2) == CHECK[1])
-    assert time.monotonic() - lost < 0.3                                    # a look every 100 ms, and 10 ms of set-up
+    assert time.monotonic() - lost < 0.3  # a look every 100 ms, and 10 ms of set-up
     assert bus.counts["devices"][0]["error"] == -1
     bus.stop()
 
@@ -192,8 +200,8 @@ def test_one_that_hangs_holds_up_its_own_bus_alone():
         bus.stop()
     held, free = (bus.counts["devices"] for bus, _ in buses)
     assert held[0]["answers"] == 0 and held[0]["error"] == errno.ETIMEDOUT and held[0]["state"] == "lost"
-    assert held[1]["answers"] >= 8                                          # it is asked between the attempts
-    assert free[0]["answers"] >= 60 and free[0]["failures"] == 0            # 80 periods
+    assert held[1]["answers"] >= 8  # it is asked between the attempts
+    assert free[0]["answers"] >= 60 and free[0]["failures"] == 0  # 80 periods
 
 
 def test_while_one_wakes_up_the_others_are_asked():
@@ -218,11 +226,20 @@ def test_conversions_are_one_after_the_other_and_each_has_its_time():
     """Registers of two bytes: what was converted is read with what it was converted with, then the next begins."""
     wires = MemoryI2c()
     number = wires.add(0x48, wide=True)
-    wires.write(number, 0, b"\x12\x34\xC3\xE3")
+    wires.write(number, 0, b"\x12\x34\xc3\xe3")
     bus = I2cBus(wires)
     names = (0xD3E3, 0xC3E3)
-    bus.add(0, 0x48, rounds=((0.005, 0.005, tuple(
-        (at, 0x48, ((0, 2), (1, 2), (1, word.to_bytes(2, "big"))), b"") for at, word in enumerate(names))),))
+    bus.add(
+        0,
+        0x48,
+        rounds=(
+            (
+                0.005,
+                0.005,
+                tuple((at, 0x48, ((0, 2), (1, 2), (1, word.to_bytes(2, "big"))), b"") for at, word in enumerate(names)),
+            ),
+        ),
+    )
     bus.start()
     wait(lambda: bus.counts["devices"][0]["answers"] >= 6)
     bus.stop()
@@ -252,7 +269,7 @@ def test_a_tick_that_stood_still_finds_the_newest():
     bus = I2cBus(wires)
     bus.add(0, IMU, rounds=(reading(0.0002, steps=((0, 1),)),))
     bus.start()
-    wait(lambda: bus.counts["devices"][0]["answers"] > 1200)                # more than a ring holds
+    wait(lambda: bus.counts["devices"][0]["answers"] > 1200)  # more than a ring holds
     wires.write(number, 0, b"\x77")
     before = bus.counts["devices"][0]["answers"]
     wait(lambda: bus.counts["devices"][0]["answers"] > before + 5)
@@ -263,10 +280,18 @@ def test_a_tick_that_stood_still_finds_the_newest():
     assert frames[-1][2] == b"\x77" and len(frames) <= 1024 and bus.counts["overflows"] > 0
 
 
-@pytest.mark.parametrize("place, address, rounds", [
-    (99, IMU, ()), (0, 0x80, ()), (0, IMU, (reading(0.0),)), (0, IMU, (reading(number=15),)), (0, IMU, (reading(steps=((0, 33),)),)),
-    (0, IMU, (reading(steps=((0, 32), (0, 32)), tail=b"1"),)), (0, IMU, (reading(steps=()),)),
-])
+@pytest.mark.parametrize(
+    "place, address, rounds",
+    [
+        (99, IMU, ()),
+        (0, 0x80, ()),
+        (0, IMU, (reading(0.0),)),
+        (0, IMU, (reading(number=15),)),
+        (0, IMU, (reading(steps=((0, 33),)),)),
+        (0, IMU, (reading(steps=((0, 32), (0, 32)), tail=b"1"),)),
+        (0, IMU, (reading(steps=()),)),
+    ],
+)
 def test_what_no_bus_can_do_is_refused(place, address, rounds):
     with pytest.raises(ValueError):
         I2cBus(MemoryI2c()).add(place, address, rounds=rounds)
@@ -279,7 +304,8 @@ def test_chips_in_memory_are_reached_as_on_a_wire():
     with pytest.raises(OSError) as refused:
         wires.exchange_bytes(IMU, 0x75, count=1)
     assert refused.value.errno == errno.EREMOTEIO
-    for mask, wanted in ((b"\x02", 0x71), (b"\x04\x04", 0x73), (b"\x06", 0x71 & 0x73)):     # two open at once pull the line low together
+    # two open at once pull the line low together
+    for mask, wanted in ((b"\x02", 0x71), (b"\x04\x04", 0x73), (b"\x06", 0x71 & 0x73)):
         wires.exchange_bytes(0x70, -1, mask)
         assert wires.exchange_bytes(IMU, 0x75, count=1)[0] == wanted
 
@@ -292,11 +318,11 @@ def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_not_believed(
     bus = I2cBus(wires)
     bus.add(0, IMU, SET_UP, CHECK, (reading(),), ((0x75, 0x71, 0xFF),))
     bus.start()
-    told = lambda: bus.counts["devices"][0]                                 # noqa: E731
+    told = lambda: bus.counts["devices"][0]  # noqa: E731
     wait(lambda: told()["answers"] > 2)
     wires.behave(number, absent=True)
     wait(lambda: told()["state"] == "lost")
-    wires.write(number, 0x75, b"\x68")                                      # it takes the same settings, and keeps them
+    wires.write(number, 0x75, b"\x68")  # it takes the same settings, and keeps them
     wires.behave(number, absent=False)
     wait(lambda: told()["error"] == -2)
     answers = told()["answers"]

@@ -19,7 +19,8 @@ def test_an_answer_is_timed_from_the_command_it_follows_and_once():
     outcome = rig.run(100)
     found = rig.control.latencies["knee"]
     assert outcome.status == "ok"
-    # The emulated drive answers at the end of the tick that commands it, with the time of the grid. The last answer is heard by the safe stop.
+    # The emulated drive answers at the end of the tick that commands it, with the time of the grid. The last answer is
+    # heard by the safe stop.
     assert found["count"] == 100
     again = rig.run(50)
     assert again.status == "ok" and rig.control.latencies["knee"]["count"] == 50

@@ -1,4 +1,6 @@
-"""A run from arming to the safe stop, in frames: who must answer, where blocks start, how authority fades in, what a fence lets through."""
+"""A run from arming to the safe stop, in frames: who must answer, where blocks start, how authority fades in, what a
+fence lets through.
+"""
 
 import math
 
@@ -24,7 +26,12 @@ def test_a_run_arms_runs_and_stops_in_frames():
     assert len(sent) == 2 + 100 + 2 and all(data not in (ENABLE, DISABLE) for data in sent[2:-2])
     assert ends_in_the_safe_stop(rig)
     statistics = rig.statistics()
-    assert (statistics["ticks"], statistics["missed"], statistics["dropped"], statistics["last_tick"]) == (100, 0, 0, 99)
+    assert (statistics["ticks"], statistics["missed"], statistics["dropped"], statistics["last_tick"]) == (
+        100,
+        0,
+        0,
+        99,
+    )
     assert statistics["frames"]["sent"] == len(rig.sent()) == statistics["frames"]["received"]
     assert statistics["frames"]["foreign"] == statistics["frames"]["malformed"] == 0
 
@@ -87,7 +94,7 @@ def test_of_two_drives_the_one_that_does_not_answer_is_named_and_neither_moves()
     for can_id in (1, 2):
         assert set(rig.sent(can_id)) == {ENABLE, NOTHING, DISABLE}
         assert ends_in_the_safe_stop(rig, can_id)
-    assert rig.sent(1).count(ENABLE) == 1 and rig.sent(2).count(ENABLE) == 22         # only who is silent is asked again
+    assert rig.sent(1).count(ENABLE) == 1 and rig.sent(2).count(ENABLE) == 22  # only who is silent is asked again
     times = [frame.time for frame in rig.frames]
     assert times == sorted(times) and rig.statistics()["ticks"] == 0
 
@@ -95,7 +102,9 @@ def test_of_two_drives_the_one_that_does_not_answer_is_named_and_neither_moves()
 def test_two_drives_on_two_buses_arm_and_stop_each_on_its_own():
     with Diagram("robot", rate=200) as robot:
         for bus in ("left", "right"):
-            CubeMars("AK10-9-V2.0", bus=bus, can_id=7, name=f"{bus}_knee")(torque_command=2.0 if bus == "left" else -2.0)
+            CubeMars("AK10-9-V2.0", bus=bus, can_id=7, name=f"{bus}_knee")(
+                torque_command=2.0 if bus == "left" else -2.0
+            )
     rig = Rig(robot, plant_of(robot))
     assert rig.run(50).status == "ok"
     for number, sign in ((0, 1.0), (1, -1.0)):
@@ -130,12 +139,17 @@ def test_blocks_start_at_the_present_measurement_and_those_without_a_steady_stat
     rig = Rig(robot, plant)
     rig.run(20)
     position = rig["knee.position"][0]
-    assert rig["filter.y"] == pytest.approx([position] * 20, rel=1e-12) and rig["slew.y"] == pytest.approx([position] * 20, rel=1e-12)
-    assert rig["limiter.limited"] == pytest.approx([(tick + 1) / 200 for tick in range(20)], rel=1e-9)      # from zero, a slew a tick
+    assert rig["filter.y"] == pytest.approx([position] * 20, rel=1e-12) and rig["slew.y"] == pytest.approx(
+        [position] * 20, rel=1e-12
+    )
+    # from zero, a slew a tick
+    assert rig["limiter.limited"] == pytest.approx([(tick + 1) / 200 for tick in range(20)], rel=1e-9)
     assert robot["before"].count == robot["behind"].count == 20
 
 
-@pytest.mark.parametrize("times", [{"fade": math.nan}, {"fade": -1.0}, {"arming_timeout": math.nan}, {"stopping_timeout": -0.1}])
+@pytest.mark.parametrize(
+    "times", [{"fade": math.nan}, {"fade": -1.0}, {"arming_timeout": math.nan}, {"stopping_timeout": -0.1}]
+)
 def test_times_of_a_run_are_zero_or_more(times):
     rig = one_drive(lambda knee: 1.0)
     with pytest.raises(ValueError, match="times of a run are 0 s or more"):

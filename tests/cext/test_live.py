@@ -1,4 +1,6 @@
-"""Live parameters in the loop: when a change takes effect, how it ramps, what is refused, and what is recorded of it."""
+"""Live parameters in the loop: when a change takes effect, how it ramps, what is refused, and what is recorded of
+it.
+"""
 
 import math
 import mmap
@@ -21,7 +23,9 @@ SET, MARK, STOP = range(3)
 
 
 class Poster(Block):
-    """Posts from within tick k what the loop then takes at the start of tick k + 1. script : {tick: what to do with a Writer}"""
+    """Posts from within tick k what the loop then takes at the start of tick k + 1. script : {tick: what to do with a
+    Writer}
+    """
 
     y = Output("any")
 
@@ -92,15 +96,23 @@ def test_a_ramp_goes_by_slew_times_dt_a_tick_and_arrives_exactly():
 
 
 def test_a_change_in_the_middle_of_a_ramp_starts_from_where_that_is():
-    found = rig(lambda: spring(slew=200.0), {0: lambda writer: writer.set([(0, 100.0)]), 10: lambda writer: writer.set([(0, 35.0)])})
+    found = rig(
+        lambda: spring(slew=200.0),
+        {0: lambda writer: writer.set([(0, 100.0)]), 10: lambda writer: writer.set([(0, 35.0)])},
+    )
     found.run(20)
-    assert [(change.tick, change.before, change.value) for change in found.changes] == [(1, 30.0, 100.0), (11, 40.0, 35.0)]
+    assert [(change.tick, change.before, change.value) for change in found.changes] == [
+        (1, 30.0, 100.0),
+        (11, 40.0, 35.0),
+    ]
     np.testing.assert_allclose(stiffness(found)[8:17], [38, 39, 40, 39, 38, 37, 36, 35, 35], rtol=0, atol=1e-12)
 
 
 def test_attributes_of_python_blocks_keep_their_types_and_whole_ones_do_not_ramp():
-    found = rig(lambda: Settings(name="settings"), {
-        1: lambda writer: writer.set([(0, 1.25), (1, 7.0), (2, 0.0)]), 8: lambda writer: writer.set([(2, 1.0)])})
+    found = rig(
+        lambda: Settings(name="settings"),
+        {1: lambda writer: writer.set([(0, 1.25), (1, 7.0), (2, 0.0)]), 8: lambda writer: writer.set([(2, 1.0)])},
+    )
     assert found.names == ["settings.gain", "settings.turns", "settings.on"]
     block = found.schedule.live[0].block
     assert not found.run(12).faulted
@@ -112,7 +124,9 @@ def test_attributes_of_python_blocks_keep_their_types_and_whole_ones_do_not_ramp
 def test_a_ramp_of_a_python_block_ends_where_it_should():
     found = rig(lambda: Settings(name="settings"), {1: lambda writer: writer.set([(0, 1.25)])})
     found.run(8)
-    np.testing.assert_allclose(found["settings.number"], [301.0, 301.0, 301.1, 301.2, 301.25, 301.25, 301.25, 301.25], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        found["settings.number"], [301.0, 301.0, 301.1, 301.2, 301.25, 301.25, 301.25, 301.25], rtol=0, atol=1e-9
+    )
     assert found.statistics()["gil_taken"] == 8 + 3, "once a tick for the steps, and once more while the ramp goes"
 
 
@@ -130,16 +144,31 @@ def test_changes_of_one_letter_take_effect_together_and_letters_in_their_order()
     found = rig(spring, {2: post})
     found.run(5)
     assert [(change.tick, change.index, change.value) for change in found.changes] == [
-        (3, 0, 40.0), (3, 1, 4.0), (3, 0, 41.0), (3, 1, 4.1), (3, 0, 42.0), (3, 1, 4.2)]
+        (3, 0, 40.0),
+        (3, 1, 4.0),
+        (3, 0, 41.0),
+        (3, 1, 4.1),
+        (3, 0, 42.0),
+        (3, 1, 4.2),
+    ]
     assert list(stiffness(found)) == [30.0] * 3 + [42.0] * 2
 
 
-@pytest.mark.parametrize("changes, verdict", [
-    ([("spring.stiffness", 120.1)], "out of bounds"), ([("spring.stiffness", -1e-9)], "out of bounds"),
-    ([("spring.stiffness", math.nan)], "out of bounds"), ([("spring.stiffness", math.inf)], "out of bounds"),
-    ([("turning.turns", 5.5)], "out of bounds"), ([("turning.on", 0.5)], "out of bounds"),
-    ([("spring.stiffness", 50.0), ("spring.damping", 1e9)], "out of bounds"),
-    ([(99, 1.0)], "unknown"), ([(-1, 1.0)], "unknown"), ([], "unknown")])
+@pytest.mark.parametrize(
+    "changes, verdict",
+    [
+        ([("spring.stiffness", 120.1)], "out of bounds"),
+        ([("spring.stiffness", -1e-9)], "out of bounds"),
+        ([("spring.stiffness", math.nan)], "out of bounds"),
+        ([("spring.stiffness", math.inf)], "out of bounds"),
+        ([("turning.turns", 5.5)], "out of bounds"),
+        ([("turning.on", 0.5)], "out of bounds"),
+        ([("spring.stiffness", 50.0), ("spring.damping", 1e9)], "out of bounds"),
+        ([(99, 1.0)], "unknown"),
+        ([(-1, 1.0)], "unknown"),
+        ([], "unknown"),
+    ],
+)
 def test_the_loop_refuses_what_is_out_of_bounds_not_finite_not_whole_or_unknown(changes, verdict):
     def make():
         spring()
@@ -147,7 +176,9 @@ def test_the_loop_refuses_what_is_out_of_bounds_not_finite_not_whole_or_unknown(
 
     found = rig(make)
     writer = Writer(found.page)
-    ticket = writer.set([(found.names.index(name) if isinstance(name, str) else name, value) for name, value in changes])
+    ticket = writer.set(
+        [(found.names.index(name) if isinstance(name, str) else name, value) for name, value in changes]
+    )
     found.run(5)
     assert writer.answer(ticket)[0] == verdict
     assert found.changes == [] and list(stiffness(found)) == [30.0] * 5 and set(found["turning.number"]) == {301.0}
@@ -158,15 +189,21 @@ def memory_of(page):
 
 
 def letter_with(memory, value):
-    """Where the letter lies whose first value is this one. cext/mailbox.pxd: state, number, four words, parameters, values."""
+    """Where the letter lies whose first value is this one. cext/mailbox.pxd: state, number, four words, parameters,
+    values.
+    """
     at = memory.find(struct.pack("=d", value))
     assert at >= 0
     return at - 96
 
 
 SCRIBBLES = {
-    "value": (96, struct.pack("=d", 1e9)), "nan": (96, struct.pack("=d", math.nan)), "index": (32, struct.pack("=i", 1 << 30)),
-    "negative index": (32, struct.pack("=i", -5)), "count": (24, struct.pack("=i", 1 << 30)), "negative count": (24, struct.pack("=i", -1)),
+    "value": (96, struct.pack("=d", 1e9)),
+    "nan": (96, struct.pack("=d", math.nan)),
+    "index": (32, struct.pack("=i", 1 << 30)),
+    "negative index": (32, struct.pack("=i", -5)),
+    "count": (24, struct.pack("=i", 1 << 30)),
+    "negative count": (24, struct.pack("=i", -1)),
     "kind": (16, struct.pack("=i", 77)),
 }
 
@@ -193,7 +230,9 @@ def test_no_value_in_the_mailbox_gets_a_command_past_the_bounds_that_were_proved
     assert proof.interval.high == 12.0
     index = [live.path for live in rig.schedule.live].index("limiter.limit")
     writer = Writer(rig.page)
-    tickets = {value: writer.set([(index, value)]) for value in (12.0 + 1e-9, 1e9, math.inf, math.nan, -math.inf, -1.0, 12.0)}
+    tickets = {
+        value: writer.set([(index, value)]) for value in (12.0 + 1e-9, 1e9, math.inf, math.nan, -math.inf, -1.0, 12.0)
+    }
     poked = writer.set([(index, 7.0078125)])
     memory = memory_of(rig.page)
     at = letter_with(memory, 7.0078125) + 96
@@ -227,7 +266,11 @@ def test_marks_are_numbered_from_one_in_every_run():
     found = rig(spring, {2: lambda writer: (writer.mark(), writer.mark()), 5: lambda writer: writer.mark()})
     for _ in range(2):
         found.run(9)
-        assert [(change.tick, change.kind, change.value) for change in found.changes] == [(3, MARK, 1.0), (3, MARK, 2.0), (6, MARK, 3.0)]
+        assert [(change.tick, change.kind, change.value) for change in found.changes] == [
+            (3, MARK, 1.0),
+            (3, MARK, 2.0),
+            (6, MARK, 3.0),
+        ]
 
 
 def test_a_stop_ends_the_run_in_the_safe_stop_and_is_no_fault():
@@ -243,7 +286,7 @@ def test_a_stop_ends_the_run_in_the_safe_stop_and_is_no_fault():
 
 
 def test_a_stop_is_heard_while_arming_and_a_change_waits_for_tick_0():
-    rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0))(1.0), plant=False)       # nobody ever answers
+    rig = one_drive(lambda drive: TorqueLimiter(limit=Live(9.0, max=12.0))(1.0), plant=False)  # nobody ever answers
     writer = Writer(rig.page)
     change, stop = writer.set([(0, 10.0)]), writer.stop()
     outcome = rig.run(200)
@@ -260,7 +303,10 @@ def test_what_the_ring_cannot_record_waits_until_it_can():
     writer = Writer(page)
     ticket = writer.set([(0, 50.0)])
     assert not found.executor.run(5).faulted
-    assert writer.answer(ticket) == ("over", -1, 0) and found.control.values[found.schedule.parameters["spring.stiffness"]] == 30.0
+    assert (
+        writer.answer(ticket) == ("over", -1, 0)
+        and found.control.values[found.schedule.parameters["spring.stiffness"]] == 30.0
+    )
     page.drain(1 << 20)
     ticket = writer.set([(0, 50.0)])
     found.run(5)
@@ -296,7 +342,12 @@ def test_an_attribute_whose_own_code_raises_is_a_fault_of_its_block():
 
     found = rig(lambda: Guarded(name="guarded"), {3: lambda writer: writer.set([(0, 1.5)])})
     outcome = found.run(10)
-    assert (outcome.status, outcome.culprit, outcome.tick, str(outcome.error)) == ("exception", "guarded", 4, "too much")
+    assert (outcome.status, outcome.culprit, outcome.tick, str(outcome.error)) == (
+        "exception",
+        "guarded",
+        4,
+        "too much",
+    )
 
 
 def test_a_letter_has_room_for_so_many_changes():

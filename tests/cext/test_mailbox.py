@@ -130,7 +130,7 @@ def test_a_letter_half_written_by_a_dead_process_holds_nobody_up():
     memory = mmap.mmap(rig.page.fd, 0)
     posted, half = struct.pack("=Q", os.getpid() << 32 | 2), struct.pack("=Q", dead << 32 | 1)
     at = memory.find(posted)
-    memory[at : at + 8] = half                                  # as if killed between claiming and posting
+    memory[at : at + 8] = half  # as if killed between claiming and posting
     rig.run(2)
     assert len(rig.changes) == ROOM - 1
     assert writer.set([(0, 50.0)]) is not None

@@ -1,4 +1,6 @@
-"""The watch over a drive's motion and torque: each rule finds what it is for, and nothing in walking, noise, lost frames or a fade-in."""
+"""The watch over a drive's motion and torque: each rule finds what it is for, and nothing in walking, noise, lost
+frames or a fade-in.
+"""
 
 import csv
 import math
@@ -16,7 +18,9 @@ RATES = [100, 200, 500, 1000]
 
 @pytest.fixture(scope="module")
 def knee():
-    """A recorded knee: (position in rad, velocity in rad/s) as a function of time, of 10 s of walking; its largest acceleration is 269 rad/s²."""
+    """A recorded knee: (position in rad, velocity in rad/s) as a function of time, of 10 s of walking; its largest
+    acceleration is 269 rad/s².
+    """
     with open(shared("gait/healthy_young.csv")) as file:
         rows = list(csv.DictReader(file))[:2200]
     name = next(name for name in rows[0] if name.startswith("knee"))
@@ -30,6 +34,7 @@ def knee():
 
 # Acceleration
 
+
 def gains_sent(rig):
     """Of each command between arming and the safe stop, the codes of stiffness and damping."""
     data = np.array([list(frame) for frame in rig.commands()])
@@ -39,33 +44,60 @@ def gains_sent(rig):
 @pytest.mark.parametrize("rate", RATES)
 def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_reply_that_shows_it(rate):
     begin, period = 0.5, 1.0 / rate
-    rig, outcome = imposed(accelerated(4.0 / period / 2, begin - 1e-9, until=8.0), rate=rate, substeps=20, seconds=1.0, model="AK10-9-V2.0",
-                           limit=12.0, commands={"stiffness_command": 300.0, "damping_command": 5.0}, max_acceleration=150.0)
+    rig, outcome = imposed(
+        accelerated(4.0 / period / 2, begin - 1e-9, until=8.0),
+        rate=rate,
+        substeps=20,
+        seconds=1.0,
+        model="AK10-9-V2.0",
+        limit=12.0,
+        commands={"stiffness_command": 300.0, "damping_command": 5.0},
+        max_acceleration=150.0,
+    )
     assert outcome.status == "ok" and rig.watched["acceleration_ticks"] > 0
     stiffness, damping = gains_sent(rig)
     shows = int(np.argmax(rig["knee.velocity"] > 0.1))
     assert damping[shows - 1] > 0 and not stiffness[shows : shows + 3].any() and not damping[shows : shows + 3].any()
     told = [event for event in rig.events if "accelerates" in event["what"]]
     assert [event["tick"] for event in told] == [shows]
-    assert told[0]["what"] == "accelerates beyond its max_acceleration of 150 rad/s²: stiffness and damping are zero until it is calm"
-    after = rig.torques[:, 0] >= (shows + 1) * period + 1e-9           # the plant is a period ahead: it moves while the robot is armed
+    assert told[0]["what"] == (
+        "accelerates beyond its max_acceleration of 150 rad/s²: stiffness and damping are zero until it is calm"
+    )
+    # the plant is a period ahead: it moves while the robot is armed
+    after = rig.torques[:, 0] >= (shows + 1) * period + 1e-9
     assert np.abs(rig.torques[after, 1]).max() <= 12.0 + 2 * 65.0 / 4095
 
 
-@pytest.mark.parametrize("stiffness, damping, rate, acceleration", [(0.0, 5.0, 500, 3000.0), (300.0, 5.0, 1000, 3000.0), (0.0, 5.0, 200, 1500.0)])
+@pytest.mark.parametrize(
+    "stiffness, damping, rate, acceleration",
+    [(0.0, 5.0, 500, 3000.0), (300.0, 5.0, 1000, 3000.0), (0.0, 5.0, 200, 1500.0)],
+)
 def test_an_impact_beyond_the_bound_is_above_the_limit_for_no_more_than_two_ticks_after_the_reply_that_shows_it(
-        stiffness, damping, rate, acceleration):
-    """Three to six times the default bound, begun just before the end of a period, so that the first reply shows a tenth of it."""
+    stiffness, damping, rate, acceleration
+):
+    """Three to six times the default bound, begun just before the end of a period, so that the first reply shows a
+    tenth of it.
+    """
     limit, period = 12.0, 1.0 / rate
-    rig, _ = imposed(accelerated(acceleration, 0.3 + 0.9 * period, until=12.0), rate=rate, substeps=20, seconds=0.45, drive=CubeMarsV3,
-                     model="AK10-9-V3.0", limit=limit, commands={"stiffness_command": stiffness, "damping_command": damping})
-    shows = int(np.argmax(np.abs(rig["knee.velocity"]) > 0.06))         # a reply of this grid point, by the clock of the plant
+    rig, _ = imposed(
+        accelerated(acceleration, 0.3 + 0.9 * period, until=12.0),
+        rate=rate,
+        substeps=20,
+        seconds=0.45,
+        drive=CubeMarsV3,
+        model="AK10-9-V3.0",
+        limit=limit,
+        commands={"stiffness_command": stiffness, "damping_command": damping},
+    )
+    shows = int(np.argmax(np.abs(rig["knee.velocity"]) > 0.06))  # a reply of this grid point, by the clock of the plant
     above = rig.torques[np.abs(rig.torques[:, 1]) > limit + 108.0 / 4095][:, 0]
     assert above.size and above.min() > (shows - 1) * period and above.max() < (shows + 2) * period
 
 
 def test_stiffness_and_damping_return_over_100_ms_once_the_window_is_calm():
-    rig, outcome = imposed(accelerated(2000.0, 0.5 - 1e-9, until=9.0), rate=1000, commands={"damping_command": 0.5}, limit=9.0)
+    rig, outcome = imposed(
+        accelerated(2000.0, 0.5 - 1e-9, until=9.0), rate=1000, commands={"damping_command": 0.5}, limit=9.0
+    )
     damping, shows = gains_sent(rig)[1], int(np.argmax(rig["knee.velocity"] > 0.1))
     assert outcome.status == "ok" and not damping[shows : shows + 15].any()
     ramp = damping[shows + 15 : shows + 122]
@@ -75,7 +107,16 @@ def test_stiffness_and_damping_return_over_100_ms_once_the_window_is_calm():
 @pytest.mark.parametrize("bound", [300.0, 500.0])
 @pytest.mark.parametrize("rate", RATES)
 def test_walking_with_noise_of_0_15_rad_s_in_the_velocity_is_not_beyond_the_bound(knee, rate, bound):
-    rig, outcome = imposed(knee, rate=rate, substeps=1, seconds=min(10.0, 4000 / rate), noise=0.15, commands=GAINS, limit=9.0, max_acceleration=bound)
+    rig, outcome = imposed(
+        knee,
+        rate=rate,
+        substeps=1,
+        seconds=min(10.0, 4000 / rate),
+        noise=0.15,
+        commands=GAINS,
+        limit=9.0,
+        max_acceleration=bound,
+    )
     assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 0
 
 
@@ -99,25 +140,46 @@ def test_single_impacts_are_no_fault():
 
 # Torque
 
-@pytest.mark.parametrize("drive, model, parameters, emulator", [
-    (CubeMars, "AK80-9", {}, {"wire_stiffness": 5000.0}), (CubeMarsV3, "AK80-9-V3.0", {}, {"wire_stiffness": 5000.0}),
-    (RobStrideMIT, "RS02", {}, {"wire_stiffness": 5000.0})])
+
+@pytest.mark.parametrize(
+    "drive, model, parameters, emulator",
+    [
+        (CubeMars, "AK80-9", {}, {"wire_stiffness": 5000.0}),
+        (CubeMarsV3, "AK80-9-V3.0", {}, {"wire_stiffness": 5000.0}),
+        (RobStrideMIT, "RS02", {}, {"wire_stiffness": 5000.0}),
+    ],
+)
 def test_a_measured_torque_beyond_limit_and_accuracy_ends_the_run(drive, model, parameters, emulator):
     """A drive whose stiffness is ten times what was sent."""
-    rig, outcome = imposed(still(), drive=drive, model=model, limit=4.0, emulator=emulator,
-                           commands={"stiffness_command": 20.0, "position_command": lambda t: 0.1 if t >= 0.2 else 0.0}, **parameters)
+    rig, outcome = imposed(
+        still(),
+        drive=drive,
+        model=model,
+        limit=4.0,
+        emulator=emulator,
+        commands={"stiffness_command": 20.0, "position_command": lambda t: 0.1 if t >= 0.2 else 0.0},
+        **parameters,
+    )
     assert (outcome.status, outcome.culprit) == ("excess torque", "knee")
     assert 0.2 + 0.02 <= outcome.tick / 200 <= 0.2 + 0.035
     assert rig.watched["value"] > 12.0 and rig.watched["bound"] == 4.0
 
 
 @pytest.mark.parametrize("rate", RATES)
-@pytest.mark.parametrize("drive, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK80-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")])
+@pytest.mark.parametrize(
+    "drive, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK80-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")]
+)
 def test_a_drive_that_lost_its_power_for_50_ms_and_came_back_disabled_does_not_follow(drive, model, rate):
     rig, outcome = imposed(
-        still(), drive=drive, model=model, rate=rate, commands={"torque_command": 3.0}, emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
-        timeout=0.1)
-    told = {RobStride: rate > 100, CubeMarsV3: True}.get(drive, False)          # a RobStride after twelve replies
+        still(),
+        drive=drive,
+        model=model,
+        rate=rate,
+        commands={"torque_command": 3.0},
+        emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
+        timeout=0.1,
+    )
+    told = {RobStride: rate > 100, CubeMarsV3: True}.get(drive, False)  # a RobStride after twelve replies
     assert (outcome.status, outcome.culprit) == ("device fault" if told else "not following", "knee")
     assert 0.54 <= outcome.tick / rate < 0.8
     if not told:
@@ -125,20 +187,41 @@ def test_a_drive_that_lost_its_power_for_50_ms_and_came_back_disabled_does_not_f
 
 
 def test_a_drive_with_stiffness_that_comes_back_disabled_does_not_follow():
-    _, outcome = imposed(sine(0.3, 1.0), commands={**GAINS, "position_command": 0.1}, emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
-                         limit=9.0, seconds=1.5)
+    _, outcome = imposed(
+        sine(0.3, 1.0),
+        commands={**GAINS, "position_command": 0.1},
+        emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
+        limit=9.0,
+        seconds=1.5,
+    )
     assert outcome.status == "not following" and outcome.tick / 200 < 0.9
 
 
-@pytest.mark.parametrize("commands, emulator, options", [
-    ({"torque_command": lambda t: 4.0 * math.copysign(1.0, math.sin(2.0 * math.pi * 50.0 * t))}, {}, {}),
-    ({"torque_command": lambda t: 0.5 * math.sin(2.0 * math.pi * 3.0 * t)}, {}, {}),
-    ({"torque_command": 9.0}, {"peak": 7.0}, {"fade": 0.5}),
-    ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 2.0 * t)}, {"peak": 5.0}, {}),
-    ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"dropped": lambda t: 0.3}, {}),
-    ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"delay": lambda t: 0.012}, {}),
-    ({**GAINS, "position_command": lambda t: math.sin(2.0 * math.pi * t)}, {"delay": lambda t: 0.002}, {"fade": 1.0}),
-], ids=["changes of sign", "near zero", "a drive at its limit", "a sine at the drive's limit", "lost frames", "late replies", "fade-in"])
+@pytest.mark.parametrize(
+    "commands, emulator, options",
+    [
+        ({"torque_command": lambda t: 4.0 * math.copysign(1.0, math.sin(2.0 * math.pi * 50.0 * t))}, {}, {}),
+        ({"torque_command": lambda t: 0.5 * math.sin(2.0 * math.pi * 3.0 * t)}, {}, {}),
+        ({"torque_command": 9.0}, {"peak": 7.0}, {"fade": 0.5}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 2.0 * t)}, {"peak": 5.0}, {}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"dropped": lambda t: 0.3}, {}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"delay": lambda t: 0.012}, {}),
+        (
+            {**GAINS, "position_command": lambda t: math.sin(2.0 * math.pi * t)},
+            {"delay": lambda t: 0.002},
+            {"fade": 1.0},
+        ),
+    ],
+    ids=[
+        "changes of sign",
+        "near zero",
+        "a drive at its limit",
+        "a sine at the drive's limit",
+        "lost frames",
+        "late replies",
+        "fade-in",
+    ],
+)
 def test_a_drive_that_follows_is_no_fault(commands, emulator, options):
     _, outcome = imposed(still(), seconds=3.0, commands=commands, emulator=emulator, limit=9.0, **options)
     assert outcome.status == "ok"
@@ -146,12 +229,26 @@ def test_a_drive_that_follows_is_no_fault(commands, emulator, options):
 
 @pytest.mark.parametrize("rate", RATES)
 def test_walking_with_every_law_is_no_fault(knee, rate):
-    for commands in (GAINS, {"damping_command": 2.0}, {"stiffness_command": 100.0, "damping_command": 3.0, "position_command": 0.3}):
-        rig, outcome = imposed(knee, rate=rate, substeps=1, seconds=1000 / rate, noise=0.02, commands=commands, limit=9.0, range=(-0.3, 1.6))
+    for commands in (
+        GAINS,
+        {"damping_command": 2.0},
+        {"stiffness_command": 100.0, "damping_command": 3.0, "position_command": 0.3},
+    ):
+        rig, outcome = imposed(
+            knee,
+            rate=rate,
+            substeps=1,
+            seconds=1000 / rate,
+            noise=0.02,
+            commands=commands,
+            limit=9.0,
+            range=(-0.3, 1.6),
+        )
         assert outcome.status == "ok", commands
 
 
 # Motion
+
 
 def test_a_joint_outside_its_range_ends_the_run_at_once():
     rig, outcome = imposed(sine(1.0, 0.5), range=(-0.9, 0.9), seconds=2.0)
@@ -165,13 +262,22 @@ def test_over_travel_to_the_other_side_with_an_offset_on_an_inverted_joint():
     assert outcome.status == "over-travel" and -0.57 < rig.watched["value"] < -0.55 and rig.watched["bound"] == -0.5
 
 
-@pytest.mark.parametrize("drive, model, parameters, fastest", [
-    (CubeMars, "AK80-9", {"max_velocity": 10.0}, 10.0), (CubeMars, "AK80-64", {}, 0.995 * 8.0),
-    (CubeMarsV3, "AKH70-48", {"gear_ratio": 2.0}, 0.995 * 2.5), (RobStride, "RS03", {}, 0.995 * 20.0), (RobStride, "RS01", {}, 315 * math.pi / 30),
-    (CubeMarsServo, "AK80-9", {"max_velocity": 12.0, "report_rate": 200.0}, 12.0)])
+@pytest.mark.parametrize(
+    "drive, model, parameters, fastest",
+    [
+        (CubeMars, "AK80-9", {"max_velocity": 10.0}, 10.0),
+        (CubeMars, "AK80-64", {}, 0.995 * 8.0),
+        (CubeMarsV3, "AKH70-48", {"gear_ratio": 2.0}, 0.995 * 2.5),
+        (RobStride, "RS03", {}, 0.995 * 20.0),
+        (RobStride, "RS01", {}, 315 * math.pi / 30),
+        (CubeMarsServo, "AK80-9", {"max_velocity": 12.0, "report_rate": 200.0}, 12.0),
+    ],
+)
 def test_a_joint_that_is_too_fast_for_three_replies_ends_the_run(drive, model, parameters, fastest):
     commands = {"current_command": 0.0} if drive is CubeMarsServo else None
-    rig, outcome = imposed(accelerated(100.0, 0.0, until=50.0), drive=drive, model=model, commands=commands, **parameters)
+    rig, outcome = imposed(
+        accelerated(100.0, 0.0, until=50.0), drive=drive, model=model, commands=commands, **parameters
+    )
     assert (outcome.status, outcome.culprit) == ("overspeed", "knee") and rig.watched["bound"] == pytest.approx(fastest)
     velocity = rig["knee.velocity"]
     assert (velocity > fastest).sum() == 2 and rig.watched["value"] > fastest
@@ -180,9 +286,12 @@ def test_a_joint_that_is_too_fast_for_three_replies_ends_the_run(drive, model, p
 # Scales
 
 FIRMWARES = [
-    (CubeMars, "AK80-9", {"wire_velocity": 45.0}, 50.0 / 45.0, "velocity"), (CubeMars, "AK60-6-V1.1", {"wire_velocity": 50.0}, 0.9, "velocity"),
-    (CubeMars, "AK80-9", {"wire_velocity": 25.64}, 50.0 / 25.64, "velocity"), (CubeMars, "AK80-9", {"wire_position": 95.5}, 95.5 / 12.5, "velocity"),
-    (CubeMarsV3, "AK80-9-V3.0", {"pole_pairs": 14}, 14 / 21, "velocity"), (CubeMarsServo, "AK80-9", {"pole_pairs": 14}, 14 / 21, "velocity"),
+    (CubeMars, "AK80-9", {"wire_velocity": 45.0}, 50.0 / 45.0, "velocity"),
+    (CubeMars, "AK60-6-V1.1", {"wire_velocity": 50.0}, 0.9, "velocity"),
+    (CubeMars, "AK80-9", {"wire_velocity": 25.64}, 50.0 / 25.64, "velocity"),
+    (CubeMars, "AK80-9", {"wire_position": 95.5}, 95.5 / 12.5, "velocity"),
+    (CubeMarsV3, "AK80-9-V3.0", {"pole_pairs": 14}, 14 / 21, "velocity"),
+    (CubeMarsServo, "AK80-9", {"pole_pairs": 14}, 14 / 21, "velocity"),
     (RobStrideMIT, "RS02", {"wire_velocity": 33.0}, 44.0 / 33.0, "velocity"),
     (CubeMarsV3, "AK80-9-V3.0", {"wire_torque": 21.0}, 21.0 / 18.0, "torque"),
     (CubeMarsV3, "AK80-9-V3.0", {"torque_constant": 0.945}, 0.5701 / 0.945, "torque"),
@@ -190,14 +299,23 @@ FIRMWARES = [
 ]
 
 
-@pytest.mark.parametrize("drive, model, emulator, scale, about", FIRMWARES, ids=[f"{model} {emulator}" for _, model, emulator, *_ in FIRMWARES])
+@pytest.mark.parametrize(
+    "drive, model, emulator, scale, about",
+    FIRMWARES,
+    ids=[f"{model} {emulator}" for _, model, emulator, *_ in FIRMWARES],
+)
 def test_a_firmware_with_another_scale_is_found_after_a_second(drive, model, emulator, scale, about):
-    commands = {"current_command": 0.0} if drive is CubeMarsServo else {
-        "torque_command": lambda t: (2.0 if model.startswith("AK60") else 4.0) * math.sin(2.0 * math.pi * t)}
+    commands = (
+        {"current_command": 0.0}
+        if drive is CubeMarsServo
+        else {"torque_command": lambda t: (2.0 if model.startswith("AK60") else 4.0) * math.sin(2.0 * math.pi * t)}
+    )
     if "wire_stiffness" in emulator:
         commands = {"stiffness_command": 30.0, "position_command": lambda t: 0.3 * math.sin(2.0 * math.pi * t)}
     motion = still() if about == "torque" else sine(0.5, 1.0)
-    rig, outcome = imposed(motion, drive=drive, model=model, seconds=3.0, emulator=emulator, commands=commands, noise=0.02)
+    rig, outcome = imposed(
+        motion, drive=drive, model=model, seconds=3.0, emulator=emulator, commands=commands, noise=0.02
+    )
     expected = "not following" if scale == 0.1 else "scale mismatch"
     assert (outcome.status, outcome.culprit) == (expected, "knee")
     if expected == "scale mismatch":
@@ -213,10 +331,18 @@ def test_a_position_that_turns_against_its_velocity_is_found():
 @pytest.mark.parametrize("rate", RATES)
 def test_walking_with_noise_a_lag_and_lost_replies_has_no_other_scale(knee, rate):
     """The velocity 10 ms behind the position, as a filter of it would be."""
+
     def behind(t):
         return knee(t)[0], knee(max(0.0, t - 0.01))[1]
 
-    _, outcome = imposed(behind, rate=rate, substeps=1, seconds=6.0 if rate < 500 else 3.0, noise=0.15, emulator={"dropped": lambda t: 0.1})
+    _, outcome = imposed(
+        behind,
+        rate=rate,
+        substeps=1,
+        seconds=6.0 if rate < 500 else 3.0,
+        noise=0.15,
+        emulator={"dropped": lambda t: 0.1},
+    )
     assert outcome.status == "ok"
 
 
@@ -228,9 +354,14 @@ def test_a_position_at_the_end_of_its_range_is_not_compared():
 
 # What cannot be
 
-@pytest.mark.parametrize("drive, model, heard", [(CubeMars, "AK80-9", -40.0), (RobStride, "RS02", -100.0), (CubeMarsV3, "AK70-9", -100.0)])
+
+@pytest.mark.parametrize(
+    "drive, model, heard", [(CubeMars, "AK80-9", -40.0), (RobStride, "RS02", -100.0), (CubeMarsV3, "AK70-9", -100.0)]
+)
 def test_a_temperature_that_cannot_be_ends_the_run(drive, model, heard):
-    rig, outcome = imposed(still(), drive=drive, model=model, emulator={"temperature": lambda t: 30.0 if t < 0.2 else -100.0})
+    rig, outcome = imposed(
+        still(), drive=drive, model=model, emulator={"temperature": lambda t: 30.0 if t < 0.2 else -100.0}
+    )
     assert (outcome.status, outcome.culprit) == ("implausible", "knee") and outcome.tick == 40
     assert (rig.watched["about"], rig.watched["value"]) == ("temperature", heard)
 
@@ -242,7 +373,9 @@ def test_a_drive_without_a_temperature_is_no_fault():
 
 
 class Nowhere(CubeMars):
-    """A drive whose replies are decoded to what is no number: half a range of it is infinite, as no parameter allows."""
+    """A drive whose replies are decoded to what is no number: half a range of it is infinite, as no parameter
+    allows.
+    """
 
     place = 0
 

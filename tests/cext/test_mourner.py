@@ -33,7 +33,12 @@ def page():
 @pytest.fixture
 def holder(page):
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(page.fd)], pass_fds=[page.fd], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        [sys.executable, "-c", HOLDER, str(page.fd)],
+        pass_fds=[page.fd],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert process.stdout.readline() == "held\n"
     yield process
     process.kill()
@@ -50,7 +55,7 @@ def test_who_dies_with_the_hold_is_mourned(page, holder):
     mourner = Mourner(page)
     assert not is_told(mourner, 0.05)
     holder.send_signal(signal.SIGSTOP)
-    assert not is_told(mourner, 0.05)                   # it stands still, and is there
+    assert not is_told(mourner, 0.05)  # it stands still, and is there
     holder.kill()
     assert is_told(mourner, 5.0)
 

@@ -1,4 +1,6 @@
-"""Overruns: what is done about a tick that comes too late, who is blamed for it, and the safe stop when it is too much."""
+"""Overruns: what is done about a tick that comes too late, who is blamed for it, and the safe stop when it is too
+much.
+"""
 
 import ctypes
 import time
@@ -76,14 +78,15 @@ def test_a_device_that_holds_the_loop_while_it_encodes_is_told_as_that():
 
 
 def test_too_long_a_block_is_a_fault_that_names_it_and_is_followed_by_the_stop_frames_within_two_ticks():
-    rig = robot(0.11, {10}, overrun="fault:3")                      # five periods and a half
+    rig = robot(0.11, {10}, overrun="fault:3")  # five periods and a half
     outcome = rig.run(100)
     statistics = rig.statistics()
     assert (outcome.status, outcome.culprit, outcome.tick) == ("overrun", "slow", rig.tick[-1]) and outcome.faulted
     assert 3 <= statistics["missed"] and statistics["ticks"] == len(rig.tick) == len(rig.commands())
     assert ends_in_the_safe_stop(rig) and outcome.unconfirmed == ()
     last, stop = [frame for frame in rig.frames if frame.sent and frame.id == 1][-3:-1]
-    due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9          # where the others were found missed
+    # where the others were found missed
+    due = rig.page.first_tick + (outcome.tick + 1 + statistics["missed"]) * PERIOD * 1e9
     assert last.time < stop.time and due <= stop.time <= due + 2 * PERIOD * 1e9
 
 
@@ -94,14 +97,15 @@ def test_fewer_than_that_are_skipped():
 
 
 def test_overruns_that_come_too_often_are_a_fault_though_each_is_short():
-    rig = robot(0.05, range(4, 100, 4), overrun="fault:4/20")       # two periods and a half: one grid point of four is missed
+    # two periods and a half: one grid point of four is missed
+    rig = robot(0.05, range(4, 100, 4), overrun="fault:4/20")
     outcome = rig.run(100)
     assert outcome.status == "overrun" and outcome.culprit == "slow" and ends_in_the_safe_stop(rig)
     assert outcome.tick < 40 and rig.statistics()["missed"] >= 4
 
 
 def test_late_ticks_catch_up_one_by_one_with_their_own_time_and_the_rest_is_skipped():
-    rig = robot(0.25, {10}, overrun="catch-up:4")                   # twelve periods and a half
+    rig = robot(0.25, {10}, overrun="catch-up:4")  # twelve periods and a half
     outcome = rig.run(60)
     statistics = rig.statistics()
     ticks = rig.tick.tolist()
@@ -116,7 +120,7 @@ def test_a_catch_up_that_suffices_misses_nothing():
     rig.run(30)
     statistics = rig.statistics()
     assert rig.tick.tolist() == list(range(30)) and statistics["missed"] == 0 and statistics["caught_up"] >= 1
-    assert statistics["lateness"]["max"] >= 0.029                   # told as late as it was
+    assert statistics["lateness"]["max"] >= 0.029  # told as late as it was
 
 
 def test_who_took_the_time_is_known_without_a_profile():
@@ -136,9 +140,16 @@ def test_a_run_of_native_blocks_is_named_by_its_ends_and_by_one_with_a_profile()
 
 
 WORDS = {
-    "": "there is no overrun policy ''", "skipp": "there is no overrun policy 'skipp'", "catch-up": "with numbers from 1 to 1000000",
-    "catch-up:0": "skip, catch-up:N, fault:N and fault:N/WINDOW", "catch-up:3/5": "there is no", "fault:-1": "there is no",
-    "fault:1000001": "there is no", "fault:5/4": "never comes true", "skip,fault:3": "stands alone", "fault:3,fault:4": "given twice",
+    "": "there is no overrun policy ''",
+    "skipp": "there is no overrun policy 'skipp'",
+    "catch-up": "with numbers from 1 to 1000000",
+    "catch-up:0": "skip, catch-up:N, fault:N and fault:N/WINDOW",
+    "catch-up:3/5": "there is no",
+    "fault:-1": "there is no",
+    "fault:1000001": "there is no",
+    "fault:5/4": "never comes true",
+    "skip,fault:3": "stands alone",
+    "fault:3,fault:4": "given twice",
     "catch-up:3,catch-up:3": "given twice",
 }
 
@@ -154,10 +165,20 @@ def test_words_combine():
     assert (policy.catch_up, policy.in_a_row, policy.in_window, policy.window) == (2, 9, 12, 100)
 
 
-@given(st.lists(st.integers(0, 7), max_size=200), st.integers(0, 4), st.integers(0, 5), st.integers(1, 6), st.integers(0, 20))
+@given(
+    st.lists(st.integers(0, 7), max_size=200),
+    st.integers(0, 4),
+    st.integers(0, 5),
+    st.integers(1, 6),
+    st.integers(0, 20),
+)
 def test_every_policy_agrees_with_a_list_of_all_that_was_missed(delays, catch_up, in_a_row, in_window, more):
     window = in_window + more
-    words = [f"catch-up:{catch_up}"] * (catch_up > 0) + [f"fault:{in_a_row}"] * (in_a_row > 0) + [f"fault:{in_window}/{window}"]
+    words = (
+        [f"catch-up:{catch_up}"] * (catch_up > 0)
+        + [f"fault:{in_a_row}"] * (in_a_row > 0)
+        + [f"fault:{in_window}/{window}"]
+    )
     policy = Overrun(",".join(words))
     now = tick = late = 0
     missed = []

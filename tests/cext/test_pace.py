@@ -19,7 +19,7 @@ def pace(rate):
 @pytest.mark.parametrize("rate", ["200", "1000", "3000", "0.7", "333.3", "142.85714285714286", "44100", "1e5", "0.001"])
 def test_k_grid_points_take_k_periods_to_the_nanosecond(rate):
     grid = pace(float(rate)).grid
-    for tick in [*TICKS, 5 * 86400 * 10**5]:                       # the last: five days at 1e5 Hz
+    for tick in [*TICKS, 5 * 86400 * 10**5]:  # the last: five days at 1e5 Hz
         exact = tick * 10**9 / Fraction(rate)
         if exact < 2**62:
             assert abs(grid(tick) - exact) <= Fraction(1, 2) + Fraction(1, 1000)

@@ -55,7 +55,7 @@ def test_a_full_ring_refuses_and_takes_again_once_read():
 def test_a_record_is_never_cut_at_the_end_of_the_ring():
     page = Page(4096)
     for lap in range(200):
-        assert page.push(RECORD_ROW, payload(lap, 100)), lap            # 808 bytes do not divide 4096
+        assert page.push(RECORD_ROW, payload(lap, 100)), lap  # 808 bytes do not divide 4096
         assert page.drain() == [(RECORD_ROW, payload(lap, 100))]
 
 
@@ -95,7 +95,9 @@ print(count)
 
 def test_another_process_reads_every_record_whole_and_in_order_while_this_one_writes():
     page = Page(1 << 14)
-    reader = subprocess.Popen([sys.executable, "-c", READER, str(page.fd)], pass_fds=[page.fd], stdout=subprocess.PIPE, text=True)
+    reader = subprocess.Popen(
+        [sys.executable, "-c", READER, str(page.fd)], pass_fds=[page.fd], stdout=subprocess.PIPE, text=True
+    )
     pushed = refused = 0
     for number in range(100_000):
         if page.push(RECORD_ROW, payload(number, number % 37 + 1)):

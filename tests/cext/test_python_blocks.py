@@ -129,7 +129,9 @@ def test_vectors_come_as_views_that_cannot_be_written_and_are_the_same_at_every_
         Vector(name="v")([[1.0, 2.0], [3.0, 4.0]])
     _, rig = run(diagram, 3)
     assert seen[0] is seen[2] and not seen[0].flags.writeable and seen[0].shape == (2, 2)
-    assert [rig[f"v.y[{i}][{k}]"][0] for i in (0, 1) for k in (0, 1)] == [1.0, 3.0, 2.0, 4.0] and rig["v.trace"][0] == 5.0
+    assert [rig[f"v.y[{i}][{k}]"][0] for i in (0, 1) for k in (0, 1)] == [1.0, 3.0, 2.0, 4.0] and rig["v.trace"][
+        0
+    ] == 5.0
 
 
 def test_writing_into_an_input_is_an_error_of_that_block():
@@ -173,10 +175,21 @@ def test_an_output_vector_may_be_a_list_or_the_input_itself():
     assert rig["p.y[0]"].tolist() == [0.0, 0.02, 0.04] and rig["p.y[1]"][0] == rig["p.y[2]"][0] == 1.0
 
 
-@pytest.mark.parametrize("value, stored", [
-    (3, 3.0), (True, 1.0), (np.float32(0.5), 0.5), (np.int16(-2), -2.0), (Fraction(1, 4), 0.25), (np.array(1.5), 1.5), (-0.0, 0.0),
-    (1e308, 1e308), (math.inf, math.inf), (-math.inf, -math.inf),
-])
+@pytest.mark.parametrize(
+    "value, stored",
+    [
+        (3, 3.0),
+        (True, 1.0),
+        (np.float32(0.5), 0.5),
+        (np.int16(-2), -2.0),
+        (Fraction(1, 4), 0.25),
+        (np.array(1.5), 1.5),
+        (-0.0, 0.0),
+        (1e308, 1e308),
+        (math.inf, math.inf),
+        (-math.inf, -math.inf),
+    ],
+)
 def test_whatever_is_a_number_is_stored_as_one(value, stored):
     with Diagram("d", rate=50) as diagram:
         Returns(value, name="r")
@@ -194,12 +207,16 @@ def test_a_step_that_returns_nan_is_recorded_as_nan_and_others_go_on():
     assert math.isnan(rig["peak.y"][5]) and rig["peak.y"][6] == 0.0
 
 
-@pytest.mark.parametrize("value", [None, "1.0", [1.0], (1.0, 2.0), np.array([1.0, 2.0]), 1j, {"y": 1.0}, object(), lambda: 1.0])
+@pytest.mark.parametrize(
+    "value", [None, "1.0", [1.0], (1.0, 2.0), np.array([1.0, 2.0]), 1j, {"y": 1.0}, object(), lambda: 1.0]
+)
 def test_whatever_is_no_number_is_told_with_the_block_and_the_port(value):
     with Diagram("d", rate=50) as diagram:
         Returns(value, name="odd")
     outcome, rig = run(diagram)
-    assert (outcome.status, outcome.culprit, outcome.tick) == ("exception", "odd", 5) and isinstance(outcome.error, TypeError)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("exception", "odd", 5) and isinstance(
+        outcome.error, TypeError
+    )
     assert str(outcome.error).startswith("odd.step returned ") and " for y: " in str(outcome.error)
 
 
@@ -210,11 +227,25 @@ def test_a_number_too_large_for_a_double_is_an_error_too():
     assert (outcome.status, outcome.culprit) == ("exception", "huge") and isinstance(outcome.error, OverflowError)
 
 
-@pytest.mark.parametrize("dtype, value, fine", [
-    (int, 3, True), (int, np.int32(3), True), (int, True, True), (int, 3.0, False), (int, "3", False), (int, None, False),
-    (bool, True, True), (bool, np.bool_(False), True), (bool, 1, True), (bool, 0.0, True), (bool, math.nan, False), (bool, None, False),
-    (bool, "no", False), (bool, [], False),
-])
+@pytest.mark.parametrize(
+    "dtype, value, fine",
+    [
+        (int, 3, True),
+        (int, np.int32(3), True),
+        (int, True, True),
+        (int, 3.0, False),
+        (int, "3", False),
+        (int, None, False),
+        (bool, True, True),
+        (bool, np.bool_(False), True),
+        (bool, 1, True),
+        (bool, 0.0, True),
+        (bool, math.nan, False),
+        (bool, None, False),
+        (bool, "no", False),
+        (bool, [], False),
+    ],
+)
 def test_truths_and_whole_numbers_are_what_they_say(dtype, value, fine):
     class Typed(Block):
         """One output of one type."""
@@ -237,11 +268,24 @@ def test_truths_and_whole_numbers_are_what_they_say(dtype, value, fine):
 Pair = collections.namedtuple("Pair", "a b")
 
 
-@pytest.mark.parametrize("result, fine", [
-    ((1.0, 2.0), True), ([1.0, 2.0], True), (Pair(1.0, 2.0), True), ((1, True), True),
-    ((1.0,), False), ((1.0, 2.0, 3.0), False), (1.0, False), (None, False), ({"a": 1.0, "b": 2.0}, False), (np.array([1.0, 2.0]), False),
-    ((1.0, None), False), ((1.0, "2"), False), ("ab", False),
-])
+@pytest.mark.parametrize(
+    "result, fine",
+    [
+        ((1.0, 2.0), True),
+        ([1.0, 2.0], True),
+        (Pair(1.0, 2.0), True),
+        ((1, True), True),
+        ((1.0,), False),
+        ((1.0, 2.0, 3.0), False),
+        (1.0, False),
+        (None, False),
+        ({"a": 1.0, "b": 2.0}, False),
+        (np.array([1.0, 2.0]), False),
+        ((1.0, None), False),
+        ((1.0, "2"), False),
+        ("ab", False),
+    ],
+)
 def test_several_outputs_are_a_tuple_or_a_list_of_that_many(result, fine):
     class Two(Block):
         """Two outputs."""
@@ -275,7 +319,11 @@ def test_a_vector_of_another_shape_is_told(result):
     with Diagram("d", rate=50) as diagram:
         Three(name="three")
     outcome, _ = run(diagram, 2)
-    assert outcome.culprit == "three" and isinstance(outcome.error, TypeError) and "three.step returned" in str(outcome.error)
+    assert (
+        outcome.culprit == "three"
+        and isinstance(outcome.error, TypeError)
+        and "three.step returned" in str(outcome.error)
+    )
 
 
 @pytest.mark.parametrize("dtype", [int, bool])
@@ -382,7 +430,9 @@ def test_a_block_without_outputs_may_return_what_it_likes():
 
 def test_more_than_32_inputs_are_refused():
     ports = {f"u{i}": Input("1", default=0.0) for i in range(33)}
-    Wide = type("Wide", (Block,), {"__doc__": "Many inputs.", **ports, "y": Output("1"), "step": lambda self, *inputs: 0.0})
+    Wide = type(
+        "Wide", (Block,), {"__doc__": "Many inputs.", **ports, "y": Output("1"), "step": lambda self, *inputs: 0.0}
+    )
     with Diagram("d", rate=10) as diagram:
         Wide(name="wide")
     with pytest.raises(ValueError, match="wide: a Python block has at most 32 inputs and 32 outputs"):
@@ -414,7 +464,14 @@ def test_a_python_block_that_leaves_the_range_it_declares_is_stopped_there():
 
         y = Output("1", range=(-1.0, 1.0))
 
-    for value, fine in ((1.0, True), (1.0000000001, False), (-1, True), (-2, False), (math.inf, False), (math.nan, True)):
+    for value, fine in (
+        (1.0, True),
+        (1.0000000001, False),
+        (-1, True),
+        (-2, False),
+        (math.inf, False),
+        (math.nan, True),
+    ):
         with Diagram("d", rate=10) as diagram:
             Promises(value, name="p")
         outcome, _ = run(diagram, 10)

@@ -35,7 +35,12 @@ class Settings(Block):
 def test_the_slew_of_a_live_number_is_its_whole_range_in_a_second_and_the_rest_steps():
     settings = Settings()
     assert {name: settings.live(name).slew for name in ("share", "count", "on", "quick", "still")} == {
-        "share": 0.75, "count": math.inf, "on": math.inf, "quick": math.inf, "still": math.inf}
+        "share": 0.75,
+        "count": math.inf,
+        "on": math.inf,
+        "quick": math.inf,
+        "still": math.inf,
+    }
     assert settings.live("wide").slew == sys.float_info.max, "no range is so wide that it steps"
     assert Settings(mass=Live(70.0, min=50.0, max=90.0)).live("mass").slew == 40.0
     assert Settings(mass=Live(70.0, max=90.0, slew=math.inf)).live("mass").slew == math.inf
@@ -60,9 +65,14 @@ def live_rig(make, letters):
 
 
 def test_a_stiffness_set_while_a_spring_is_deflected_is_no_step_of_the_torque():
-    """It goes from 30 to 150 N·m/rad by 0.75 a tick: over a deflection of 0.06 rad by 0.045 N·m a tick, and not by 7 N·m at once."""
+    """It goes from 30 to 150 N·m/rad by 0.75 a tick: over a deflection of 0.06 rad by 0.045 N·m a tick, and not by 7
+    N·m at once.
+    """
+
     def spring(drive):
-        torque = Impedance(stiffness=Live(30.0, min=0.0, max=150.0), name="impedance")(position=0.0, velocity=0.0, equilibrium=0.06)
+        torque = Impedance(stiffness=Live(30.0, min=0.0, max=150.0), name="impedance")(
+            position=0.0, velocity=0.0, equilibrium=0.06
+        )
         return TorqueLimiter(limit=9.0, slew=math.inf, name="limiter")(torque)
 
     rig = live_rig(spring, {20: lambda writer: writer.set([(0, 150.0)])})
@@ -74,8 +84,11 @@ def test_a_stiffness_set_while_a_spring_is_deflected_is_no_step_of_the_torque():
 
 def test_a_live_constant_crosses_its_range_in_a_second():
     rig = live_rig(
-        lambda drive: TorqueLimiter(limit=9.0, slew=math.inf)(Constant(Live(8.0, min=-8.0, max=8.0), unit="N·m", name="push")()),
-        {20: lambda writer: writer.set([(0, -8.0)])})
+        lambda drive: TorqueLimiter(limit=9.0, slew=math.inf)(
+            Constant(Live(8.0, min=-8.0, max=8.0), unit="N·m", name="push")()
+        ),
+        {20: lambda writer: writer.set([(0, -8.0)])},
+    )
     assert rig.run(240, fade=0.0).status == "ok"
     push = rig["push.y"]
     np.testing.assert_allclose(np.diff(push[20:220]), -16.0 / RATE, rtol=0, atol=1e-12)

@@ -1,4 +1,6 @@
-"""Between arming and tick 0: what was answered is shown, and zero torque goes on until somebody confirms. In virtual time."""
+"""Between arming and tick 0: what was answered is shown, and zero torque goes on until somebody confirms. In virtual
+time.
+"""
 
 import pytest
 
@@ -9,11 +11,13 @@ from cext.mailbox_writer import Writer
 from graph import Block, Diagram, Output
 from tests.cext.rigs import Rig, ends_in_the_safe_stop
 
-ANSWERED = 5 * 3                # plant ticks after which the drive has answered, and some
+ANSWERED = 5 * 3  # plant ticks after which the drive has answered, and some
 
 
 class Person(Block):
-    """In the plant: writes letters, and gives the drive a fault or takes its answers away. script : {plant tick: what is called}"""
+    """In the plant: writes letters, and gives the drive a fault or takes its answers away. script : {plant tick: what
+    is called}
+    """
 
     fault = Output("1", dtype=int)
 
@@ -44,7 +48,9 @@ class Ready:
         self.tickets.append(getattr(self.writer, what)())
 
     def show(self):
-        self.shown.append((self.rig.page.state, self.rig.control.values[self.rig.schedule.signals["knee.position"].slot]))
+        self.shown.append(
+            (self.rig.page.state, self.rig.control.values[self.rig.schedule.signals["knee.position"].slot])
+        )
 
     def torques(self):
         """How many torque commands were sent."""
@@ -62,7 +68,7 @@ def test_once_all_have_answered_it_is_shown_and_nothing_but_zero_torque_follows_
     sent = ready.rig.sent()
     assert sent.count(ENABLE) == 1
     waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
-    assert 100 <= waited.count(NOTHING) <= 104                      # 500 ticks of the plant are 100 rounds
+    assert 100 <= waited.count(NOTHING) <= 104  # 500 ticks of the plant are 100 rounds
     assert ready.torques() == 20 and list(ready.rig.tick) == list(range(20))
     assert [change.kind for change in ready.rig.changes] == [3] and ready.rig.changes[0].tick == -1
 
@@ -88,7 +94,7 @@ def test_a_word_from_before_it_was_shown_does_not_count():
 
 def test_the_waiting_does_not_count_as_arming():
     ready = Ready({5000: "confirm"})
-    assert ready.run(arming_timeout=0.1).status == "ok"             # 5 s later
+    assert ready.run(arming_timeout=0.1).status == "ok"  # 5 s later
     assert ready.torques() == 20
 
 
@@ -120,6 +126,7 @@ def test_what_cannot_be_shown_is_not_armed():
 
 
 # Where joints stand
+
 
 def test_a_joint_in_doubt_is_not_armed_until_a_later_confirmation_finds_it_clear():
     ready, asked = Ready({500: "confirm", 700: "confirm", 900: "confirm"}), []

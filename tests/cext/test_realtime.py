@@ -47,6 +47,7 @@ def test_a_short_slice_is_of_one_thread_and_goes_back_to_the_default():
 
 def test_stack_that_was_touched_is_there():
     """In a thread with a stack of its own that nobody has used: touching it faults it in once, and not again."""
+
     def faults():
         return resource.getrusage(resource.RUSAGE_THREAD).ru_minflt
 

@@ -37,7 +37,9 @@ def test_the_rings_go_round_and_round(lines):
     for start in range(0, 10 * ROOM, 100):
         for number in range(start, start + 100):
             lines.give(0, number, number.to_bytes(8, "little"), number)
-        assert line.end.receive() == [(number, False, number.to_bytes(8, "little"), number) for number in range(start, start + 100)]
+        assert line.end.receive() == [
+            (number, False, number.to_bytes(8, "little"), number) for number in range(start, start + 100)
+        ]
 
 
 def test_a_full_ring_refuses_frames_and_fails_when_nobody_takes_them(lines):
@@ -46,8 +48,8 @@ def test_a_full_ring_refuses_frames_and_fails_when_nobody_takes_them(lines):
     assert not any(line.end.send(STANDARD, b"") for _ in range(10)) and line.trouble == "full"
     assert line.counts["refused"] == 10
     assert len(lines.take(0)) == ROOM
-    assert not line.end.send(STANDARD, b"") and line.counts["refused"] == 10        # told once
-    assert line.end.send(STANDARD, b"")                                             # the safe stop goes on trying
+    assert not line.end.send(STANDARD, b"") and line.counts["refused"] == 10  # told once
+    assert line.end.send(STANDARD, b"")  # the safe stop goes on trying
 
 
 def test_what_finds_no_room_on_its_way_back_is_counted(lines):
@@ -101,7 +103,8 @@ def test_two_processes_share_the_lines(lines):
         line.end.send(number, bytes(8))
     owner = (
         "import sys; from cext.rings import Lines; lines = Lines(fd=int(sys.argv[1]))\n"
-        "for identifier, data, _ in lines.take(1): lines.give(1, identifier + 1, data, 7)")
+        "for identifier, data, _ in lines.take(1): lines.give(1, identifier + 1, data, 7)"
+    )
     subprocess.run([sys.executable, "-c", owner, str(lines.fd)], pass_fds=[lines.fd], check=True, timeout=30)
     assert [frame[0] for frame in line.end.receive()] == list(range(1, 301))
 

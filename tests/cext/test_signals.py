@@ -74,14 +74,25 @@ sys.stdin.read()                        # a signal that comes late finds Python'
 
 
 def robot(*actions, ticks=-1, options=(), state="running", frames=20):
-    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it. What it tells."""
+    """Start a robot in a process of its own; once it is in `state` and has sent so many frames, do the actions to it.
+    What it tells.
+    """
     page = Page(1 << 22)
     child = subprocess.Popen(
-        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options], cwd=ROOT, env=ENVIRONMENT, pass_fds=[page.fd],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        [sys.executable, "-c", ROBOT, str(page.fd), str(ticks), *options],
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        pass_fds=[page.fd],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     deadline = time.monotonic() + 30
     while page.state != state or page.statistics()["frames"]["sent"] < frames:
-        assert child.poll() is None and time.monotonic() < deadline, child.stderr.read() if child.poll() is not None else "never came up"
+        assert child.poll() is None and time.monotonic() < deadline, (
+            child.stderr.read() if child.poll() is not None else "never came up"
+        )
         time.sleep(0.002)
     for action in actions:
         action(child)
@@ -109,14 +120,16 @@ def test_a_signal_ends_in_zero_torque_then_disable_and_the_recording_is_complete
     assert len(told["ticks"]) == statistics["ticks"] and told["ticks"][-1] == told["tick"] == statistics["last_tick"]
     assert len(told["ticks"]) + statistics["missed"] == told["tick"] + 1
     commands = [data for data in told["sent"] if bytes.fromhex(data) not in (ENABLE, DISABLE)]
-    assert len(commands) == 1 + statistics["ticks"] + 2                    # arming, one a tick, two rounds of the safe stop
+    assert len(commands) == 1 + statistics["ticks"] + 2  # arming, one a tick, two rounds of the safe stop
     assert told["restored"] and told["during"] == [] and told["after"] == [signal.SIGINT]
 
 
 def test_a_signal_while_arming_stops_without_a_command():
     told = robot(sends(signal.SIGTERM), options=["deaf"], state="arming", frames=4)
     assert (told["status"], told["signal"], told["tick"], told["ticks"]) == ("ok", signal.SIGTERM, -1, [])
-    assert {bytes.fromhex(data) for data in told["sent"]} == {ENABLE, NOTHING, DISABLE} and bytes.fromhex(told["sent"][-1]) == DISABLE
+    assert {bytes.fromhex(data) for data in told["sent"]} == {ENABLE, NOTHING, DISABLE} and bytes.fromhex(
+        told["sent"][-1]
+    ) == DISABLE
     assert told["unconfirmed"] == ["knee"]
 
 
@@ -132,18 +145,27 @@ def test_a_signal_ends_a_run_that_spins_through_its_periods():
 
 def test_the_first_of_two_signals_is_told_and_the_second_does_not_cut_the_stop_short():
     told = robot(sends(signal.SIGHUP), sends(signal.SIGINT), sends(signal.SIGTERM))
-    assert told["signal"] in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM) and stopped_safely(told) and told["status"] == "ok"
+    assert (
+        told["signal"] in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM)
+        and stopped_safely(told)
+        and told["status"] == "ok"
+    )
 
 
 def test_a_signal_of_someone_elses_neither_ends_the_run_nor_shortens_a_tick():
     told = robot(*[sends(signal.SIGUSR2)] * 5, ticks=100)
-    assert told["signal"] == 0 and told["tick"] <= 99 and len(told["ticks"]) + told["statistics"]["missed"] == 100 and stopped_safely(told)
+    assert (
+        told["signal"] == 0
+        and told["tick"] <= 99
+        and len(told["ticks"]) + told["statistics"]["missed"] == 100
+        and stopped_safely(told)
+    )
     assert signal.SIGUSR2 in told["during"] + told["after"]
 
 
 def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
     def twice(child):
-        child.send_signal(signal.SIGINT)                                    # the first may fall into the step itself
+        child.send_signal(signal.SIGINT)  # the first may fall into the step itself
         time.sleep(0.05)
         child.send_signal(signal.SIGINT)
 
@@ -154,10 +176,19 @@ def test_a_block_that_ignores_every_signal_cannot_keep_the_run_from_ending():
 def test_a_block_that_forks_and_returns_leaves_one_run():
     page = Page(1 << 22)
     done = subprocess.run(
-        [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"], cwd=ROOT, env=ENVIRONMENT, pass_fds=[page.fd], stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=60)
+        [sys.executable, "-c", ROBOT, str(page.fd), "100", "forking"],
+        cwd=ROOT,
+        env=ENVIRONMENT,
+        pass_fds=[page.fd],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert done.stdout.count("statistics") == 1 and done.stderr == (
-        "tickwork: a block has forked and its child process returned into the loop: the child ends here, the run continues\n")
+        "tickwork: a block has forked and its child process returned into the loop: the child ends here, the run "
+        "continues\n"
+    )
     told = json.loads(done.stdout)
     assert told["status"] == "ok" and len(told["ticks"]) + told["statistics"]["missed"] == 100 and stopped_safely(told)
     assert told["ticks"] == sorted(set(told["ticks"]))
@@ -195,5 +226,7 @@ except KeyboardInterrupt:
 
 
 def test_a_signal_just_before_the_run_is_not_lost():
-    child = subprocess.run([sys.executable, "-c", EARLY], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    child = subprocess.run(
+        [sys.executable, "-c", EARLY], cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, timeout=60
+    )
     assert child.stdout == "interrupted 0 init False\n", child.stderr

@@ -1,4 +1,5 @@
-"""A bus over a socket. Most of it over a pair of sockets that carry struct can_frame: the same kernel, the same system calls.
+"""A bus over a socket. Most of it over a pair of sockets that carry struct can_frame: the same kernel, the same system
+calls.
 
 What only real CAN has (filters, error frames of a controller, interfaces that go down) is in tests/hardware.
 """
@@ -29,10 +30,10 @@ from tests.cext.rigs import FRAME, STOP, plant_of
 
 CLASSIC, FLEXIBLE = struct.Struct("=IB3x8s"), struct.Struct("=IBB2x64s")
 EXTENDED, ERROR = 0x80000000, 0x20000000
-BUS_OFF, RESTARTED, CONTROLLER = 0x040, 0x100, 0x004            # classes of error frames, and what byte 1 says of the controller
+BUS_OFF, RESTARTED, CONTROLLER = 0x040, 0x100, 0x004  # classes of error frames, and what byte 1 says of the controller
 WARNING, PASSIVE, ACTIVE, OVERFLOW = 0x08, 0x20, 0x40, 0x01
 SO_TIMESTAMPNS = 35
-ANSWER = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])              # of the drive with id 1
+ANSWER = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])  # of the drive with id 1
 
 
 def classic(identifier, data=b"", length=None):
@@ -77,6 +78,7 @@ class Wire:
 
 # Frames
 
+
 def test_frames_go_both_ways_as_the_kernel_has_them():
     wire = Wire()
     assert wire.end.send(0x123, b"\x01\x02\x03") and wire.end.send(0x12345, b"12345678", extended=True)
@@ -104,10 +106,20 @@ def test_a_frame_of_more_than_eight_bytes_goes_out_as_fd_and_others_do_not():
     assert FLEXIBLE.unpack(wire.far.recv(100))[1:3] == (12, 0) and len(wire.far.recv(100)) == CLASSIC.size
 
 
-@pytest.mark.parametrize("spoilt", [
-    b"", b"\x01", classic(1, ANSWER)[:-1], classic(1, ANSWER) + b"\x00", classic(1, ANSWER, length=9), classic(1, ANSWER, length=255),
-    FLEXIBLE.pack(1, 8, 0, ANSWER), bytes(3000),
-], ids=["empty", "one byte", "short", "long", "length 9", "length 255", "FD on a bus without", "huge"])
+@pytest.mark.parametrize(
+    "spoilt",
+    [
+        b"",
+        b"\x01",
+        classic(1, ANSWER)[:-1],
+        classic(1, ANSWER) + b"\x00",
+        classic(1, ANSWER, length=9),
+        classic(1, ANSWER, length=255),
+        FLEXIBLE.pack(1, 8, 0, ANSWER),
+        bytes(3000),
+    ],
+    ids=["empty", "one byte", "short", "long", "length 9", "length 255", "FD on a bus without", "huge"],
+)
 def test_what_is_no_frame_changes_nothing_is_counted_and_hides_nothing(spoilt):
     wire = Wire()
     for datagram in (spoilt, classic(1, ANSWER), spoilt, classic(2, b"x")):
@@ -134,6 +146,7 @@ def test_an_end_outlives_the_name_of_its_bus():
 
 # Time
 
+
 def test_a_frame_has_the_time_at_which_it_came_not_that_at_which_it_was_read():
     wire = Wire()
     began = time.monotonic_ns()
@@ -142,8 +155,8 @@ def test_a_frame_has_the_time_at_which_it_came_not_that_at_which_it_was_read():
     for number in range(3):
         sent.append(time.monotonic_ns() - began)
         wire.far.send(classic(number))
-        time.sleep(0.005)                                                       # the kernel's clock cannot be made virtual
-    assert [frame[3] for frame in wire.heard()] == pytest.approx(sent, abs=2e6)     # ns; 5 ms lie between them
+        time.sleep(0.005)  # the kernel's clock cannot be made virtual
+    assert [frame[3] for frame in wire.heard()] == pytest.approx(sent, abs=2e6)  # ns; 5 ms lie between them
 
 
 def test_no_frame_is_older_than_the_reading_before_and_none_is_from_the_future():
@@ -159,7 +172,7 @@ def test_no_frame_is_older_than_the_reading_before_and_none_is_from_the_future()
 
 def test_what_comes_just_before_the_zero_of_the_run_has_its_time():
     wire = Wire()
-    wire.can.begin(time.monotonic_ns() + 20_000_000)                # as a run begins: a period ahead
+    wire.can.begin(time.monotonic_ns() + 20_000_000)  # as a run begins: a period ahead
     wire.far.send(classic(1))
     time.sleep(0.03)
     [(*_, at)] = wire.end.receive(1)
@@ -181,6 +194,7 @@ def test_without_a_stamp_a_frame_is_of_the_moment_at_which_it_is_read():
 
 # Full queues, failures
 
+
 def test_a_full_queue_refuses_counts_and_goes_on_once_it_is_read():
     wire = Wire(patience=1000)
     taken = 0
@@ -196,13 +210,13 @@ def test_a_queue_that_stays_full_is_a_failure_after_so_many_ticks_told_once():
     while wire.end.send(1, b""):
         pass
     told = []
-    for tick in range(6):                                           # a tick receives, then sends
+    for tick in range(6):  # a tick receives, then sends
         wire.end.receive()
         told.append(wire.can.trouble)
         wire.end.send(1, b"")
     assert told == [None, None, "full", "full", "full", "full"]
     wire.said()
-    assert wire.end.send(1, b"stop")                                # the safe stop goes on trying
+    assert wire.end.send(1, b"stop")  # the safe stop goes on trying
     wire.can.begin(0)
     assert wire.can.trouble is None and wire.can.counts["refused"] == 0
 
@@ -224,16 +238,27 @@ def test_a_queue_with_room_in_between_is_no_failure():
 def test_an_end_that_is_gone_is_a_failure_with_its_errno_and_no_signal():
     wire = Wire()
     wire.far.close()
-    assert not wire.end.send(1, b"x") and wire.can.trouble in (errno.ECONNREFUSED, errno.ENOTCONN, errno.ECONNRESET, errno.EPIPE)
+    assert not wire.end.send(1, b"x") and wire.can.trouble in (
+        errno.ECONNREFUSED,
+        errno.ENOTCONN,
+        errno.ECONNRESET,
+        errno.EPIPE,
+    )
 
 
 # What a controller says of itself
 
+
 def test_error_frames_are_handed_over_and_tell_the_state():
     wire = Wire()
     states = []
-    for frame in (error_frame(CONTROLLER, WARNING), error_frame(CONTROLLER, PASSIVE), error_frame(CONTROLLER, ACTIVE),
-                  error_frame(CONTROLLER, OVERFLOW), error_frame(0x20)):
+    for frame in (
+        error_frame(CONTROLLER, WARNING),
+        error_frame(CONTROLLER, PASSIVE),
+        error_frame(CONTROLLER, ACTIVE),
+        error_frame(CONTROLLER, OVERFLOW),
+        error_frame(0x20),
+    ):
         wire.far.send(frame)
         assert len(wire.heard()) == 1
         states.append(wire.can.state)
@@ -244,7 +269,7 @@ def test_error_frames_are_handed_over_and_tell_the_state():
 def test_bus_off_fails_whoever_sends_next_and_the_stop_goes_on_trying():
     wire = Wire()
     wire.far.send(error_frame(BUS_OFF))
-    assert len(wire.heard(1)) == 1 and (wire.can.trouble, wire.can.state) == ("bus-off", "off")     # it is recorded first
+    assert len(wire.heard(1)) == 1 and (wire.can.trouble, wire.can.state) == ("bus-off", "off")  # it is recorded first
     assert not wire.end.send(1, b"torque") and wire.said() == []
     assert wire.end.send(1, b"stop") and wire.said() == [(1, b"stop")]
     wire.far.send(error_frame(RESTARTED))
@@ -256,7 +281,7 @@ def test_a_bus_that_only_listens_fails_when_it_is_read_next():
     wire = Wire()
     wire.far.send(error_frame(BUS_OFF))
     wire.far.send(classic(1, ANSWER))
-    assert [len(wire.heard(1)) for _ in range(4)] == [1, 0, 1, 0]       # the frame, the failure, then all as before
+    assert [len(wire.heard(1)) for _ in range(4)] == [1, 0, 1, 0]  # the frame, the failure, then all as before
 
 
 def test_frames_of_one_controller_say_nothing_of_another_run():
@@ -264,7 +289,7 @@ def test_frames_of_one_controller_say_nothing_of_another_run():
     wire.far.send(error_frame(CONTROLLER, PASSIVE))
     wire.heard()
     wire.can.begin(0)
-    assert wire.can.worst == "passive" and wire.can.counts["errors"] == 0           # it still is
+    assert wire.can.worst == "passive" and wire.can.counts["errors"] == 0  # it still is
     wire.far.send(error_frame(CONTROLLER, ACTIVE))
     wire.heard()
     wire.can.begin(0)
@@ -273,20 +298,27 @@ def test_frames_of_one_controller_say_nothing_of_another_run():
 
 # Whole runs, in real time: drives answer from the other end of each pair
 
+
 class Robot:
-    """Drives with ids 1, 2, ... each on a wire of its own. far : numbers of those that are emulated at the other ends of their wires"""
+    """Drives with ids 1, 2, ... each on a wire of its own. far : numbers of those that are emulated at the other ends
+    of their wires
+    """
 
     def __init__(self, drives=1, *, far=(1,)):
         with Diagram("robot", rate=200) as robot:
             for number in range(1, drives + 1):
-                CubeMars("AK10-9-V2.0", bus=f"bus{number}", can_id=number, name=f"knee{number}", timeout=0.0)(torque_command=1.0)
+                CubeMars("AK10-9-V2.0", bus=f"bus{number}", can_id=number, name=f"knee{number}", timeout=0.0)(
+                    torque_command=1.0
+                )
         schedule = compile(robot)
         self.wires = {name: Wire() for name in schedule.buses}
         self.control = Program(schedule, [wire.end for wire in self.wires.values()])
         plant = None
         if far:
             model = compile(plant_of(robot, substeps=1))
-            self.far = [SocketCan(self.wires[f"bus{number}"].far) if number in far else None for number in range(1, drives + 1)]
+            self.far = [
+                SocketCan(self.wires[f"bus{number}"].far) if number in far else None for number in range(1, drives + 1)
+            ]
             plant = Program(model, [MemoryBus().device if can is None else can.end for can in self.far])
         self.page = Page(1 << 22)
         self.executor = Executor(self.control, 200, plant=plant, page=self.page)
@@ -331,7 +363,7 @@ def test_a_torque_of_a_tick_is_not_sent_on_a_bus_that_is_off_and_the_stop_is():
     assert (outcome.status, outcome.culprit) == ("bus error", "bus1") and outcome.tick < 399
     received = [index for index, frame in enumerate(robot.frames) if not frame[5] and frame[1] == ERROR | BUS_OFF]
     behind = [data[:length] for _, _, length, _, _, ours, data in robot.frames[received[0] + 1 :] if ours]
-    assert len(received) == 1 and behind[-2:] == STOP and set(behind) == set(STOP)      # no torque, in that tick or after
+    assert len(received) == 1 and behind[-2:] == STOP and set(behind) == set(STOP)  # no torque, in that tick or after
 
 
 # Answers what arms the drive and 20 commands, then says that the bus is off, and takes the rest.
@@ -366,9 +398,9 @@ def test_a_bus_that_can_never_be_read_does_not_keep_the_others_from_a_confirmed_
 def test_another_run_over_the_same_bus_begins_anew():
     robot = Robot()
     wire = robot.wires["bus1"]
-    for frame in (error_frame(BUS_OFF), classic(1, ANSWER), classic(9)):            # that came before anything was asked
+    for frame in (error_frame(BUS_OFF), classic(1, ANSWER), classic(9)):  # that came before anything was asked
         robot.far[0].end.send(*struct.unpack("=I", frame[:4]), frame[8:])
-    assert (robot.run(5).status, wire.can.state) == ("bus error", "off")            # it still is
+    assert (robot.run(5).status, wire.can.state) == ("bus error", "off")  # it still is
     robot.far[0].end.send(ERROR | RESTARTED, bytes(8))
     outcome = robot.run(5)
     assert (outcome.status, wire.can.worst) == ("ok", "active") and robot.sent()[:2] == [ENABLE, NOTHING]
@@ -401,10 +433,11 @@ def test_a_babbling_node_does_not_hold_a_tick():
     with far_end(robot, BABBLING_SCRIPT):
         outcome = robot.run(60)
     statistics = robot.page.statistics()
-    assert outcome.status == "ok" and statistics["frames"]["foreign"] > 60 * 32          # there was always more to read
+    assert outcome.status == "ok" and statistics["frames"]["foreign"] > 60 * 32  # there was always more to read
     assert statistics["frames"]["received"] <= 64 * (statistics["ticks"] + 250)
-    assert statistics["execution"]["p50"] < 0.001                                          # s, of a period of 5 ms
-    assert not any(any(data[length:]) for _, _, length, _, _, _, data in robot.frames)    # nothing of longer frames before
+    assert statistics["execution"]["p50"] < 0.001  # s, of a period of 5 ms
+    # nothing of longer frames before
+    assert not any(any(data[length:]) for _, _, length, _, _, _, data in robot.frames)
 
 
 # Answers what it is told, and sends somebody else's frames as fast as it can.

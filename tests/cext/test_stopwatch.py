@@ -1,4 +1,6 @@
-"""Where the time of a tick goes: histograms, the GIL taken no more than needed, the profile of every block, and the window to spin in."""
+"""Where the time of a tick goes: histograms, the GIL taken no more than needed, the profile of every block, and the
+window to spin in.
+"""
 
 import sys
 
@@ -67,10 +69,17 @@ def native_blocks():
     Gain(2.0, name="a")(1.0)
 
 
-@pytest.mark.parametrize("build, taken", [
-    (two_chains, 60), (a_native_block_between, 120), (neighbours_of_other_rates, 60), (step_and_update, 120), (only_slow_ones, 12),
-    (native_blocks, 0),
-])
+@pytest.mark.parametrize(
+    "build, taken",
+    [
+        (two_chains, 60),
+        (a_native_block_between, 120),
+        (neighbours_of_other_rates, 60),
+        (step_and_update, 120),
+        (only_slow_ones, 12),
+        (native_blocks, 0),
+    ],
+)
 def test_the_gil_is_taken_once_for_all_python_neighbours_and_not_at_all_while_they_rest(build, taken):
     with Diagram("d", rate=RATE) as diagram:
         build()
@@ -129,9 +138,13 @@ def test_every_histogram_of_a_run_counts_what_it_should():
     ticks = statistics["ticks"]
     assert counts == {"lateness": ticks, "period": ticks - 1, "execution": ticks, "gil": 2 * ticks, "bus": ticks}
     assert statistics["gil_taken"] == 2 * ticks
-    assert statistics["gil"]["total"] + statistics["bus"]["total"] <= statistics["execution"]["total"] == statistics["busy"]
+    assert (
+        statistics["gil"]["total"] + statistics["bus"]["total"]
+        <= statistics["execution"]["total"]
+        == statistics["busy"]
+    )
     late = [round(1e9 * value) for value in (statistics["lateness"]["max"], statistics["period"]["max"])]
-    assert late[1] <= late[0]                                       # both lie between 0 and the latest
+    assert late[1] <= late[0]  # both lie between 0 and the latest
 
 
 def test_a_profile_counts_every_step_of_every_block_and_shares_out_the_time():
@@ -142,10 +155,19 @@ def test_a_profile_counts_every_step_of_every_block_and_shares_out_the_time():
     rig.run(100)
     rows, plant = rig.executor.profile
     calls = {(row["name"], row["kind"]): row["count"] for row in rows}
-    assert calls == {
-        ("filter", "native"): 100, ("python", "Python"): 100, ("slow", "native"): 25, ("delay", "native"): 100,
-        ("delay", "native update"): 100, ("waiting for the GIL", "phase"): 100, ("recording", "phase"): 100,
-    } and plant == []
+    assert (
+        calls
+        == {
+            ("filter", "native"): 100,
+            ("python", "Python"): 100,
+            ("slow", "native"): 25,
+            ("delay", "native"): 100,
+            ("delay", "native update"): 100,
+            ("waiting for the GIL", "phase"): 100,
+            ("recording", "phase"): 100,
+        }
+        and plant == []
+    )
     spent = sum(row["total"] for row in rows)
     assert 0.5 * rig.statistics()["busy"] <= spent <= rig.statistics()["busy"] * 1.001
     assert [row["total"] for row in rows] == sorted((row["total"] for row in rows), reverse=True)
@@ -170,7 +192,11 @@ def test_a_profile_tells_each_device_by_itself():
     rig = Rig(robot, plant_of(robot), profile=True)
     rig.run(40)
     rows, _ = rig.executor.profile
-    assert {row["name"]: row["count"] for row in rows if row["kind"] == "device"} == {"left": 40, "middle": 40, "right": 40}
+    assert {row["name"]: row["count"] for row in rows if row["kind"] == "device"} == {
+        "left": 40,
+        "middle": 40,
+        "right": 40,
+    }
 
 
 def test_a_profile_changes_no_signal():
@@ -189,5 +215,7 @@ def test_within_its_window_before_a_deadline_the_loop_spins_instead_of_sleeping(
     rig = Rig(diagram, virtual=False, spin=spin)
     rig.run(20)
     statistics = rig.statistics()
-    assert (statistics["sleeps"] > 0, statistics["spins"] > 0) == (slept, spun) and statistics["lateness"]["count"] == len(rig.tick)
+    assert (statistics["sleeps"] > 0, statistics["spins"] > 0) == (slept, spun) and statistics["lateness"][
+        "count"
+    ] == len(rig.tick)
     assert max(statistics["sleeps"], statistics["spins"]) <= 20

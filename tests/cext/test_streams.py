@@ -11,7 +11,7 @@ import pytest
 from cext.streams import Streams
 
 BYTES, LOST, BACK = 0, 1, 2
-RING, AHEAD = 1024, 128                         # frames, of cext/newest_ring.pxd
+RING, AHEAD = 1024, 128  # frames, of cext/newest_ring.pxd
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_after_a_stall_the_newest_is_there_and_the_rest_is_counted(streams):
     stream = streams.add(here.fileno())
     streams.start()
     sent = 3 * RING
-    for number in range(sent):                  # the tick stands still meanwhile
+    for number in range(sent):  # the tick stands still meanwhile
         there.send(number.to_bytes(4, "little"))
     until(lambda: stream.counts["bytes"] == 4 * sent)
     numbers = [int.from_bytes(data, "little") for _, _, data, _ in stream.end.receive(sent)]
@@ -121,7 +121,7 @@ def test_a_full_line_makes_nobody_wait(streams):
     streams.start()
     began = time.monotonic()
     for _ in range(20000):
-        stream.end.send(0, bytes(64))                               # nobody reads
+        stream.end.send(0, bytes(64))  # nobody reads
     assert time.monotonic() - began < 1.0 and stream.counts["refused"] > 0
 
 
@@ -142,7 +142,7 @@ def test_an_unplugged_line_is_told_and_its_return_is_too_with_its_settings_and_i
     by_id.unlink()
     assert [kind for kind, *_ in stream.end.receive()] == [LOST]
     assert stream.end.send(0, b"nobody hears this") and stream.counts["refused"] == 1
-    time.sleep(0.15)                            # an attempt that fails
+    time.sleep(0.15)  # an attempt that fails
     master, slave, path = raw_pty()
     by_id.symlink_to(path)
     until(lambda: not stream.gone)
@@ -208,6 +208,7 @@ def test_streams_end_and_can_be_started_again(streams):
 @pytest.fixture
 def bridge():
     """A program that waits for a connection, and may be begun again at the same address."""
+
     class Bridge:
         def __init__(self):
             self.open = None
@@ -241,7 +242,7 @@ def test_a_connection_that_is_lost_is_made_anew_and_told_what_it_has_to_be_told(
     there.close()
     bridge.end()
     until(lambda: stream.gone)
-    time.sleep(0.15)                                    # an attempt is refused meanwhile
+    time.sleep(0.15)  # an attempt is refused meanwhile
     assert stream.gone and stream.counts["losses"] == 1 and stream.counts["returns"] == 0
     bridge.begin(bridge.port)
     there, _ = bridge.open.accept()
@@ -273,7 +274,7 @@ def test_a_connection_that_nobody_answers_delays_no_other_line(streams, bridge):
     there.close()
     until(lambda: lost.gone)
     worst = 0.0
-    for number in range(60):                            # the attempt begins meanwhile
+    for number in range(60):  # the attempt begins meanwhile
         began = time.monotonic_ns()
         far.send(bytes((number,)))
         assert heard(imu, 1) == bytes((number,))
@@ -282,7 +283,7 @@ def test_a_connection_that_nobody_answers_delays_no_other_line(streams, bridge):
     assert lost.gone and lost.counts["returns"] == 0 and worst < 0.5
     began = time.monotonic()
     streams.end()
-    assert time.monotonic() - began < 0.5               # nor does it keep the thread from ending
+    assert time.monotonic() - began < 0.5  # nor does it keep the thread from ending
     for one in (far, *waiting):
         one.close()
 
@@ -328,7 +329,7 @@ def test_what_is_back_is_believed_once_it_has_said_who_it_is(streams, tmp_path):
             assert time.monotonic() < deadline
             try:
                 asked += os.read(master, 64)
-            except OSError:                             # nobody has it open yet
+            except OSError:  # nobody has it open yet
                 time.sleep(0.001)
         for answer in answers:
             os.write(master, answer)

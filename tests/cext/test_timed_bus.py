@@ -43,13 +43,14 @@ def test_frames_that_wait_go_one_behind_the_other():
         bus.host.send(number, b"\x55")
     bus.host.advance(LATER)
     ends = [sum(microseconds(number, b"\x55") for number in (3, 2, 1)[: count + 1]) for count in range(3)]
-    assert [(frame[0], frame[3]) for frame in bus.device.receive()] == list(zip((3, 2, 1), ends))     # one node has one queue
+    # one node has one queue
+    assert [(frame[0], frame[3]) for frame in bus.device.receive()] == list(zip((3, 2, 1), ends))
 
 
 def test_of_the_drives_the_lowest_id_goes_first_and_what_has_begun_is_not_broken_off():
     bus = TimedBus(1e6)
     bus.device.send(7, b"", time=0)
-    bus.device.send(5, b"", time=10)                # while 7 is on the wire
+    bus.device.send(5, b"", time=10)  # while 7 is on the wire
     bus.device.send(3, b"", time=10)
     bus.host.send(4, b"", time=10)
     bus.host.advance(LATER)
@@ -64,7 +65,11 @@ def test_a_standard_frame_beats_an_extended_one_of_the_same_first_bits():
     bus.device.send(0x100, b"")
     bus.device.send(0x0FF << 18 | 0x3FFFF, b"", extended=True)
     bus.host.advance(LATER)
-    assert [(frame[0], frame[1]) for frame in bus.host.receive()] == [(0x0FF << 18 | 0x3FFFF, True), (0x100, False), (0x100 << 18, True)]
+    assert [(frame[0], frame[1]) for frame in bus.host.receive()] == [
+        (0x0FF << 18 | 0x3FFFF, True),
+        (0x100, False),
+        (0x100 << 18, True),
+    ]
 
 
 def test_what_is_given_at_an_instant_takes_part_in_its_arbitration():
@@ -106,6 +111,12 @@ def test_a_robot_on_a_wire_with_a_bitrate_hears_its_answers_when_their_bits_have
     bus, schedule, plant = TimedBus(1e6), compile(robot), compile(plant_of(robot))
     page = Page(1 << 20)
     executor = Executor(
-        Program(schedule, [bus.host]), schedule.rate, plant=Program(plant, [bus.device]), substeps=5, page=page, virtual=True)
+        Program(schedule, [bus.host]),
+        schedule.rate,
+        plant=Program(plant, [bus.device]),
+        substeps=5,
+        page=page,
+        virtual=True,
+    )
     assert executor.run(20).status == "ok" and bus.carried >= 40
     assert page.statistics()["frames"]["received"] >= 20

@@ -1,4 +1,6 @@
-"""The watchdog: a tick that does not come back ends with the motors stopped, in real time, by a real thread; and what is no hang."""
+"""The watchdog: a tick that does not come back ends with the motors stopped, in real time, by a real thread; and what
+is no hang.
+"""
 
 import ctypes
 import json
@@ -24,10 +26,10 @@ from tests.cext.spinning import BLOCK, compiled, needs_compiler
 from tests.cext.test_signals import ENVIRONMENT, ROOT
 
 RATE, AT = 200, 20
-LIMIT = 0.015                   # s that a tick may work at 200 Hz
-ALLOWANCE = 0.05                # s until every motor is told, on a machine that is busy; 0.0003 where it is not
-SLACK = 0.01                    # s, from the beginning of a tick to the call in it
-GUARD = 60.0                    # s: there is no guardian here that could come first
+LIMIT = 0.015  # s that a tick may work at 200 Hz
+ALLOWANCE = 0.05  # s until every motor is told, on a machine that is busy; 0.0003 where it is not
+SLACK = 0.01  # s, from the beginning of a tick to the call in it
+GUARD = 60.0  # s: there is no guardian here that could come first
 KNEES = {"left": 1, "right": 2}
 
 
@@ -77,26 +79,32 @@ def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
     page = Page(1 << 20)
     page.look_after(time.monotonic_ns())
     rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)
-    rig.called = lambda: min(block.called for block in diagram if isinstance(block, Then) and block.path.startswith("left"))
+    rig.called = lambda: min(
+        block.called for block in diagram if isinstance(block, Then) and block.path.startswith("left")
+    )
     return rig
 
 
 def calls(action, kind=Then, **options):
     """A robot whose left law calls something at tick AT."""
-    return robot(lambda side, knee: kind(action if side == "left" else time.monotonic, name=f"{side}_law", **options)(knee.position))
+    return robot(
+        lambda side, knee: kind(action if side == "left" else time.monotonic, name=f"{side}_law", **options)(
+            knee.position
+        )
+    )
 
 
 def assert_stopped(rig, outcome, culprit="left_law"):
     """Every motor was told in time, and no torque followed."""
     assert (outcome.status, outcome.culprit) == ("hung", culprit) and rig.page.fenced and rig.page.state == "safe"
     assert outcome.tick >= AT and rig.tick[-1] < outcome.tick
-    assert outcome.unconfirmed == ()                                # the loop has come back, and has asked
+    assert outcome.unconfirmed == ()  # the loop has come back, and has asked
     assert LIMIT <= outcome.hung
     for can_id in KNEES.values():
         said = [frame for frame in rig.frames if frame.sent and frame.id == can_id]
         end = next(place for place, frame in enumerate(said) if frame.data == DISABLE)
         assert [frame.data for frame in said[end - 1 :]] == [NOTHING, DISABLE] * ((len(said) - end + 1) // 2)
-        assert len(said) - end > 2                                              # by the watchdog, then by the loop
+        assert len(said) - end > 2  # by the watchdog, then by the loop
         assert {NOTHING, DISABLE}.isdisjoint(rig.commands(can_id)[1:]) and len(rig.commands(can_id)) == len(rig.tick)
         since = rig.page.began + said[end].time - rig.called()
         assert (LIMIT - SLACK) * 1e9 <= since < (LIMIT + ALLOWANCE) * 1e9
@@ -133,14 +141,17 @@ def test_a_python_block_that_hangs_is_broken_off_with_the_motors_stopped(what):
     assert time.monotonic() - began < 2.0
     assert_stopped(rig, outcome)
     assert isinstance(outcome.error, KeyboardInterrupt)
-    assert ("step", __file__) in [(frame.name, frame.filename) for frame in traceback.extract_tb(outcome.error.__traceback__)]
+    assert ("step", __file__) in [
+        (frame.name, frame.filename) for frame in traceback.extract_tb(outcome.error.__traceback__)
+    ]
 
 
 def test_an_update_that_hangs_is_no_different():
     rig = calls(forever, Slow)
     outcome = rig.run(100)
     assert (outcome.status, outcome.culprit) == ("hung", "left_law")
-    assert len(rig.commands()) == len(rig.tick) + 1 and rig.sent()[-2:] == [NOTHING, DISABLE]          # this tick's were out already
+    # this tick's were out already
+    assert len(rig.commands()) == len(rig.tick) + 1 and rig.sent()[-2:] == [NOTHING, DISABLE]
 
 
 def test_a_block_that_takes_the_interrupt_for_itself_has_hung_all_the_same():
@@ -178,15 +189,17 @@ def test_a_native_kernel_that_spins_cannot_be_broken_and_is_told_again_and_again
             return self.action()
 
     def law(side, knee):
-        spun = space["Spin"](name=f"{side}_spin")(Seconds(lambda: 0.08 if side == "left" else 0.0, name=f"{side}_seconds")(knee.position))
+        spun = space["Spin"](name=f"{side}_spin")(
+            Seconds(lambda: 0.08 if side == "left" else 0.0, name=f"{side}_seconds")(knee.position)
+        )
         return Then(time.monotonic, tick=10**9, name=f"law_{side}")(spun)
 
     rig = robot(law)
     outcome = rig.run(100)
     assert_stopped(rig, outcome, culprit="left_spin")
     assert 0.08 <= outcome.hung < 0.25 and outcome.error is None
-    assert rig.sent().count(DISABLE) >= (0.08 - LIMIT - ALLOWANCE) / 0.005      # a round every 5 ms
-    assert rig.run(10).status == "ok" and rig.page.hung is None             # nothing of it stays behind
+    assert rig.sent().count(DISABLE) >= (0.08 - LIMIT - ALLOWANCE) / 0.005  # a round every 5 ms
+    assert rig.run(10).status == "ok" and rig.page.hung is None  # nothing of it stays behind
 
 
 def test_a_loop_on_another_thread_is_stopped_but_not_broken_off():
@@ -213,6 +226,7 @@ def test_after_it_everything_is_as_before():
 
 # What is no hang
 
+
 def busy(seconds):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
@@ -220,7 +234,12 @@ def busy(seconds):
 
 
 def test_a_tick_of_two_periods_is_late_and_no_hang():
-    rig = robot(lambda side, knee: Then(lambda: busy(0.04), name=f"{side}_law", tick=10 if side == "left" else 15)(knee.position), rate=50)
+    rig = robot(
+        lambda side, knee: Then(lambda: busy(0.04), name=f"{side}_law", tick=10 if side == "left" else 15)(
+            knee.position
+        ),
+        rate=50,
+    )
     outcome = rig.run(30)
     assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.page.hung
 
@@ -252,12 +271,13 @@ print(json.dumps([outcome.status, outcome.culprit, rig.statistics()["missed"]]))
 
 def test_a_machine_that_was_away_is_no_hang_neither_in_the_sleep_between_ticks_nor_within_one():
     process = subprocess.Popen(
-        [sys.executable, "-c", STOPPED], cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True)
+        [sys.executable, "-c", STOPPED], cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "ready\n"
     time.sleep(0.3)
     for _ in range(6):
         process.send_signal(signal.SIGSTOP)
-        time.sleep(0.15)                            # nearly four periods
+        time.sleep(0.15)  # nearly four periods
         process.send_signal(signal.SIGCONT)
         time.sleep(0.09)
     out, _ = process.communicate(timeout=30)

@@ -25,7 +25,9 @@ def steady(recording, path):
 def test_it_compiles_without_a_warning_and_all_native():
     schedule = compile(load(HIP_EXO)[1])
     assert schedule.warnings == [] and schedule.gil_sections == 0
-    assert [proof.bounded_by for proof in schedule.proofs if proof.port == "torque_command"] == [f"{side}/torque_limiter" for side in SIDES]
+    assert [proof.bounded_by for proof in schedule.proofs if proof.port == "torque_command"] == [
+        f"{side}/torque_limiter" for side in SIDES
+    ]
 
 
 def test_it_ends_well(walked):

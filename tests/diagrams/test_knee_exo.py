@@ -1,4 +1,6 @@
-"""The knee exoskeleton, in virtual time: what its wearer's knees do, what it gives them, and that it stays where it should."""
+"""The knee exoskeleton, in virtual time: what its wearer's knees do, what it gives them, and that it stays where it
+should.
+"""
 
 import numpy as np
 import pytest
@@ -10,8 +12,8 @@ from tests.runtime.runs import KNEE_EXO, TORQUE_STEP
 from tests.shared import shared
 
 SIDES = ("left", "right")
-LIMIT, SLEW = 12.0, 200.0       # N·m, N·m/s
-FADE = 0.5                      # s
+LIMIT, SLEW = 12.0, 200.0  # N·m, N·m/s
+FADE = 0.5  # s
 
 
 def walk(seconds=12.0, rate=200.0, **settings):
@@ -46,8 +48,9 @@ def test_it_compiles_without_a_warning_and_all_native():
     _, diagram = load(KNEE_EXO)
     schedule = compile(diagram)
     assert schedule.warnings == [] and schedule.gil_sections == 0 and schedule.rate == 200.0
-    assert [(proof.path, proof.holds, proof.bounded_by) for proof in schedule.proofs if proof.port == "torque_command"] == [
-        (f"{side}/knee", True, f"{side}/torque_limiter") for side in SIDES]
+    assert [
+        (proof.path, proof.holds, proof.bounded_by) for proof in schedule.proofs if proof.port == "torque_command"
+    ] == [(f"{side}/knee", True, f"{side}/torque_limiter") for side in SIDES]
 
 
 def test_it_is_recorded_streamed_and_summed_up():
@@ -65,18 +68,20 @@ def test_it_ends_well(walked):
 
 @pytest.mark.parametrize("side", SIDES)
 def test_the_knee_moves_like_a_knee(walked, side):
-    """Flexion of 60 to 70° in swing, nearly straight at heel strike, never beyond; angular velocity below 10 rad/s. (Winter 1991)"""
+    """Flexion of 60 to 70° in swing, nearly straight at heel strike, never beyond; angular velocity below 10 rad/s.
+    (Winter 1991)
+    """
     angle = np.degrees(steady(walked, f"{side}/knee.position"))
     assert -3.0 < angle.min() < 8.0 and 58.0 < angle.max() < 72.0
     velocity = steady(walked, f"{side}/knee.velocity")
     assert 4.0 < velocity.max() < 8.0 and -9.0 < velocity.min() < -4.0
     period = max(range(160, 280), key=lambda samples: np.corrcoef(angle[:-samples], angle[samples:])[0, 1])
-    assert period == 220                                                    # samples of 5 ms: a stride is 1.1 s
+    assert period == 220  # samples of 5 ms: a stride is 1.1 s
 
 
 def test_the_legs_are_half_a_stride_apart(walked):
     left, right = (steady(walked, f"{side}/knee.position") for side in SIDES)
-    assert lag(left, right, 220) == pytest.approx(110, abs=2)               # samples of 5 ms
+    assert lag(left, right, 220) == pytest.approx(110, abs=2)  # samples of 5 ms
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -85,7 +90,7 @@ def test_the_torque_stays_inside_the_limiter(walked, side):
     assert np.max(np.abs(walked[f"{side}/torque_limiter.limited"])) <= LIMIT
     for port in ("torque_sent", "torque"):
         assert np.max(np.abs(walked[f"{side}/knee.{port}"])) <= LIMIT + TORQUE_STEP
-    assert np.max(np.abs(walked[f"{side}/knee.torque"])) > 8.0              # it does help
+    assert np.max(np.abs(walked[f"{side}/knee.torque"])) > 8.0  # it does help
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -100,7 +105,8 @@ def test_what_is_sent_is_what_was_let_through_after_the_fade(walked, side):
     share = np.minimum(walked.time / FADE, 1.0)
     sent = walked[f"{side}/knee.torque_sent"]
     assert np.max(np.abs(sent - share * walked[f"{side}/torque_limiter.limited"])) <= TORQUE_STEP
-    np.testing.assert_array_equal(walked[f"{side}/knee.torque"][1:], sent[:-1])      # the drive gives what it was told a tick before
+    # the drive gives what it was told a tick before
+    np.testing.assert_array_equal(walked[f"{side}/knee.torque"][1:], sent[:-1])
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -116,7 +122,7 @@ def test_it_helps_at_the_right_moments(walked, side):
     assert between(0.57, 0.63, torque) > 4.0
     assert between(0.84, 0.92, torque) > 3.0
     assert abs(between(0.36, 0.44, torque)) < 0.5
-    assert between(0.57, 0.63, torque * velocity) > 10.0 and between(0.84, 0.92, torque * velocity) < -10.0      # W
+    assert between(0.57, 0.63, torque * velocity) > 10.0 and between(0.84, 0.92, torque * velocity) < -10.0  # W
 
 
 def test_no_assistance_before_the_stride_is_known(walked):
@@ -135,7 +141,7 @@ def test_assistance_scales_the_profile_and_no_more(walked):
         assert full_peak == pytest.approx(9.0, abs=0.05) and half_peak == pytest.approx(4.5, abs=0.05)
         assert np.all(none[f"{side}/profile.torque"] == 0.0)
         apart = np.degrees(steady(walked, f"{side}/knee.position") - steady(none, f"{side}/knee.position"))
-        assert 0.5 < np.sqrt(np.mean(apart**2)) < 5.0                       # it is felt, and nobody is thrown
+        assert 0.5 < np.sqrt(np.mean(apart**2)) < 5.0  # it is felt, and nobody is thrown
 
 
 def test_another_stride_time_is_found(walked):
@@ -155,7 +161,9 @@ def test_another_rate_walks_the_same_walk(walked, rate):
 
 
 def test_a_recorded_walk_is_followed_in_phase():
-    """50 s of a person, from the shared room: phase 0 lies where the foot meets the ground, within a tenth of a stride."""
+    """50 s of a person, from the shared room: phase 0 lies where the foot meets the ground, within a tenth of a
+    stride.
+    """
     path = shared("gait/healthy_young.csv")
     recording, _ = walk(45.0, gait=path)
     measured = np.genfromtxt(path, delimiter=",", names=True)

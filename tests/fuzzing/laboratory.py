@@ -1,6 +1,8 @@
-"""A copy of the tree whose parsers are built for the fuzzer, and runs of it: `python -m tests.fuzzing.laboratory [SECONDS [TARGET ...]]`.
+"""A copy of the tree whose parsers are built for the fuzzer, and runs of it: `python -m tests.fuzzing.laboratory
+[SECONDS [TARGET ...]]`.
 
-libFuzzer and the sanitizers are clang's. They come into an ordinary Python in front of everything else, and the process ends with them.
+libFuzzer and the sanitizers are clang's. They come into an ordinary Python in front of everything else, and the process
+ends with them.
 """
 
 import os
@@ -19,16 +21,25 @@ from tests.fuzzing.targets import EVERYTHING, seeds_of
 from tests.house import ROOT, copy_rooms
 from tests.mutation.laboratory import build_of
 
-CORPUS = ROOT / "build" / "fuzzing"             # what earlier runs have found, and in `failures` what they have failed at
+CORPUS = ROOT / "build" / "fuzzing"  # what earlier runs have found, and in `failures` what they have failed at
 CHECKS = "address,undefined,float-cast-overflow"
-BUT = "-fno-sanitize=pointer-overflow"          # Cython adds nothing to NULL where a call has no arguments
-OF_CEXT = ("streams", "socketcan")              # beside the kernels
-OPTIONS = ("-max_len=1500", "-timeout=5", "-rss_limit_mb=3000", "-detect_leaks=0", "-print_final_stats=1", "-print_coverage=1", "-reload=0")
+BUT = "-fno-sanitize=pointer-overflow"  # Cython adds nothing to NULL where a call has no arguments
+OF_CEXT = ("streams", "socketcan")  # beside the kernels
+OPTIONS = (
+    "-max_len=1500",
+    "-timeout=5",
+    "-rss_limit_mb=3000",
+    "-detect_leaks=0",
+    "-print_final_stats=1",
+    "-print_coverage=1",
+    "-reload=0",
+)
 
 
 @dataclass(frozen=True)
 class Run:
-    """executions : of the harness. edges, of_edges : in the functions that it came to, of the target's module; missed : the others.
+    """executions : of the harness. edges, of_edges : in the functions that it came to, of the target's module; missed :
+    the others.
 
     failure : what it found, in words, or ""; said : all that the fuzzer wrote
     """
@@ -43,8 +54,11 @@ class Run:
     said: str
 
     def in_words(self):
-        return (f"{self.target:22} {self.executions:10} executions, {self.per_second:6} a second, {self.edges} of {self.of_edges} edges"
-                f"{', FAILED: ' + self.failure if self.failure else ''}")
+        return (
+            f"{self.target:22} {self.executions:10} executions, {self.per_second:6} a second, {self.edges} of "
+            f"{self.of_edges} edges"
+            f"{', FAILED: ' + self.failure if self.failure else ''}"
+        )
 
 
 def why_not():
@@ -54,7 +68,11 @@ def why_not():
     if shutil.which("clang") is None:
         return "fuzzing wants clang: sudo apt install clang"
     missing = [name for name in ("fuzzer_no_main", "asan") if runtime(name) is None]
-    return f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install clang, with what it recommends" if missing else ""
+    return (
+        (f"fuzzing wants clang's own libraries ({', '.join(missing)}): sudo apt install clang, with what it recommends")
+        if missing
+        else ""
+    )
 
 
 def runtime(name):
@@ -62,7 +80,9 @@ def runtime(name):
     ending = "so" if name == "asan" else "a"
     asked = subprocess.run(["clang", "-print-resource-dir"], capture_output=True, text=True).stdout.strip()
     for path in sorted(Path(asked).glob(f"lib/*/libclang_rt.{name}*.{ending}")):
-        if path.name == f"libclang_rt.{name}-{platform.machine()}.{ending}" or path.parent.name.startswith(platform.machine()):
+        if path.name == f"libclang_rt.{name}-{platform.machine()}.{ending}" or path.parent.name.startswith(
+            platform.machine()
+        ):
             return path
     return None
 
@@ -89,17 +109,33 @@ class Laboratory:
         flags = self.instrumented if module.startswith("cext") else []
         code = self.folder / f"{module}.c"
         directives = [word for name, value in self.build_of.DIRECTIVES.items() for word in ("-X", f"{name}={value}")]
-        translate = [sys.executable, "-m", "cython", "-3", "--line-directives", *directives, f"{module}.pyx", "-o", str(code)]
+        translate = [
+            sys.executable,
+            "-m",
+            "cython",
+            "-3",
+            "--line-directives",
+            *directives,
+            f"{module}.pyx",
+            "-o",
+            str(code),
+        ]
         subprocess.run(translate, cwd=self.folder, check=True, capture_output=True)
         include = [f"-I{sysconfig.get_path('include')}", f"-I{sys.prefix}/include"]
         kept = [flag for flag in self.build_of.FLAGS if not flag.startswith(("-O", "-falign"))]
-        self.compile([*kept, *flags, *include, str(code), "-lm"], self.folder / f"{module}{sysconfig.get_config_var('EXT_SUFFIX')}")
+        self.compile(
+            [*kept, *flags, *include, str(code), "-lm"],
+            self.folder / f"{module}{sysconfig.get_config_var('EXT_SUFFIX')}",
+        )
 
     def compile(self, words, out):
         out.unlink(missing_ok=True)
         made = subprocess.run(
-            ["clang", "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, BUT, "-o", str(out)], cwd=self.folder,
-            capture_output=True, text=True)
+            ["clang", "-shared", "-fPIC", "-O1", "-g1", "-w", "-fno-sanitize-recover=all", *words, BUT, "-o", str(out)],
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+        )
         if made.returncode != 0:
             raise RuntimeError(made.stderr)
 
@@ -118,7 +154,9 @@ class Laboratory:
             self.build(module_of(name))
 
     def fuzzed(self, name, seconds, corpus=CORPUS):
-        """A Run of so many seconds; of none, what is kept from earlier ones alone. It begins with that and the seeds."""
+        """A Run of so many seconds; of none, what is kept from earlier ones alone. It begins with that and the
+        seeds.
+        """
         kept, failures = corpus / name, corpus / "failures"
         kept.mkdir(parents=True, exist_ok=True)
         failures.mkdir(parents=True, exist_ok=True)
@@ -127,22 +165,40 @@ class Laboratory:
         length = f"-max_total_time={round(seconds)}" if seconds else "-runs=0"
         code, said = self.start(name, length, f"-artifact_prefix={failures}/{name}-", *OPTIONS, str(kept))
         numbers = {key: int(value) for key, value in re.findall(r"stat::(\w+):\s+(\d+)", said)}
-        functions = re.findall(r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*/%s\.pyx:" % EVERYTHING[name], said)
+        functions = re.findall(
+            r"COVERED_FUNC: hits: (\d+) edges: (\d+)/(\d+) __pyx_f_(\S+) \S*/%s\.pyx:" % EVERYTHING[name], said
+        )
         entered = [(int(some), int(all_)) for hits, some, all_, _ in functions if int(hits)]
         failure = re.search(r"tickwork: (.*)|(\S+: runtime error: .*)|ERROR: (AddressSanitizer.*|libFuzzer.*)", said)
         return Run(
-            name, numbers.get("number_of_executed_units", 0), numbers.get("average_exec_per_sec", 0), *map(sum, zip((0, 0), *entered)),
+            name,
+            numbers.get("number_of_executed_units", 0),
+            numbers.get("average_exec_per_sec", 0),
+            *map(sum, zip((0, 0), *entered)),
             tuple(function for hits, _, _, function in functions if not int(hits)),
-            "" if code == 0 else next(filter(None, failure.groups())) if failure else f"code {code}", said)
+            "" if code == 0 else next(filter(None, failure.groups())) if failure else f"code {code}",
+            said,
+        )
 
     def start(self, name, *words):
         """(exit code, what it wrote)"""
         environment = {
-            **os.environ, "LD_PRELOAD": f"{self.engine} {runtime('asan')}", "PYTHONMALLOC": "malloc",
-            "ASAN_OPTIONS": "verify_asan_link_order=0:detect_leaks=0:handle_segv=1", "UBSAN_OPTIONS": "print_stacktrace=1"}
+            **os.environ,
+            "LD_PRELOAD": f"{self.engine} {runtime('asan')}",
+            "PYTHONMALLOC": "malloc",
+            "ASAN_OPTIONS": "verify_asan_link_order=0:detect_leaks=0:handle_segv=1",
+            "UBSAN_OPTIONS": "print_stacktrace=1",
+        }
         process = subprocess.run(
-            [sys.executable, "-m", "tests.fuzzing.one", name, *words], cwd=self.folder, env=environment, stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
+            [sys.executable, "-m", "tests.fuzzing.one", name, *words],
+            cwd=self.folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+        )
         return process.returncode, process.stdout
 
 
@@ -155,8 +211,12 @@ def main():
         counting = Laboratory(Path(folder) / "counted", checks="")
         for name in sys.argv[2:] or EVERYTHING:
             run = laboratory.fuzzed(name, seconds)
-            counted = counting.fuzzed(name, 0)                  # the checks' own branches lead to a failure, and are none of the parser's
-            print(f"{run.in_words()}; {counted.edges} of {counted.of_edges} without the checks', missed: {counted.missed or 'none'}")
+            # the checks' own branches lead to a failure, and are none of the parser's
+            counted = counting.fuzzed(name, 0)
+            print(
+                f"{run.in_words()}; {counted.edges} of {counted.of_edges} without the checks', missed: "
+                f"{counted.missed or 'none'}"
+            )
             if run.failure:
                 print(run.said[-6000:])
 

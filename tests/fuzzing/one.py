@@ -1,4 +1,6 @@
-"""`python -m tests.fuzzing.one TARGET ARGUMENTS`: fuzz it in this process, which the laboratory has started with libFuzzer in it."""
+"""`python -m tests.fuzzing.one TARGET ARGUMENTS`: fuzz it in this process, which the laboratory has started with
+libFuzzer in it.
+"""
 
 import socket
 import sys

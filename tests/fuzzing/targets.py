@@ -9,7 +9,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, EmulatedCubeMars, EmulatedRobStride, RobStride, RobStrideMIT
+from blocks.actuators import (
+    CubeMars,
+    CubeMarsServo,
+    CubeMarsV3,
+    EmulatedCubeMars,
+    EmulatedRobStride,
+    RobStride,
+    RobStrideMIT,
+)
 from blocks.controls import GameController
 from blocks.gpio import EStopSwitch, GpioInput
 from blocks.imus import ICM20948, MPU9250, EmulatedMicroStrain, EmulatedOpenImu, MicroStrain, OpenImu
@@ -21,8 +29,8 @@ from tests.blocks.actuators import cubemars_reference, reference, robstride_refe
 from tests.blocks.actuators.wire import EXTENDED, Wired
 from tests.blocks.sensors import test_insole, test_microcontroller
 
-NOTHING, READ, MISSED, GONE = range(4)          # in front of a chunk: tests/fuzzing/harness.pyx
-NONE, MIP, COBS, LINES, INSOLE, DATAGRAMS = range(6)        # tests/fuzzing/oracles.pxd
+NOTHING, READ, MISSED, GONE = range(4)  # in front of a chunk: tests/fuzzing/harness.pyx
+NONE, MIP, COBS, LINES, INSOLE, DATAGRAMS = range(6)  # tests/fuzzing/oracles.pxd
 PLAIN_CUTS = bytes([63] * 16)
 LEVEL, IDENTITY_SHIFT = 3, 16
 
@@ -44,7 +52,7 @@ class Target:
     protocol: tuple = (NONE, 0, 0, 0, 0, 0)
     is_stream: bool = True
     identifiers: tuple = ()
-    module: str = ""            # of cext/kernels, whose coverage is told
+    module: str = ""  # of cext/kernels, whose coverage is told
 
 
 class Driven:
@@ -77,7 +85,9 @@ def frames_seed(target, frames):
     words = b""
     for identifier, data in frames:
         known = [number for number, (other, _) in enumerate(target.identifiers) if other == identifier]
-        words += (bytes([known[0], len(data)]) if known else bytes([127, len(data)]) + identifier.to_bytes(4, "big")) + data
+        words += (
+            bytes([known[0], len(data)]) if known else bytes([127, len(data)]) + identifier.to_bytes(4, "big")
+        ) + data
     return words
 
 
@@ -89,27 +99,42 @@ def seeds(target):
     parts = [data for _, data in target.tail] + list(target.seeds)
     whole = b"".join(parts)[:3000]
     cuts = bytes(range(16)), bytes([0] * 16), bytes([63, 0x7F, 0xBF, 0xFF] * 4)
-    return [stream_seed(part, flags) for part in parts for flags in (0x80, 0x83)] + [stream_seed(whole, 0x82, plan) for plan in cuts]
+    return [stream_seed(part, flags) for part in parts for flags in (0x80, 0x83)] + [
+        stream_seed(whole, 0x82, plan) for plan in cuts
+    ]
 
 
 # Streams
+
 
 def floats(*values):
     return struct.pack(f">{len(values)}f", *values)
 
 
-SENSOR = mip.packet(0x80, (0x04, floats(0.1, -0.2, 1.0)), (0x05, floats(0.01, 0.02, -0.03)), (0x06, floats(0.2, 0.1, 0.4)))
+SENSOR = mip.packet(
+    0x80, (0x04, floats(0.1, -0.2, 1.0)), (0x05, floats(0.01, 0.02, -0.03)), (0x06, floats(0.2, 0.1, 0.4))
+)
 ATTITUDE = mip.packet(0x82, (0x03, floats(0.5, 0.5, -0.5, 0.5) + b"\0\1"))
 TIMED = mip.packet(0x80, (0xD5, (1_500_000_000).to_bytes(8, "big")), (0x04, floats(0.0, 0.0, 1.0)))
-ODD = (mip.packet(0x80, (0xD3, struct.pack(">dHH", 1.5, 2000, 3)), (0x12, struct.pack(">dHH", 1.5, 2000, 3))),
-       mip.packet(0x82, (0x05, floats(0.1, 0.2, 0.3) + b"\0\0"), (0x10, bytes(6)), (0x11, struct.pack(">dHH", 1e9, 1, 1))),
-       mip.packet(0xA0, (0xD5, bytes(8)), (0xD1, bytes(4))), mip.packet(0x0C, (0xF1, b"\x01\x00")), TIMED,
-       mip.packet(0x82, (0x03, floats(float("nan"), float("inf"), 1e38, -0.0) + b"\0\1")))
-COMMANDS = (mip.packet(0x01, (0x01, b"")), mip.packet(0x01, (0x03, b"")), mip.packet(0x0C, (0x08,
-    b"\x01\x01\x02\x04\x00\x01\x05\x00\x02")),
-            mip.packet(0x0C, (0x0F, b"\x01\x80\x01\x04\x00\x01")), mip.packet(0x0C, (0x11, b"\x01\x01\x01")), mip.packet(0x0C, (0x30,
-                b"\x03")),
-            mip.packet(0x0D, (0x18, b"\x01\x01")), mip.packet(0x0D, (0x50, b"\x01\x01\x00\x01")), mip.packet(0x0C, (0x08, b"\x02\x01")))
+ODD = (
+    mip.packet(0x80, (0xD3, struct.pack(">dHH", 1.5, 2000, 3)), (0x12, struct.pack(">dHH", 1.5, 2000, 3))),
+    mip.packet(0x82, (0x05, floats(0.1, 0.2, 0.3) + b"\0\0"), (0x10, bytes(6)), (0x11, struct.pack(">dHH", 1e9, 1, 1))),
+    mip.packet(0xA0, (0xD5, bytes(8)), (0xD1, bytes(4))),
+    mip.packet(0x0C, (0xF1, b"\x01\x00")),
+    TIMED,
+    mip.packet(0x82, (0x03, floats(float("nan"), float("inf"), 1e38, -0.0) + b"\0\1")),
+)
+COMMANDS = (
+    mip.packet(0x01, (0x01, b"")),
+    mip.packet(0x01, (0x03, b"")),
+    mip.packet(0x0C, (0x08, b"\x01\x01\x02\x04\x00\x01\x05\x00\x02")),
+    mip.packet(0x0C, (0x0F, b"\x01\x80\x01\x04\x00\x01")),
+    mip.packet(0x0C, (0x11, b"\x01\x01\x01")),
+    mip.packet(0x0C, (0x30, b"\x03")),
+    mip.packet(0x0D, (0x18, b"\x01\x01")),
+    mip.packet(0x0D, (0x50, b"\x01\x01\x00\x01")),
+    mip.packet(0x0C, (0x08, b"\x02\x01")),
+)
 FIELDS = (("force", "int24", "N", 0.01), ("accel", "int16[3]", "m/s²", 0.0048))
 WIDE = (("a", "uint8"), ("b", "float32[2]"), ("c", "float64"), ("d", "int32"), ("e", "uint16"))
 WIDE_PACKET = test_microcontroller.packet(None, struct.pack("<B2fdiH", 7, 1.5, -2.5, 3.25, -4, 500))
@@ -127,39 +152,94 @@ SMALL = (("x", "float32"), ("y", "float32"))
 
 STREAMS = {
     "microstrain": Target(
-        MicroStrain, same=("accel", "gyro", "mag", "quaternion", "euler", "rotation", "raw_quaternion", "valid", "connected"),
-        tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")), seeds=ODD, protocol=(MIP, 0, 0, 0, 0, 0),
-        module="mip"),
+        MicroStrain,
+        same=("accel", "gyro", "mag", "quaternion", "euler", "rotation", "raw_quaternion", "valid", "connected"),
+        tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
+        seeds=ODD,
+        protocol=(MIP, 0, 0, 0, 0, 0),
+        module="mip",
+    ),
     "microstrain_tared": Target(
-        MicroStrain, {"channels": ("accel", "quaternion", "euler", "pressure", "filter_status"), "tare_at_start": True, "tare_time": 0.0},
-        same=("accel", "raw_quaternion", "connected"), tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
-        seeds=ODD, protocol=(MIP, 0, 0, 0, 0, 0), module="mip"),
-    "microstrain_emulated": Target(EmulatedMicroStrain, seeds=COMMANDS, protocol=(NONE, 0, 0, 0, 0, 0), module="mip_sensor"),
+        MicroStrain,
+        {
+            "channels": ("accel", "quaternion", "euler", "pressure", "filter_status"),
+            "tare_at_start": True,
+            "tare_time": 0.0,
+        },
+        same=("accel", "raw_quaternion", "connected"),
+        tail=((NOTHING, bytes(300)), (NOTHING, SENSOR), (NOTHING, ATTITUDE), (GONE, b"")),
+        seeds=ODD,
+        protocol=(MIP, 0, 0, 0, 0, 0),
+        module="mip",
+    ),
+    "microstrain_emulated": Target(
+        EmulatedMicroStrain, seeds=COMMANDS, protocol=(NONE, 0, 0, 0, 0, 0), module="mip_sensor"
+    ),
     "cobs": Target(
-        Microcontroller, {"fields": FIELDS}, same=("force", "accel"), tail=((NOTHING, b"\0"), (NOTHING, PACKETS[0])), seeds=PACKETS,
-        protocol=(COBS, 1, 9, 0, 0, 0), module="microcontroller"),
+        Microcontroller,
+        {"fields": FIELDS},
+        same=("force", "accel"),
+        tail=((NOTHING, b"\0"), (NOTHING, PACKETS[0])),
+        seeds=PACKETS,
+        protocol=(COBS, 1, 9, 0, 0, 0),
+        module="microcontroller",
+    ),
     "cobs_wide": Target(
-        Microcontroller, {"fields": WIDE, "counter": False}, same=("a", "b", "c", "d", "e"), tail=((NOTHING, b"\0"), (NOTHING,
-        WIDE_PACKET)),
-        seeds=(WIDE_PACKET,), protocol=(COBS, 0, 23, 0, 0, 0), module="microcontroller"),
+        Microcontroller,
+        {"fields": WIDE, "counter": False},
+        same=("a", "b", "c", "d", "e"),
+        tail=((NOTHING, b"\0"), (NOTHING, WIDE_PACKET)),
+        seeds=(WIDE_PACKET,),
+        protocol=(COBS, 0, 23, 0, 0, 0),
+        module="microcontroller",
+    ),
     "lines": Target(
-        Microcontroller, {"fields": SMALL, "format": "lines"}, same=("x", "y"), tail=((NOTHING, b"\n"), (NOTHING, b"17,1.5,-2e3\n")),
-        seeds=(b"18,0x1p3,nan\n", b"# a remark\n19, -inf ,3\r\n", b"20,1,2,3\n\n21,.5,5.\n", b"300,1e400,-1e-400\n", b"1," * 600 + b"\n"),
-        protocol=(LINES, 1, 3, 0, 0, 0), module="microcontroller"),
+        Microcontroller,
+        {"fields": SMALL, "format": "lines"},
+        same=("x", "y"),
+        tail=((NOTHING, b"\n"), (NOTHING, b"17,1.5,-2e3\n")),
+        seeds=(
+            b"18,0x1p3,nan\n",
+            b"# a remark\n19, -inf ,3\r\n",
+            b"20,1,2,3\n\n21,.5,5.\n",
+            b"300,1e400,-1e-400\n",
+            b"1," * 600 + b"\n",
+        ),
+        protocol=(LINES, 1, 3, 0, 0, 0),
+        module="microcontroller",
+    ),
     "lines_uncounted": Target(
-        Microcontroller, {"fields": (("x", "float32"),), "format": "lines", "counter": False}, same=("x",),
-        tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")), seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"), protocol=(LINES, 0, 1, 0, 0, 0),
-        module="microcontroller"),
+        Microcontroller,
+        {"fields": (("x", "float32"),), "format": "lines", "counter": False},
+        same=("x",),
+        tail=((NOTHING, b"\n"), (NOTHING, b"12.5\n")),
+        seeds=(b"1\n2\n3\n", b"12.5\n-4.25\n"),
+        protocol=(LINES, 0, 1, 0, 0, 0),
+        module="microcontroller",
+    ),
     "insole": Target(
-        Insole, {**INSOLES, "transport": "tcp"}, same=("force", "centre", "regions", "dead"),
-        tail=((NOTHING, bytes(SOLE_SIZE)), (NOTHING, SOLES[0])), seeds=SOLES, protocol=(INSOLE, 1, SOLE_SIZE, 6, 3, 0), module="insole"),
+        Insole,
+        {**INSOLES, "transport": "tcp"},
+        same=("force", "centre", "regions", "dead"),
+        tail=((NOTHING, bytes(SOLE_SIZE)), (NOTHING, SOLES[0])),
+        seeds=SOLES,
+        protocol=(INSOLE, 1, SOLE_SIZE, 6, 3, 0),
+        module="insole",
+    ),
     "insole_datagrams": Target(
-        Insole, INSOLES, same=("force", "centre", "regions", "dead"), tail=((READ, SOLES[0]),), seeds=SOLES,
-        protocol=(DATAGRAMS, 1, SOLE_SIZE, 6, 3, 0), module="insole"),
+        Insole,
+        INSOLES,
+        same=("force", "centre", "regions", "dead"),
+        tail=((READ, SOLES[0]),),
+        seeds=SOLES,
+        protocol=(DATAGRAMS, 1, SOLE_SIZE, 6, 3, 0),
+        module="insole",
+    ),
 }
 
 
 # Frames
+
 
 def openimu(group, data, address=128):
     return EXTENDED | 0x18 << 24 | group << 8 | address, data
@@ -167,9 +247,18 @@ def openimu(group, data, address=128):
 
 IMU_GROUPS = 0xF029, 0xF02A, 0xF02D, 0xFF6A, 0xEEFF, 0xFF55, 0xFF56, 0xFF57, 0xFF58, 0xFF59
 FINE_GROUPS = 0xFF6B, 0xFF6D, 0xF013
-IMU_TOLD = (openimu(0xFF59, b"\x80\x00\xc2"), openimu(0xFF56, b"\x80\x0f\x00"), openimu(0xFF55, b"\x80\x01"),
-            openimu(0xFF58, b"\x80\0\0"), openimu(0xFF57, b"\x80\x19\x19"))
-IMU_FRAMES = (openimu(0xF02A, bytes(range(1, 9))), openimu(0xF02D, bytes(range(11, 19))), openimu(0xFF6A, bytes(range(21, 29))))
+IMU_TOLD = (
+    openimu(0xFF59, b"\x80\x00\xc2"),
+    openimu(0xFF56, b"\x80\x0f\x00"),
+    openimu(0xFF55, b"\x80\x01"),
+    openimu(0xFF58, b"\x80\0\0"),
+    openimu(0xFF57, b"\x80\x19\x19"),
+)
+IMU_FRAMES = (
+    openimu(0xF02A, bytes(range(1, 9))),
+    openimu(0xF02D, bytes(range(11, 19))),
+    openimu(0xFF6A, bytes(range(21, 29))),
+)
 CUBEMARS_LIMITS = {"position": (-12.5, 12.5), "velocity": (-50.0, 50.0), "torque": (-18.0, 18.0)}
 JOINT = "position", "velocity", "torque", "temperature"
 
@@ -185,7 +274,9 @@ def named(frames, *more):
 
 
 def robstride(**given):
-    return robstride_reference.reply({"position": (-12.57, 12.57), "velocity": (-20.0, 20.0), "torque": (-60.0, 60.0)}, 127, **given)
+    return robstride_reference.reply(
+        {"position": (-12.57, 12.57), "velocity": (-20.0, 20.0), "torque": (-60.0, 60.0)}, 127, **given
+    )
 
 
 def event(kind, number, when=10**9):
@@ -195,85 +286,211 @@ def event(kind, number, when=10**9):
 V3, V3_FAULT = cubemars_reference.status(7, 100, -20, 30, 35), cubemars_reference.status(7, error=3)
 RUNS, FAILS = robstride(position=1.0, velocity=-2.0, torque=3.0), robstride(faults=5, mode=0)
 REPLY = (0, reference.reply(CUBEMARS_LIMITS, 1, 1.0, -2.0, 3.0, 30, 0))
-MPU = answers(0x68, (0, bytes(range(14))), (1, b"\x01" + bytes(range(6)) + b"\x10" + bytes([120, 130, 140])), (15, b"\0\1\0\0\0"),
-              (2, bytes(range(14)) + b"\x01" + bytes(range(6)) + b"\x10" + bytes([120, 130, 140])))
+MPU = answers(
+    0x68,
+    (0, bytes(range(14))),
+    (1, b"\x01" + bytes(range(6)) + b"\x10" + bytes([120, 130, 140])),
+    (15, b"\0\1\0\0\0"),
+    (2, bytes(range(14)) + b"\x01" + bytes(range(6)) + b"\x10" + bytes([120, 130, 140])),
+)
 ICM = answers(0x68, (0, bytes(range(14))), (1, b"\x01" + bytes(range(7)) + b"\x00"), (15, b"\0\1\0\0\0"))
 INPUT = struct.Struct("<qqHHi")
 
 FRAMES = {
     "openimu": Target(
-        OpenImu, {"told": False}, same=("accel", "gyro", "mag"), tail=IMU_FRAMES, is_stream=False, module="openimu",
-        identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS)),
+        OpenImu,
+        {"told": False},
+        same=("accel", "gyro", "mag"),
+        tail=IMU_FRAMES,
+        is_stream=False,
+        module="openimu",
+        identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS),
+    ),
     "openimu_told": Target(
-        OpenImu, {"slope": True}, is_stream=False, module="openimu", tail=(),
+        OpenImu,
+        {"slope": True},
+        is_stream=False,
+        module="openimu",
+        tail=(),
         seeds=((*IMU_TOLD, *IMU_FRAMES, openimu(0xF029, bytes(8))),),
-        identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS)),
+        identifiers=tuple((openimu(group, b"")[0], 8) for group in IMU_GROUPS),
+    ),
     "openimu_fine": Target(
-        OpenImu, {"told": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
-        same=("accel", "gyro", "roll", "pitch"), tail=tuple(openimu(group, bytes(range(1, 9))) for group in FINE_GROUPS), is_stream=False,
-        module="openimu", identifiers=tuple((openimu(group, b"")[0], 8) for group in (*FINE_GROUPS, *IMU_GROUPS))),
+        OpenImu,
+        {"told": False, "model": "335RI", "high_resolution": True, "slope": True, "slope_sensor": 1},
+        same=("accel", "gyro", "roll", "pitch"),
+        tail=tuple(openimu(group, bytes(range(1, 9))) for group in FINE_GROUPS),
+        is_stream=False,
+        module="openimu",
+        identifiers=tuple((openimu(group, b"")[0], 8) for group in (*FINE_GROUPS, *IMU_GROUPS)),
+    ),
     "openimu_emulated_335": Target(
-        EmulatedOpenImu, {"model": "335RI"}, is_stream=False, module="openimu_unit",
-        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
+        EmulatedOpenImu,
+        {"model": "335RI"},
+        is_stream=False,
+        module="openimu_unit",
+        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:])),
+    ),
     "openimu_emulated": Target(
-        EmulatedOpenImu, is_stream=False, module="openimu_unit",
-        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:]))),
+        EmulatedOpenImu,
+        is_stream=False,
+        module="openimu_unit",
+        identifiers=tuple((openimu(group, b"", 0)[0], 8) for group in (0xEAFF, 0xEA80, *IMU_GROUPS[5:])),
+    ),
     "cubemars": Target(
-        CubeMars, {"can_id": 1}, ("AK80-9",), same=JOINT, tail=(REPLY,), is_stream=False, module="cubemars",
-        identifiers=((0, 8), (1, 8), (2, 8), (EXTENDED, 8))),
+        CubeMars,
+        {"can_id": 1},
+        ("AK80-9",),
+        same=JOINT,
+        tail=(REPLY,),
+        is_stream=False,
+        module="cubemars",
+        identifiers=((0, 8), (1, 8), (2, 8), (EXTENDED, 8)),
+    ),
     "cubemars_servo": Target(
-        CubeMarsServo, {"can_id": 7}, ("AK80-9",), same=JOINT, tail=(V3,), seeds=((V3_FAULT,),), is_stream=False, module="cubemars_servo",
-        identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A)))),
+        CubeMarsServo,
+        {"can_id": 7},
+        ("AK80-9",),
+        same=JOINT,
+        tail=(V3,),
+        seeds=((V3_FAULT,),),
+        is_stream=False,
+        module="cubemars_servo",
+        identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A))),
+    ),
     "cubemars_v3": Target(
-        CubeMarsV3, {"can_id": 7}, ("AK80-9-V3.0",), same=JOINT, tail=(V3,), seeds=((V3_FAULT,),), is_stream=False, module="cubemars_v3",
-        identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A)))),
+        CubeMarsV3,
+        {"can_id": 7},
+        ("AK80-9-V3.0",),
+        same=JOINT,
+        tail=(V3,),
+        seeds=((V3_FAULT,),),
+        is_stream=False,
+        module="cubemars_v3",
+        identifiers=named((V3,), *((cubemars_reference.identifier(kind, 7), 8) for kind in (0, 1, 8, 15, 0x2A))),
+    ),
     "cubemars_emulated": Target(
-        EmulatedCubeMars, {"can_id": 1}, ("AK80-9",), is_stream=False, module="cubemars", identifiers=((1, 8), (2, 8)),
-        seeds=(((1, b"\xff" * 7 + b"\xfc"), (1, bytes(8)), (1, b"\xff" * 7 + b"\xfd")),)),
+        EmulatedCubeMars,
+        {"can_id": 1},
+        ("AK80-9",),
+        is_stream=False,
+        module="cubemars",
+        identifiers=((1, 8), (2, 8)),
+        seeds=(((1, b"\xff" * 7 + b"\xfc"), (1, bytes(8)), (1, b"\xff" * 7 + b"\xfd")),),
+    ),
     "robstride": Target(
-        RobStride, values=("RS03",), same=JOINT, tail=(RUNS,), seeds=((FAILS,),), is_stream=False, module="robstride",
-        identifiers=named((RUNS, FAILS), *((robstride_reference.identifier(kind, 127, 0xFD), 8) for kind in (0, 2, 17, 21, 24)),
-                          *((robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (1, 3, 4, 6, 18, 21)))),
+        RobStride,
+        values=("RS03",),
+        same=JOINT,
+        tail=(RUNS,),
+        seeds=((FAILS,),),
+        is_stream=False,
+        module="robstride",
+        identifiers=named(
+            (RUNS, FAILS),
+            *((robstride_reference.identifier(kind, 127, 0xFD), 8) for kind in (0, 2, 17, 21, 24)),
+            *((robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (1, 3, 4, 6, 18, 21)),
+        ),
+    ),
     "robstride_emulated": Target(
-        EmulatedRobStride, values=("RS03",), is_stream=False, module="robstride_drive",
-        identifiers=tuple((robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (0, 1, 3, 4, 6, 7, 17, 18, 24, 25))),
+        EmulatedRobStride,
+        values=("RS03",),
+        is_stream=False,
+        module="robstride_drive",
+        identifiers=tuple(
+            (robstride_reference.identifier(kind, 0xFD, 127), 8) for kind in (0, 1, 3, 4, 6, 7, 17, 18, 24, 25)
+        ),
+    ),
     "robstride_mit": Target(
-        RobStrideMIT, {"can_id": 1}, ("RS03",), same=JOINT, tail=((0xFD, bytes([1] + [128] * 7)),), is_stream=False,
-        module="robstride_mit", identifiers=((0, 8), (1, 8), (0xFD, 8), (0xFE, 8))),
+        RobStrideMIT,
+        {"can_id": 1},
+        ("RS03",),
+        same=JOINT,
+        tail=((0xFD, bytes([1] + [128] * 7)),),
+        is_stream=False,
+        module="robstride_mit",
+        identifiers=((0, 8), (1, 8), (0xFD, 8), (0xFE, 8)),
+    ),
     "mpu9250": Target(
-        MPU9250, {"calibration": ""}, is_stream=False, module="invensense", same=("accel", "gyro", "mag", "temperature"), tail=MPU,
-        identifiers=named(MPU)),
+        MPU9250,
+        {"calibration": ""},
+        is_stream=False,
+        module="invensense",
+        same=("accel", "gyro", "mag", "temperature"),
+        tail=MPU,
+        identifiers=named(MPU),
+    ),
     "icm20948": Target(
-        ICM20948, {"calibration": ""}, is_stream=False, module="invensense", same=("accel", "gyro", "mag", "temperature"), tail=ICM,
-        identifiers=named(ICM)),
+        ICM20948,
+        {"calibration": ""},
+        is_stream=False,
+        module="invensense",
+        same=("accel", "gyro", "mag", "temperature"),
+        tail=ICM,
+        identifiers=named(ICM),
+    ),
     "ads1115": Target(
-        ADS1115, is_stream=False, module="converters",
-        identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4) for transfer in (0, 1, 2, 3, 4, 7,
-        15)),
-        seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),)),
+        ADS1115,
+        is_stream=False,
+        module="converters",
+        identifiers=tuple(
+            (EXTENDED | transfer << IDENTITY_SHIFT | 0x48, 5 if transfer == 15 else 4)
+            for transfer in (0, 1, 2, 3, 4, 7, 15)
+        ),
+        seeds=(answers(0x48, *((n, bytes([1, 2, 0x80 | 4 + n << 4 | 2, 0xE3])) for n in range(4))),),
+    ),
     "nau7802": Target(
-        NAU7802, {"tare_at_start": False}, is_stream=False, module="converters", same=("counts", "ratio", "force"), tail=answers(0x2A,
-        (0, b"\x20\x80\x00\x01")),
-        identifiers=tuple((EXTENDED | transfer << IDENTITY_SHIFT | 0x2A, 5 if transfer == 15 else 4) for transfer in (0, 1, 15))),
+        NAU7802,
+        {"tare_at_start": False},
+        is_stream=False,
+        module="converters",
+        same=("counts", "ratio", "force"),
+        tail=answers(0x2A, (0, b"\x20\x80\x00\x01")),
+        identifiers=tuple(
+            (EXTENDED | transfer << IDENTITY_SHIFT | 0x2A, 5 if transfer == 15 else 4) for transfer in (0, 1, 15)
+        ),
+    ),
     "gpio": Target(
-        GpioInput, is_stream=False, module="gpio", same=("on", "known"), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0),
-        (LEVEL, 1)),
-        seeds=(((0, event(1, 0xFFFFFFFE)), (0, event(2, 0xFFFFFFFF)), (0, event(1, 0))),)),
+        GpioInput,
+        is_stream=False,
+        module="gpio",
+        same=("on", "known"),
+        tail=((0, event(1, 7)),),
+        identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
+        seeds=(((0, event(1, 0xFFFFFFFE)), (0, event(2, 0xFFFFFFFF)), (0, event(1, 0))),),
+    ),
     "estop_switch": Target(
-        EStopSwitch, is_stream=False, module="gpio", same=("pressed",), tail=((0, event(1, 7)),), identifiers=((0, 48), (1, 0), (2, 0),
-        (LEVEL, 1))),
+        EStopSwitch,
+        is_stream=False,
+        module="gpio",
+        same=("pressed",),
+        tail=((0, event(1, 7)),),
+        identifiers=((0, 48), (1, 0), (2, 0), (LEVEL, 1)),
+    ),
     "estop_heartbeat": Target(
-        EStopHeartbeat, is_stream=False, module="safety", same=("pressed",), tail=((0x100, b"\x05\x00"), (0x100, b"\x06\x5A")),
-        identifiers=((0x100, 2), (0x101, 2))),
+        EStopHeartbeat,
+        is_stream=False,
+        module="safety",
+        same=("pressed",),
+        tail=((0x100, b"\x05\x00"), (0x100, b"\x06\x5a")),
+        identifiers=((0x100, 2), (0x101, 2)),
+    ),
     "controls": Target(
-        GameController, is_stream=False, module="controls", identifiers=((0, 48), (1, 0), (2, 0)),
-        seeds=(((0, INPUT.pack(1, 2, 3, 0, 255) + INPUT.pack(1, 2, 1, 304, 1)), (0, INPUT.pack(1, 2, 0, 3, 0)), (1, b"")),)),
+        GameController,
+        is_stream=False,
+        module="controls",
+        identifiers=((0, 48), (1, 0), (2, 0)),
+        seeds=(
+            ((0, INPUT.pack(1, 2, 3, 0, 255) + INPUT.pack(1, 2, 1, 304, 1)), (0, INPUT.pack(1, 2, 0, 3, 0)), (1, b"")),
+        ),
+    ),
 }
 
 TARGETS = STREAMS | FRAMES
 
 
 # What carries frames
+
 
 @dataclass(frozen=True)
 class Carrying:
@@ -286,17 +503,23 @@ class Carrying:
     seeds: tuple
 
 
-CAN_DATAGRAMS = (b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"), b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8,
-    b"\0\4\0\0\0\0\0\0"),
-                 b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)), b"\x80" + struct.pack("=IB3x8s", 1, 9,
-                     b"longer"),
-                 b"\x05short")
+CAN_DATAGRAMS = (
+    b"\x80" + struct.pack("=IB3x8s", 0x123, 8, b"abcdefgh"),
+    b"\x80" + struct.pack("=IB3x8s", 0x20000040, 8, b"\0\4\0\0\0\0\0\0"),
+    b"\x40" + struct.pack("=IBB2x64s", EXTENDED | 0x1234567, 64, 1, bytes(64)),
+    b"\x80" + struct.pack("=IB3x8s", 1, 9, b"longer"),
+    b"\x05short",
+)
 READS = (bytes([0, 9, 2, 63]), bytes([0xFD, 0, 0xFD, 0] * 12 + [2, 63]), bytes([1, 5, 3, 0, 4, 4, 2, 1]))
 LINES_THAT_CARRY = {
     "reads": Carrying("reads", socket.SOCK_STREAM, 1, "streams", READS),
     "reads_of_records": Carrying("reads", socket.SOCK_STREAM, 24, "streams", READS),
-    "datagrams": Carrying("datagrams", socket.SOCK_SEQPACKET, 1, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
-    "datagrams_fd": Carrying("datagrams", socket.SOCK_SEQPACKET, 2, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))),
+    "datagrams": Carrying(
+        "datagrams", socket.SOCK_SEQPACKET, 1, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
+    ),
+    "datagrams_fd": Carrying(
+        "datagrams", socket.SOCK_SEQPACKET, 2, "socketcan", (*CAN_DATAGRAMS, b"".join(CAN_DATAGRAMS))
+    ),
 }
 
 EVERYTHING = {name: target.module for name, target in (TARGETS | LINES_THAT_CARRY).items()}

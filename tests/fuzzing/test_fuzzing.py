@@ -1,6 +1,8 @@
-"""No crash, no hang, nothing out of bounds, no wrong checksum believed, every good packet found: a fuzzer looks, guided by coverage.
+"""No crash, no hang, nothing out of bounds, no wrong checksum believed, every good packet found: a fuzzer looks, guided
+by coverage.
 
-`make soak` gives each parser some seconds, TICKWORK_FUZZ_SECONDS more. What it finds is kept in build/fuzzing, and begun with next time.
+`make soak` gives each parser some seconds, TICKWORK_FUZZ_SECONDS more. What it finds is kept in build/fuzzing, and
+begun with next time.
 """
 
 import os
@@ -29,17 +31,50 @@ def test_what_a_parser_is_offered_does_no_harm(name, laboratory, capsys):
     assert run.executions > 100 and run.edges > 0, run.said[-6000:]
 
 
-@pytest.mark.parametrize(("name", "file", "before", "after", "told"), [
-    ("microstrain", "cext/kernels/mip.pxd", "== (<uint16_t>found[need - 2] << 8 | found[need - 1])", ">> 8 == found[need - 2]", "another number"),
-    ("microstrain", "cext/kernels/mip.pxd", "        corrupt[0] += 1\n        at[0] += 1",
-     "        corrupt[0] += 1\n        at[0] += need", "another number"),
-    ("lines", "cext/kernels/microcontroller.pyx", "(LINE if lines else MOST) - 1", "(LINE if lines else MOST) + 8", "AddressSanitizer"),
-    ("gpio", "cext/kernels/gpio.pyx", "<uint32_t><int64_t>state[0]", "<uint32_t>state[0]", "outside the range"),
-    ("openimu", "cext/kernels/openimu.pyx", "if frame.length != 8:", "if frame.length > 8:", "behind the end of a frame"),
-    ("reads", "cext/streams.pyx", "FRAME_BYTES // source.record * source.record", "(FRAME_BYTES - 1) // source.record * source.record",
-     "as long as what was read"),
-])
+@pytest.mark.parametrize(
+    ("name", "file", "before", "after", "told"),
+    [
+        (
+            "microstrain",
+            "cext/kernels/mip.pxd",
+            "== (<uint16_t>found[need - 2] << 8 | found[need - 1])",
+            ">> 8 == found[need - 2]",
+            "another number",
+        ),
+        (
+            "microstrain",
+            "cext/kernels/mip.pxd",
+            "        corrupt[0] += 1\n        at[0] += 1",
+            "        corrupt[0] += 1\n        at[0] += need",
+            "another number",
+        ),
+        (
+            "lines",
+            "cext/kernels/microcontroller.pyx",
+            "(LINE if lines else MOST) - 1",
+            "(LINE if lines else MOST) + 8",
+            "AddressSanitizer",
+        ),
+        ("gpio", "cext/kernels/gpio.pyx", "<uint32_t><int64_t>state[0]", "<uint32_t>state[0]", "outside the range"),
+        (
+            "openimu",
+            "cext/kernels/openimu.pyx",
+            "if frame.length != 8:",
+            "if frame.length > 8:",
+            "behind the end of a frame",
+        ),
+        (
+            "reads",
+            "cext/streams.pyx",
+            "FRAME_BYTES // source.record * source.record",
+            "(FRAME_BYTES - 1) // source.record * source.record",
+            "as long as what was read",
+        ),
+    ],
+)
 def test_an_error_that_is_put_in_is_found(name, file, before, after, told, laboratory):
-    """A checksum of one byte, good packets lost to false headers, a buffer that is too small, a cast, and bytes that are none of a frame."""
+    """A checksum of one byte, good packets lost to false headers, a buffer that is too small, a cast, and bytes that
+    are none of a frame.
+    """
     run = laboratory.with_error(file, before, after, name, 60.0)
     assert told in run.failure, (run.failure, run.said[-3000:])

@@ -8,10 +8,10 @@ from graph import DiagramError, compile
 from graph.diagnostics import Location
 
 
-def here():
-    """The caller's own line, as a diagnostic gives it."""
+def here(offset=0):
+    """The caller's own line, or one `offset` lines from it, as a diagnostic gives it."""
     frame = sys._getframe(1)
-    return Location(frame.f_code.co_filename, frame.f_lineno)
+    return Location(frame.f_code.co_filename, frame.f_lineno + offset)
 
 
 def complaints(diagram):

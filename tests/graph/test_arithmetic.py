@@ -30,7 +30,9 @@ def last(diagram, ticks=3):
     page = Page(1 << 20)
     assert Executor(Program(schedule), diagram.rate, page=page, virtual=True).run(ticks).status == "ok"
     row = [np.frombuffer(payload) for kind, payload in page.drain() if kind == RECORD_ROW][-1]
-    return {c.path: row[2 + c.index] for c in schedule.sinks[0].columns}, {path: place.unit for path, place in schedule.signals.items()}
+    return {c.path: row[2 + c.index] for c in schedule.sinks[0].columns}, {
+        path: place.unit for path, place in schedule.signals.items()
+    }
 
 
 def test_every_operator_computes_what_it_says():
@@ -64,14 +66,16 @@ def test_units_are_multiplied_divided_and_converted():
 def test_a_sum_of_different_units_is_a_mismatch_at_the_users_line():
     with Diagram("d", rate=10) as diagram:
         torque, rate = Constant(3.0, unit="N·m", name="torque")(), Constant(2.0, unit="rad/s", name="rate")()
-        torque + rate; at = here()
+        torque + rate
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.where) == ("TW002", at) and "N·m" in found.message and "rad/s" in found.message
 
 
 def test_a_unit_of_another_dimension_is_refused_where_it_is_asked_for():
     with Diagram("d", rate=10) as diagram:
-        Constant(3.0, unit="N·m", name="torque")().to("rad"); at = here()
+        Constant(3.0, unit="N·m", name="torque")().to("rad")
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.where) == ("TW010", at) and "N·m does not convert to rad" in found.message
 

@@ -1,4 +1,6 @@
-"""Arrays end to end: ports of two axes, indices as NumPy has them, stacking, and scalars that broadcast where a block says so."""
+"""Arrays end to end: ports of two axes, indices as NumPy has them, stacking, and scalars that broadcast where a block
+says so.
+"""
 
 import numpy as np
 import pytest
@@ -51,15 +53,31 @@ def test_a_matrix_goes_through_native_and_python_blocks():
     assert recorded(lambda: Exponential(1.0)(Source()())).shape == (3, 2, 3)
 
 
-@pytest.mark.parametrize("index", [
-    0, -1, (1, 0), (0, -1), (slice(None), 1), (1, slice(None)), slice(0, 1), (slice(None, None, -1), slice(1, None)), (0, [2, 0]), [1, 0], ...,
-    (slice(None), [0, 2]), (..., 1),
-])
+@pytest.mark.parametrize(
+    "index",
+    [
+        0,
+        -1,
+        (1, 0),
+        (0, -1),
+        (slice(None), 1),
+        (1, slice(None)),
+        slice(0, 1),
+        (slice(None, None, -1), slice(1, None)),
+        (0, [2, 0]),
+        [1, 0],
+        ...,
+        (slice(None), [0, 2]),
+        (..., 1),
+    ],
+)
 def test_indices_are_those_of_numpy(index):
     assert np.array_equal(recorded(lambda: Source()()[index]), [(MATRIX + tick)[index] for tick in range(3)])
 
 
-@pytest.mark.parametrize("index, words", [(2, "out of bounds"), ((0, 0, 0), "too many indices"), (slice(2, None), "must name an element")])
+@pytest.mark.parametrize(
+    "index, words", [(2, "out of bounds"), ((0, 0, 0), "too many indices"), (slice(2, None), "must name an element")]
+)
 def test_an_index_beyond_is_refused_where_it_is_written(index, words):
     from graph import DiagramError
 
@@ -75,7 +93,9 @@ def test_an_index_goes_through_json():
     again = from_json(to_json(diagram))
     assert content_hash(again) == content_hash(diagram)
     assert [compile(d).signals["all.y"].shape for d in (diagram, again)] == [(3, 2), (3, 2)]
-    assert np.array_equal([run(again, 1)[f"all.y[{i}][{j}]"][0] for i in range(3) for j in range(2)], [3.0, 4.0, 3.0, 1.0, 2.0, 4.0])
+    assert np.array_equal(
+        [run(again, 1)[f"all.y[{i}][{j}]"][0] for i in range(3) for j in range(2)], [3.0, 4.0, 3.0, 1.0, 2.0, 4.0]
+    )
 
 
 def test_rows_of_a_matrix_are_stacked_and_multiplied():
@@ -105,14 +125,17 @@ def test_a_python_block_that_broadcasts_hears_a_float():
             assert isinstance(factor, float)
             return factor * u
 
-    assert np.array_equal(recorded(lambda: Scaled()(3.0 * player(np.ones(3), "1"), player(np.ones((3, 2)), "any"))), np.full((3, 2), 3.0))
+    assert np.array_equal(
+        recorded(lambda: Scaled()(3.0 * player(np.ones(3), "1"), player(np.ones((3, 2)), "any"))), np.full((3, 2), 3.0)
+    )
 
 
 def test_elsewhere_a_scalar_signal_and_a_vector_are_refused_and_the_scalar_is_blamed():
     for swap in (False, True):
         with Diagram("d", rate=100) as diagram:
             signals = [Constant(1.0, name="one")(), Stack(3, name="three")(1.0, 2.0, 3.0)]
-            Sum("++", name="sum")(*(reversed(signals) if swap else signals)); at = here()
+            Sum("++", name="sum")(*(reversed(signals) if swap else signals))
+            at = here(-1)
         found = complaint(diagram)
         assert (found.code, found.path, found.port, found.where) == ("TW003", "sum", "u2" if swap else "u1", at)
         assert found.message == "expected shape (3,), got () from one.y"

@@ -47,43 +47,56 @@ def test_a_parameter_is_a_plain_attribute_in_its_declared_type():
     assert (block.number, block.count, block.flag, block.needed) == (1.0, 4, True, 2.0)
     assert [type(v) for v in (block.number, block.count, block.flag, block.needed)] == [float, int, bool, float]
     assert block.optional is None and Everything(needed=1, optional=2).optional == 2.0
-    assert "number" in vars(block)                          # no data descriptor: a step reads it at full speed
+    assert "number" in vars(block)  # no data descriptor: a step reads it at full speed
 
 
-@pytest.mark.parametrize("given, complaint", [
-    ({"number": 3.0}, "number: must be at most 2.0 N·m, got 3.0"),
-    ({"number": -2.5}, "number: must be at least -2.0 N·m, got -2.5"),
-    ({"positive": 0}, "positive: must be above 0.0 s, got 0.0"),
-    ({"positive": 10.0}, "positive: must be below 10.0 s, got 10.0"),
-    ({"number": math.nan}, "number: NaN is not allowed"),
-    ({"number": "1"}, "number: expected a number, got '1'"),
-    ({"number": [1.0, 2.0]}, "number: expected one number, got [1.0, 2.0]"),
-    ({"number": None}, "number: a value is wanted, got None"),
-    ({"number": 1j}, "number: "),
-    ({"count": 2.5}, "count: expected a whole number, got 2.5"),
-    ({"count": math.inf}, "count: expected a whole number, got inf"),
-    ({"count": math.nan}, "count: expected a whole number, got nan"),
-    ({"count": True}, "count: expected a whole number, got True"),
-    ({"count": 0}, "count: must be at least 1, got 0"),
-    ({"count": 10**400}, "count: "),
-    ({"flag": 1}, "flag: expected True or False, got 1"),
-    ({"text": "c"}, "text: must be one of a, b, got 'c'"),
-    ({"text": 1}, "text: expected text, got 1"),
-    ({"needed": None}, "needed: a value is wanted, got None"),
-])
+@pytest.mark.parametrize(
+    "given, complaint",
+    [
+        ({"number": 3.0}, "number: must be at most 2.0 N·m, got 3.0"),
+        ({"number": -2.5}, "number: must be at least -2.0 N·m, got -2.5"),
+        ({"positive": 0}, "positive: must be above 0.0 s, got 0.0"),
+        ({"positive": 10.0}, "positive: must be below 10.0 s, got 10.0"),
+        ({"number": math.nan}, "number: NaN is not allowed"),
+        ({"number": "1"}, "number: expected a number, got '1'"),
+        ({"number": [1.0, 2.0]}, "number: expected one number, got [1.0, 2.0]"),
+        ({"number": None}, "number: a value is wanted, got None"),
+        ({"number": 1j}, "number: "),
+        ({"count": 2.5}, "count: expected a whole number, got 2.5"),
+        ({"count": math.inf}, "count: expected a whole number, got inf"),
+        ({"count": math.nan}, "count: expected a whole number, got nan"),
+        ({"count": True}, "count: expected a whole number, got True"),
+        ({"count": 0}, "count: must be at least 1, got 0"),
+        ({"count": 10**400}, "count: "),
+        ({"flag": 1}, "flag: expected True or False, got 1"),
+        ({"text": "c"}, "text: must be one of a, b, got 'c'"),
+        ({"text": 1}, "text: expected text, got 1"),
+        ({"needed": None}, "needed: a value is wanted, got None"),
+    ],
+)
 def test_a_wrong_parameter_is_told_with_its_bound_and_the_users_line(given, complaint):
     found = refusal(Everything, **{"needed": 1.0} | given)
     assert found.code == "TW010" and found.path == "Everything" and found.message.startswith(complaint)
-    assert found.where.file == refusal.__code__.co_filename       # `refusal` made the block: the nearest line outside the language
+    # `refusal` made the block: the nearest line outside the language
+    assert found.where.file == refusal.__code__.co_filename
 
 
 def test_all_wrong_parameters_are_told_at_once_where_the_block_was_made():
     with pytest.raises(DiagramError) as caught:
-        at = here(); Everything(5.0, flag=3, cuont=1)
+        at = here(1)
+        Everything(5.0, flag=3, cuont=1)
     found = caught.value.diagnostics
     assert [d.message for d in found] == [
-        "has no parameter 'cuont'", "number: must be at most 2.0 N·m, got 5.0", "flag: expected True or False, got 3", "needed is missing"]
-    assert {d.where for d in found} == {at} and found[0].hint == "did you mean 'count'?" and found[3].hint == "no default for this one"
+        "has no parameter 'cuont'",
+        "number: must be at most 2.0 N·m, got 5.0",
+        "flag: expected True or False, got 3",
+        "needed is missing",
+    ]
+    assert (
+        {d.where for d in found} == {at}
+        and found[0].hint == "did you mean 'count'?"
+        and found[3].hint == "no default for this one"
+    )
 
 
 def test_parameters_by_position_are_counted_and_not_given_twice():
@@ -109,6 +122,7 @@ def test_a_unit_that_is_none_is_refused_where_it_is_declared():
 
 def test_a_step_takes_inputs_and_the_clock_and_nothing_else():
     with pytest.raises(TypeError, match=r"Odd.step takes 'w', which is neither an input \(u\) nor one of t, tick, dt"):
+
         class Odd(Block):
             """Takes what is no input."""
 
@@ -118,6 +132,7 @@ def test_a_step_takes_inputs_and_the_clock_and_nothing_else():
                 return u
 
     with pytest.raises(TypeError, match=r"Named.step takes 't' by name only"):
+
         class Named(Block):
             """Asks by name."""
 
@@ -129,6 +144,7 @@ def test_a_step_takes_inputs_and_the_clock_and_nothing_else():
 
 def test_an_update_is_held_to_the_same():
     with pytest.raises(TypeError, match=r"Odd.update takes 'w', which is neither an input \(none\)"):
+
         class Odd(Block):
             """Updates from what is no input."""
 
@@ -153,7 +169,7 @@ def test_a_misspelt_port_is_missed_as_python_misses_it_and_no_attribute_of_a_blo
         impedance = Impedance()
     with pytest.raises(AttributeError) as caught:
         impedance.torqe
-    assert (caught.value.name, caught.value.obj) == ("torqe", impedance)        # what a suggestion is made from
+    assert (caught.value.name, caught.value.obj) == ("torqe", impedance)  # what a suggestion is made from
     assert not hasattr(Impedance, "__getattr__") and Impedance.__getattribute__ is object.__getattribute__
 
 
@@ -184,6 +200,7 @@ def test_a_decorated_step_is_seen_through():
         @functools.wraps(step)
         def wrapper(*arguments):
             return step(*arguments)
+
         return wrapper
 
     class Decorated(Block):
@@ -233,20 +250,29 @@ def test_wiring_what_there_is_not_is_told_with_a_suggestion():
     with Diagram("d", rate=100):
         impedance = Impedance()
         found = refusal(impedance, positon=1.0)
-        assert (found.code, found.message, found.hint) == ("TW012", "has no input 'positon'", "did you mean 'position'?")
-        assert refusal(impedance, 1, 2, 3, 4).message == "has 3 inputs (position, velocity, equilibrium), and 4 were wired"
+        assert (found.code, found.message, found.hint) == (
+            "TW012",
+            "has no input 'positon'",
+            "did you mean 'position'?",
+        )
+        assert refusal(impedance, 1, 2, 3, 4).message == (
+            "has 3 inputs (position, velocity, equilibrium), and 4 were wired"
+        )
 
 
 def test_a_hook_that_raises_a_value_error_is_told_at_the_users_line():
     with pytest.raises(DiagramError) as caught:
-        at = here(); Saturation(2.0, 1.0)
+        at = here(1)
+        Saturation(2.0, 1.0)
     (found,) = caught.value.diagnostics
     assert (found.code, found.message, found.where) == ("TW010", "lower, 2, is above upper, 1", at)
 
 
 def test_class_names_make_block_names():
-    assert [snake_case(name) for name in ("TorqueLimiter", "PID", "CubeMars", "RMSLimit", "Mpu9250", "Mpu9250Imu", "LookupTable1D")] == [
-        "torque_limiter", "pid", "cube_mars", "rms_limit", "mpu9250", "mpu9250_imu", "lookup_table_1d"]
+    assert [
+        snake_case(name)
+        for name in ("TorqueLimiter", "PID", "CubeMars", "RMSLimit", "Mpu9250", "Mpu9250Imu", "LookupTable1D")
+    ] == ["torque_limiter", "pid", "cube_mars", "rms_limit", "mpu9250", "mpu9250_imu", "lookup_table_1d"]
     assert TorqueLimiter(limit=1.0).path == "torque_limiter" and TorqueLimiter(limit=1.0, name="Hüfte").path == "Hüfte"
 
 
@@ -257,9 +283,14 @@ def test_command_line_text_becomes_a_value_with_its_unit():
     assert parameters["count"].parse("4") == 4 and type(parameters["count"].parse("4")) is int
     assert parameters["flag"].parse("Yes") is True and parameters["text"].parse("b") == "b"
     for name, text, complaint in (
-        ("number", "one", "'one' is not a number"), ("number", "1 rad", "rad does not convert to N·m"), ("number", "3", "at most 2.0"),
-        ("count", "2.5", "whole number"), ("count", "inf", "whole number"), ("flag", "maybe", "expected true or false, got 'maybe'"),
-        ("text", "c", "must be one of a, b"), ("number", "nan", "NaN is not allowed"),
+        ("number", "one", "'one' is not a number"),
+        ("number", "1 rad", "rad does not convert to N·m"),
+        ("number", "3", "at most 2.0"),
+        ("count", "2.5", "whole number"),
+        ("count", "inf", "whole number"),
+        ("flag", "maybe", "expected true or false, got 'maybe'"),
+        ("text", "c", "must be one of a, b"),
+        ("number", "nan", "NaN is not allowed"),
     ):
         with pytest.raises(ValueError, match=complaint):
             parameters[name].parse(text)
@@ -273,7 +304,8 @@ def test_blocks_share_no_state_with_others_of_their_class():
 
 def test_a_filter_that_the_rate_cannot_carry_is_told_at_compile_with_every_other():
     with Diagram("d", rate=30) as diagram:
-        Butterworth(cutoff=20.0, name="a")(1.0); at = here()
+        Butterworth(cutoff=20.0, name="a")(1.0)
+        at = here(-1)
         Butterworth(cutoff=16.0, name="b")(2.0)
     found = complaints(diagram)
     assert [(d.code, d.path) for d in found] == [("TW010", "a"), ("TW010", "b")] and found[0].where == at

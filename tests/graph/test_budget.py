@@ -35,12 +35,19 @@ def test_the_highest_rate_of_n_actuators(count, highest, worst):
 
 def test_a_bus_that_cannot_carry_its_traffic_is_an_error():
     found = complaint(actuators(8, 600))
-    assert found.code == "TW016" and "9600 frames a second" in found.message and "bus 'legs' at 1 Mbit/s" in found.message and "8 devices" in found.hint
+    assert (
+        found.code == "TW016"
+        and "9600 frames a second" in found.message
+        and "bus 'legs' at 1 Mbit/s" in found.message
+        and "8 devices" in found.hint
+    )
 
 
 def test_a_busy_bus_is_a_warning_and_a_quiet_one_is_not():
     assert [w.code for w in compile(actuators(8, 400)).warnings] == ["TW022"]
-    assert compile(actuators(2, 200)).warnings == [] and compile(actuators(2, 200)).loads[0].typical == pytest.approx(0.092, abs=1e-3)
+    assert compile(actuators(2, 200)).warnings == [] and compile(actuators(2, 200)).loads[0].typical == pytest.approx(
+        0.092, abs=1e-3
+    )
 
 
 def sensor_codes(sensor):
@@ -50,13 +57,16 @@ def sensor_codes(sensor):
     return [(d.code, d.message) for d in examine(robot).diagnostics]
 
 
-@pytest.mark.parametrize("parameters, code, share", [
-    ({"port": "/dev/ttyAMA0", "baudrate": 115200}, "TW016", "191%"),
-    ({"port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A1-if00-port0", "baudrate": 460800}, None, ""),
-    ({"port": "/dev/ttyUSB0", "baudrate": 250000}, "TW022", "88%"),
-    ({"port": "/dev/ttyACM0", "baudrate": 9600}, None, ""),                             # USB: it has no baud rate
-    ({"serial": "133931", "baudrate": 9600}, None, ""),                                 # found somewhere
-])
+@pytest.mark.parametrize(
+    "parameters, code, share",
+    [
+        ({"port": "/dev/ttyAMA0", "baudrate": 115200}, "TW016", "191%"),
+        ({"port": "/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A1-if00-port0", "baudrate": 460800}, None, ""),
+        ({"port": "/dev/ttyUSB0", "baudrate": 250000}, "TW022", "88%"),
+        ({"port": "/dev/ttyACM0", "baudrate": 9600}, None, ""),  # USB: it has no baud rate
+        ({"serial": "133931", "baudrate": 9600}, None, ""),  # found somewhere
+    ],
+)
 def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, share):
     """At 500 Hz packets of 6 bytes around a time of 10, and accel and gyro of 14 each."""
     found = sensor_codes(lambda: MicroStrain(name="imu", rate=500.0, channels=("accel", "gyro"), **parameters))
@@ -68,9 +78,14 @@ def test_a_serial_line_that_cannot_carry_its_sensor_is_told(parameters, code, sh
 
 def test_a_microcontroller_that_says_how_often_it_sends_is_checked():
     def teensy(**parameters):
-        return sensor_codes(lambda: Microcontroller(fields=(("force", "int32"), ("accel", "int16[3]")), name="teensy", **parameters))
+        return sensor_codes(
+            lambda: Microcontroller(fields=(("force", "int32"), ("accel", "int16[3]")), name="teensy", **parameters)
+        )
 
-    [(code, message)] = teensy(port="/dev/ttyUSB0", packet_rate=1000.0)                 # 1 + 10 + 2 bytes, stuffed 14, and a zero
-    assert code == "TW016" and "1000 messages a second, 15000 bytes at least, take 130% of its line at 115200 bit/s" in message
+    [(code, message)] = teensy(port="/dev/ttyUSB0", packet_rate=1000.0)  # 1 + 10 + 2 bytes, stuffed 14, and a zero
+    assert (
+        code == "TW016"
+        and "1000 messages a second, 15000 bytes at least, take 130% of its line at 115200 bit/s" in message
+    )
     assert teensy(port="/dev/ttyUSB0") == teensy(port="/dev/ttyACM0", packet_rate=1000.0) == []
     assert teensy(port="/dev/ttyUSB0", packet_rate=500.0) == []

@@ -1,4 +1,6 @@
-"""Whatever is wired to whatever: a diagram compiles and runs, or is refused with diagnostics that name lines. Nothing else ever comes out."""
+"""Whatever is wired to whatever: a diagram compiles and runs, or is refused with diagnostics that name lines. Nothing
+else ever comes out.
+"""
 
 import math
 
@@ -52,9 +54,27 @@ class Late(Block):
 
 
 KINDS = [
-    Gain, Product, UnitDelay, Saturation, SlewRate, Impedance, GaitPhase, TorqueProfile, Sine, StepSource, Vector, Late, CsvRecorder,
-    lambda: Gain(2.0, unit="N·m/rad"), lambda: Sum("+-"), lambda: Butterworth(cutoff=5.0), lambda: TorqueLimiter(limit=5.0),
-    lambda: CubeMars("AK80-9", can_id=1), lambda: CubeMars("AK80-9", can_id=2), lambda: Gain(every=2), lambda: UnitDelay(every=3),
+    Gain,
+    Product,
+    UnitDelay,
+    Saturation,
+    SlewRate,
+    Impedance,
+    GaitPhase,
+    TorqueProfile,
+    Sine,
+    StepSource,
+    Vector,
+    Late,
+    CsvRecorder,
+    lambda: Gain(2.0, unit="N·m/rad"),
+    lambda: Sum("+-"),
+    lambda: Butterworth(cutoff=5.0),
+    lambda: TorqueLimiter(limit=5.0),
+    lambda: CubeMars("AK80-9", can_id=1),
+    lambda: CubeMars("AK80-9", can_id=2),
+    lambda: Gain(every=2),
+    lambda: UnitDelay(every=3),
 ]
 CONSTANTS = [0.0, 1, True, -2.5, math.nan, math.inf, [1.0, 2.0, 3.0], [1.0], np.zeros((3, 1)), 1e308]
 
@@ -78,9 +98,13 @@ def test_a_diagram_compiles_and_runs_or_is_refused_in_words(data):
         schedule = compile(diagram)
     except DiagramError as error:
         assert error.diagnostics and len(set(error.diagnostics)) == len(error.diagnostics)
-        assert all(d.code in CODES and d.path and d.where is not None and d.where.file == __file__ for d in error.diagnostics)
+        assert all(
+            d.code in CODES and d.path and d.where is not None and d.where.file == __file__ for d in error.diagnostics
+        )
         return
     if schedule.devices:
         return
     outcome = Executor(Program(schedule), 100.0, virtual=True).run(6)
-    assert outcome.status in ("ok", "exception") and (outcome.status == "ok" or isinstance(outcome.error, (ArithmeticError, ValueError)))
+    assert outcome.status in ("ok", "exception") and (
+        outcome.status == "ok" or isinstance(outcome.error, (ArithmeticError, ValueError))
+    )

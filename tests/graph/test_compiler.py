@@ -41,11 +41,15 @@ class Flag(Block):
 def test_an_unconnected_input_is_told_where_its_block_was_made():
     with Diagram("d", rate=100) as diagram:
         with subsystem("left"):
-            impedance = Impedance(name="assist"); at = here()
+            impedance = Impedance(name="assist")
+            at = here(-1)
         impedance(position=0.1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW001", "left/assist", "velocity", at)
-    assert found.message == "nothing is wired to it, and it has no default [rad/s]" and found.hint == "wire it, as in assist(velocity=...)"
+    assert (
+        found.message == "nothing is wired to it, and it has no default [rad/s]"
+        and found.hint == "wire it, as in assist(velocity=...)"
+    )
 
 
 def test_an_input_with_a_default_may_stay_unwired():
@@ -58,8 +62,10 @@ def test_an_input_with_a_default_may_stay_unwired():
 def test_an_input_wired_twice_is_told_with_both_lines():
     with Diagram("d", rate=100) as diagram:
         gain = Gain(name="g")
-        gain(Sine().y); first = here()
-        gain(1.0); second = here()
+        gain(Sine().y)
+        first = here(-1)
+        gain(1.0)
+        second = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW004", "g", "u", second)
     assert found.message == f"is already wired at {first}" and "Sum" in found.hint
@@ -73,7 +79,8 @@ def test_an_input_given_by_place_and_by_name_is_wired_twice():
 
 def test_an_actuator_that_is_never_commanded_is_told():
     with Diagram("d", rate=100) as diagram:
-        knee = CubeMars("AK80-9", name="knee"); at = here()
+        knee = CubeMars("AK80-9", name="knee")
+        at = here(-1)
         Gain()(knee.position)
     found = complaint(diagram)
     assert (found.code, found.path, found.where) == ("TW005", "knee", at)
@@ -83,8 +90,10 @@ def test_an_actuator_that_is_never_commanded_is_told():
 
 def test_two_drives_with_one_id_on_one_bus_name_each_other():
     with Diagram("d", rate=100) as diagram:
-        CubeMars("AK80-9", bus="legs", can_id=3, name="a")(torque_command=0.0); first = here()
-        CubeMars("AK80-9", bus="legs", can_id=3, name="b")(torque_command=0.0); second = here()
+        CubeMars("AK80-9", bus="legs", can_id=3, name="a")(torque_command=0.0)
+        first = here(-1)
+        CubeMars("AK80-9", bus="legs", can_id=3, name="b")(torque_command=0.0)
+        second = here(-1)
         CubeMars("AK80-9", bus="arms", can_id=3, name="c")(torque_command=0.0)
         CubeMars("AK80-9", bus="legs", can_id=4, name="d")(torque_command=0.0)
     found = complaint(diagram)
@@ -109,7 +118,10 @@ def test_a_timeout_shorter_than_two_ticks_is_told_with_one_that_works():
         return diagram
 
     found = complaint(at_rate(8))
-    assert (found.code, found.path) == ("TW010", "cube_mars") and "0.1 s is shorter than two ticks at 8 Hz" in found.message
+    assert (found.code, found.path) == (
+        "TW010",
+        "cube_mars",
+    ) and "0.1 s is shorter than two ticks at 8 Hz" in found.message
     assert found.hint == "timeout=0.25 or more, or 0 for never"
     for diagram in (at_rate(20), at_rate(8, timeout=0.25), at_rate(8, timeout=0.0)):
         assert compile(diagram).devices
@@ -118,7 +130,8 @@ def test_a_timeout_shorter_than_two_ticks_is_told_with_one_that_works():
 def test_a_loop_is_spelled_out_as_a_cycle_with_ports():
     with Diagram("d", rate=100) as diagram:
         a, b, c = Sum("++", name="a"), Gain(name="b"), Gain(name="c")
-        a(Sine().y, c.y); at = here()
+        a(Sine().y, c.y)
+        at = here(-1)
         b(a.y)
         c(b.y)
         Gain(name="behind")(c.y)
@@ -177,12 +190,14 @@ def test_a_loop_through_an_actuator_needs_no_delay():
     assert [step.name for step in compile(diagram).output] == ["gain", "torque_limiter"]
 
 
-@pytest.mark.parametrize("source, message", [
-    (2.5, "expected int, got 2.5"), (float("nan"), "expected int, got nan"), (float("inf"), "expected int, got inf"),
-])
+@pytest.mark.parametrize(
+    "source, message",
+    [(2.5, "expected int, got 2.5"), (float("nan"), "expected int, got nan"), (float("inf"), "expected int, got inf")],
+)
 def test_a_number_that_is_not_whole_does_not_fit_a_whole_input(source, message):
     with Diagram("d", rate=100) as diagram:
-        Integers(name="i")(source); at = here()
+        Integers(name="i")(source)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where, found.message) == ("TW008", "i", "count", at, message)
 
@@ -192,17 +207,21 @@ def test_types_only_widen_along_a_wire():
         knee = CubeMars("AK80-9")
         knee(torque_command=0.0)
         first = Integers(name="first")(knee.fault)
-        Integers(name="second")(first.positive)                 # a truth is a whole number
-        Gain()(first.twice)                                     # and a whole number is a number
-        Integers(name="third")(knee.position); at = here()
+        Integers(name="second")(first.positive)  # a truth is a whole number
+        Gain()(first.twice)  # and a whole number is a number
+        Integers(name="third")(knee.position)
+        at = here(-1)
         Flag(name="fourth")(first.twice)
         Flag(name="fifth")(2)
         Flag(name="sixth")(1)
-        Integers(name="seventh")(StepSource().y)                # a source of anything may be a source of this
+        Integers(name="seventh")(StepSource().y)  # a source of anything may be a source of this
     third, fourth, fifth = complaints(diagram)
     assert (third.code, third.path, third.port, third.where) == ("TW008", "third", "count", at)
     assert third.message == "expected int, got float from cube_mars.position" and third.hint == "put a Round between"
-    assert (fourth.path, fourth.message) == ("fourth", "expected bool, got int from first.twice") and "threshold" in fourth.hint
+    assert (fourth.path, fourth.message) == (
+        "fourth",
+        "expected bool, got int from first.twice",
+    ) and "threshold" in fourth.hint
     assert (fifth.path, fifth.message) == ("fifth", "expected bool, got 2.0")
 
 
@@ -223,7 +242,11 @@ def test_a_block_that_computes_nothing_is_told():
         Idle()(1.0)
         OnlyUpdates()(1.0)
     idle, only = complaints(diagram)
-    assert (idle.code, idle.message, idle.hint) == ("TW015", "Idle has neither a step nor a kernel", "define step(self, u)")
+    assert (idle.code, idle.message, idle.hint) == (
+        "TW015",
+        "Idle has neither a step nor a kernel",
+        "define step(self, u)",
+    )
     assert (only.code, only.path) == ("TW015", "only_updates")
 
 
@@ -242,14 +265,21 @@ def test_eight_different_mistakes_give_eight_diagnostics():
         knee(torque_command=Impedance(name="free")(knee.position, knee.velocity))
     found = {(d.code, d.path, d.port) for d in complaints(diagram)}
     assert found == {
-        ("TW013", "shared", ""), ("TW005", "idle", ""), ("TW001", "open", "velocity"), ("TW002", "units", "position"),
-        ("TW003", "shapes", "position"), ("TW004", "twice", "u"), ("TW006", "loop", ""), ("TW007", "knee", "torque_command"),
+        ("TW013", "shared", ""),
+        ("TW005", "idle", ""),
+        ("TW001", "open", "velocity"),
+        ("TW002", "units", "position"),
+        ("TW003", "shapes", "position"),
+        ("TW004", "twice", "u"),
+        ("TW006", "loop", ""),
+        ("TW007", "knee", "torque_command"),
     }
 
 
 def test_a_block_that_nobody_uses_is_a_warning_unless_everything_is_recorded():
     with Diagram("d", rate=100) as diagram:
-        Sine(name="lonely"); at = here()
+        Sine(name="lonely")
+        at = here(-1)
     (warning,) = compile(diagram).warnings
     assert (warning.code, warning.path, warning.where, warning.severity) == ("TW020", "lonely", at, "warning")
     with diagram:
@@ -310,7 +340,9 @@ def test_compiling_twice_gives_the_same_schedule():
         knee(torque_command=TorqueLimiter(limit=5.0)(knee.torque))
         CsvRecorder()
     first, second = compile(diagram), compile(diagram)
-    assert [s.table for s in first.output] == [s.table for s in second.output] and np.array_equal(first.arena, second.arena, equal_nan=True)
+    assert [s.table for s in first.output] == [s.table for s in second.output] and np.array_equal(
+        first.arena, second.arena, equal_nan=True
+    )
     assert first.parameters == second.parameters and first.signals == second.signals
 
 
@@ -343,7 +375,12 @@ def test_slow_blocks_stand_together_after_what_they_need():
     with Diagram("d", rate=100) as diagram:
         signal = Sine().y
         Gain(every=4, name="slow")(Gain(every=2, name="half")(Gain(name="fast")(signal)))
-    assert [(step.name, step.every) for step in compile(diagram).output] == [("sine", 1), ("fast", 1), ("half", 2), ("slow", 4)]
+    assert [(step.name, step.every) for step in compile(diagram).output] == [
+        ("sine", 1),
+        ("fast", 1),
+        ("half", 2),
+        ("slow", 4),
+    ]
 
 
 def test_hooks_of_devices_that_raise_are_told_with_their_line():

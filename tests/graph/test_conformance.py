@@ -137,11 +137,16 @@ class Wide(Sound):
 
 @pytest.mark.parametrize("kind, parameter", [(Deaf, "gain"), (NativelyDeaf, "initial"), (Wide, "count")])
 def test_a_parameter_that_has_no_effect_while_running_must_be_declared_fixed(kind, parameter):
-    with pytest.raises(AssertionError, match=f"{kind.__name__}.{parameter} has no effect while running: changed from 2") as caught:
+    with pytest.raises(
+        AssertionError, match=f"{kind.__name__}.{parameter} has no effect while running: changed from 2"
+    ) as caught:
         check_block(kind)
     assert "declare it fixed=True" in str(caught.value)
     param = kind.parameters[parameter]
-    body = {"__doc__": kind.__doc__, parameter: Param(param.default, param.unit, param.description, min=param.min, max=param.max, fixed=True)}
+    body = {
+        "__doc__": kind.__doc__,
+        parameter: Param(param.default, param.unit, param.description, min=param.min, max=param.max, fixed=True),
+    }
     assert check_block(type("Mended", (kind,), body)) == 9
 
 
@@ -171,11 +176,18 @@ def test_parameters_of_devices_and_sinks_are_fixed():
         check_block(Printer)
 
 
-@pytest.mark.parametrize("kind, said", [
-    (NoUnitSaid, "NoUnitSaid.y has no description"), (Shapeless, "Shapeless.y has shape"), (Forgetful, "not the same after reset"),
-    (NanHider, "NanHider hides a NaN"), (NanKeeper, "not the same after reset"), (Liar, "outside its stated range"),
-    (Unbounded, "Unbounded takes gain=-1.0"),
-])
+@pytest.mark.parametrize(
+    "kind, said",
+    [
+        (NoUnitSaid, "NoUnitSaid.y has no description"),
+        (Shapeless, "Shapeless.y has shape"),
+        (Forgetful, "not the same after reset"),
+        (NanHider, "NanHider hides a NaN"),
+        (NanKeeper, "not the same after reset"),
+        (Liar, "outside its stated range"),
+        (Unbounded, "Unbounded takes gain=-1.0"),
+    ],
+)
 def test_each_kind_of_broken_block_is_found(kind, said):
     with pytest.raises(AssertionError, match=said):
         check_block(kind)

@@ -8,14 +8,20 @@ from graph.diagnostics import CODES, Diagnostic, DiagramError, Location
 
 
 def test_a_diagnostic_reads_as_one_line_and_its_cure():
-    found = Diagnostic("TW002", "expected rad, got N·m from left/sum.y", "left/gain", "u", Location("knee.py", 12), "convert it first")
+    found = Diagnostic(
+        "TW002", "expected rad, got N·m from left/sum.y", "left/gain", "u", Location("knee.py", 12), "convert it first"
+    )
     assert str(found) == (
-        "knee.py:12: error TW002 unit mismatch: left/gain.u: expected rad, got N·m from left/sum.y\n    convert it first")
+        "knee.py:12: error TW002 unit mismatch: left/gain.u: expected rad, got N·m from left/sum.y\n    convert it "
+        "first"
+    )
     assert found.title == "unit mismatch"
 
 
 def test_a_diagnostic_without_place_block_or_cure_reads_well_too():
-    assert str(Diagnostic("TW010", "the rate must be above 0 Hz")) == "error TW010 wrong parameter: the rate must be above 0 Hz"
+    assert str(Diagnostic("TW010", "the rate must be above 0 Hz")) == (
+        "error TW010 wrong parameter: the rate must be above 0 Hz"
+    )
     unused = Diagnostic("TW020", "nobody uses it", "g", severity="warning")
     assert str(unused) == "warning TW020 outputs that nobody uses: g: nobody uses it"
 

@@ -20,7 +20,9 @@ from tests.graph.complaints import complaints, here, refusal
 @pytest.mark.parametrize("rate", [0, -1, math.inf, math.nan, "200", None, 1j])
 def test_a_rate_is_a_number_above_zero(rate):
     found = refusal(Diagram, "d", rate)
-    assert found.code == "TW010" and found.message == f"the rate must be a number above 0 Hz and at most 1e+09 Hz, got {rate!r}"
+    assert found.code == "TW010" and found.message == (
+        f"the rate must be a number above 0 Hz and at most 1e+09 Hz, got {rate!r}"
+    )
     assert found.where.file == refusal.__code__.co_filename
 
 
@@ -58,7 +60,8 @@ def test_fifty_subsystems_deep_is_a_path_like_any_other():
 
 def test_a_subsystem_outside_a_diagram_is_told_at_its_own_line():
     with pytest.raises(DiagramError) as caught:
-        at = here(); subsystem("left")
+        at = here(1)
+        subsystem("left")
     (found,) = caught.value.diagnostics
     assert (found.code, found.where) == ("TW011", at) and found.message == "subsystem('left') stands outside a diagram"
 
@@ -100,12 +103,18 @@ def test_blocks_without_a_name_are_numbered_and_a_given_name_is_kept():
 
 def test_a_name_given_twice_names_both_lines():
     with Diagram("d", rate=100) as diagram:
-        Gain(name="same")(1.0); first = here()
-        Gain(name="same")(2.0); second = here()
-        Gain(name="same")(3.0); third = here()
+        Gain(name="same")(1.0)
+        first = here(-1)
+        Gain(name="same")(2.0)
+        second = here(-1)
+        Gain(name="same")(3.0)
+        third = here(-1)
     found = complaints(diagram)
     assert [(d.code, d.where) for d in found] == [("TW009", second), ("TW009", third)]
-    assert found[0].message == f"the name is taken by the block made at {first}" and found[0].hint == "choose another `name=`"
+    assert (
+        found[0].message == f"the name is taken by the block made at {first}"
+        and found[0].hint == "choose another `name=`"
+    )
 
 
 def test_the_same_name_in_two_subsystems_is_two_names():
@@ -122,7 +131,8 @@ def test_a_wire_between_two_diagrams_is_refused_at_its_line():
     with Diagram("second", rate=100):
         gain = Gain()
         with pytest.raises(DiagramError) as caught:
-            at = here(); gain(sine.y)
+            at = here(1)
+            gain(sine.y)
     (found,) = caught.value.diagnostics
     assert (found.code, found.path, found.port, found.where) == ("TW011", "gain", "u", at)
     assert found.message == "the signal sine.y comes from a block that is not in this diagram"
@@ -207,7 +217,8 @@ def test_a_block_that_is_not_there_is_missed_with_a_suggestion():
 def test_functions_compose_diagrams_and_the_line_is_the_functions():
     def leg(side):
         with subsystem(side):
-            return Sum("++")(Sine().y); at = here()
+            return Sum("++")(Sine().y)
+            at = here(-1)
 
     with Diagram("d", rate=100) as diagram:
         leg("left"), leg("right")

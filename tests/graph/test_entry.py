@@ -47,7 +47,11 @@ def test_the_exit_code_is_that_of_the_command_line(wave):
 
 
 def test_a_file_with_build_calls_main_without_a_diagram(wave):
-    body = WAVE.replace("\nwith", "\ndef build(rate=100):\n  with").replace("\n    ", "\n      ").replace("rate=100) as", "rate=rate) as")
+    body = (
+        WAVE.replace("\nwith", "\ndef build(rate=100):\n  with")
+        .replace("\n    ", "\n      ")
+        .replace("rate=100) as", "rate=rate) as")
+    )
     wave.write_text(body.replace("main(diagram)", "  return diagram\nmain()"))
     process = started(wave, "--fast", "--duration", "1", "--no-record", "--set", "rate=50")
     assert (process.returncode, process.stderr) == (0, "") and "wave: 1 s at 50 Hz" in process.stdout

@@ -26,7 +26,11 @@ def test_each_example_provokes_its_code(code, monkeypatch):
         pytest.skip("needs Numba, the extra `jit`")
     if code == "TW023":
         monkeypatch.setattr(jit, "available", lambda: False)
-    lines = [*PRELUDE.splitlines(), "with Diagram('robot', rate=200) as diagram:", textwrap.indent(EXAMPLES[code], "    ")]
+    lines = [
+        *PRELUDE.splitlines(),
+        "with Diagram('robot', rate=200) as diagram:",
+        textwrap.indent(EXAMPLES[code], "    "),
+    ]
     namespace = {"__name__": "example"}
     try:
         exec("\n".join(lines), namespace)

@@ -9,20 +9,26 @@ from graph.conformance import check_block
 
 
 @block
-def spring(angle: Input("rad", "joint angle"), stiffness: Param(30.0, "N·m/rad", "K", min=0.0)) -> Output("N·m", "torque"):
+def spring(angle: Input("rad", "joint angle"), stiffness: Param(30.0, "N·m/rad", "K", min=0.0)) -> Output(
+    "N·m", "torque"
+):
     """Virtual spring: τ = -K θ."""
     return -stiffness * angle
 
 
 @block
-def polar(x: Input("m", "east"), y: Input("m", "north"), t) -> {"radius": Output("m", "distance"), "angle": Output("rad", "bearing")}:
+def polar(
+    x: Input("m", "east"), y: Input("m", "north"), t
+) -> {"radius": Output("m", "distance"), "angle": Output("rad", "bearing")}:
     """Polar coordinates, ready from t = 0 on."""
     return math.hypot(x, y) if t >= 0 else math.nan, math.atan2(y, x)
 
 
 def test_the_signature_is_the_declaration():
     assert spring(stiffness=2.0).step(3.0) == -6.0
-    assert list(spring.inputs) == ["angle"] and spring.inputs["angle"].unit == "rad" and spring.outputs["y"].unit == "N·m"
+    assert (
+        list(spring.inputs) == ["angle"] and spring.inputs["angle"].unit == "rad" and spring.outputs["y"].unit == "N·m"
+    )
     assert polar().step(3.0, 4.0, 0.0) == (5.0, math.atan2(4.0, 3.0))
 
 
@@ -38,16 +44,19 @@ def test_a_function_block_is_wired_like_any_other():
 
 def test_a_signature_that_says_too_little_is_refused_when_decorating():
     with pytest.raises(TypeError, match=r"bare must say what it returns: -> Output\(unit\)"):
+
         @block
         def bare(u: Input("1")):
             return u
 
     with pytest.raises(TypeError, match=r"vague: annotate u with Input\(unit\) or Param\(default, unit\)"):
+
         @block
         def vague(u) -> Output("1"):
             return u
 
     with pytest.raises(TypeError, match="the name 'u' is used twice"):
+
         @block
         def twice(u: Input("1")) -> {"u": Output("1")}:
             return u

@@ -73,11 +73,12 @@ def test_a_unit_mismatch_is_told_with_both_units_the_source_and_the_line():
     with Diagram("d", rate=100) as diagram:
         angle = Angle()
         takes = TakesTorque(name="takes")
-        takes(angle.angle); at = here()
+        takes(angle.angle)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW002", "takes", "torque", at)
     assert found.message == "expected N·m, got rad from angle.angle"
-    assert found.hint == ""                                 # no conversion makes a torque of an angle
+    assert found.hint == ""  # no conversion makes a torque of an angle
 
 
 def test_a_unit_mismatch_that_a_conversion_cures_says_so():
@@ -102,7 +103,8 @@ def test_a_unit_mismatch_is_found_behind_a_chain_of_any_blocks():
         signal = Angle().angle
         for _ in range(12):
             signal = UnitDelay()(Sum("++")(signal, 1.0))
-        TakesTorque(name="takes")(signal); at = here()
+        TakesTorque(name="takes")(signal)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW002", "takes", "torque", at)
     assert "expected N·m, got rad from unit_delay_12.y" in found.message
@@ -111,7 +113,8 @@ def test_a_unit_mismatch_is_found_behind_a_chain_of_any_blocks():
 def test_two_units_do_not_meet_in_a_sum():
     with Diagram("d", rate=100) as diagram:
         total = Sum("++", name="total")
-        total(Angle().angle, Torque().torque); at = here()
+        total(Angle().angle, Torque().torque)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW002", "total", "u2", at)
     assert found.message == "expected rad, got N·m from torque.torque"
@@ -150,7 +153,8 @@ def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
             return {"y": "newton"}
 
     with Diagram("d", rate=100) as diagram:
-        Claims(2.0, name="claims")(Angle().angle); at = here()
+        Claims(2.0, name="claims")(Angle().angle)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.where) == ("TW010", "claims", at)
     assert "'newton' in 'newton' is not a unit" in found.message
@@ -159,7 +163,8 @@ def test_a_unit_that_is_none_is_told_at_the_block_that_claims_it():
 def test_a_shape_mismatch_is_told_with_both_shapes():
     with Diagram("d", rate=100) as diagram:
         takes = TakesPair(name="takes")
-        takes(Gain()(Triple().y)); at = here()
+        takes(Gain()(Triple().y))
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW003", "takes", "u", at)
     assert found.message == "expected shape (2,), got (3,) from gain.y"
@@ -205,7 +210,8 @@ def test_names_in_an_awkward_order_do_not_make_a_long_chain_slow():
             sys.setprofile(None)
         return calls
 
-    assert calls_of_compile(1000) < 12 * calls_of_compile(100)          # ten times the blocks; a quadratic compile needs 100 times as many
+    # ten times the blocks; a quadratic compile needs 100 times as many
+    assert calls_of_compile(1000) < 12 * calls_of_compile(100)
 
 
 def test_every_mismatch_of_a_diagram_is_told():
@@ -225,7 +231,8 @@ def test_inputs_that_are_compared_or_added_share_one_unit(make):
         block = make()
         first, second = [name for name, port in block.inputs.items() if port.unit == "any"][:2]
         wires = {"condition": True} if "condition" in block.inputs else {}
-        block(**wires, **{first: in_unit("rad"), second: in_unit("deg")}); at = here()
+        block(**wires, **{first: in_unit("rad"), second: in_unit("deg")})
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.port, found.where) == ("TW002", second, at)
     assert found.message.startswith("expected rad, got deg from") and "signal.to('rad')" in found.hint
@@ -250,9 +257,9 @@ def test_a_block_that_computes_the_unit_of_its_output_still_holds_its_inputs_to_
     assert complaint(diagram).message == "expected rad, got N·m from constant_2.y"
 
 
-@pytest.mark.parametrize("make, unit", [
-    (Product, "N·m·rad"), (Divide, "rad/N/m"), (lambda: LookupTable2D(unit="A"), "A"),
-])
+@pytest.mark.parametrize(
+    "make, unit", [(Product, "N·m·rad"), (Divide, "rad/N/m"), (lambda: LookupTable2D(unit="A"), "A")]
+)
 def test_factors_and_axes_have_units_of_their_own(make, unit):
     with Diagram("d", rate=100) as diagram:
         block = make()
@@ -268,9 +275,15 @@ def test_vector_products_multiply_units():
     assert unit_of(schedule, "Dot.y") == unit_of(schedule, "Cross.y") == "N·m"
 
 
-@pytest.mark.parametrize("make, unit", [
-    (Derivative, "rad/s"), (Integrator, "s·rad"), (lambda: TransferFunction((1.0,), (1.0, -0.5), unit="N*m/rad"), "N·m"), (UnitDelay, "rad"),
-])
+@pytest.mark.parametrize(
+    "make, unit",
+    [
+        (Derivative, "rad/s"),
+        (Integrator, "s·rad"),
+        (lambda: TransferFunction((1.0,), (1.0, -0.5), unit="N*m/rad"), "N·m"),
+        (UnitDelay, "rad"),
+    ],
+)
 def test_time_enters_the_unit_of_a_derivative_and_an_integral(make, unit):
     with Diagram("d", rate=100) as diagram:
         block = make()

@@ -37,7 +37,7 @@ def test_sum_difference_and_product_hold_what_floating_point_makes(first, second
 def test_a_union_holds_both_and_a_clip_into_an_interval_lands_in_the_intersection(first, second):
     (a, x), (b, y) = first, second
     assert x in a | b and y in a | b
-    assert min(max(y, a.low), a.high) in a & b              # a clips what is in b
+    assert min(max(y, a.low), a.high) in a & b  # a clips what is in b
     assert a & b in a
 
 

@@ -1,4 +1,6 @@
-"""Python blocks compiled with Numba: the same numbers as in Python, without the GIL. Skipped where the extra is not installed."""
+"""Python blocks compiled with Numba: the same numbers as in Python, without the GIL. Skipped where the extra is not
+installed.
+"""
 
 import math
 import random
@@ -62,7 +64,9 @@ class Delay(Block):
 
 def trace(kind, ticks=400):
     with Diagram("d", rate=100) as diagram:
-        kind(name="block")(Sine(2.0, 3.0)()) if len(kind.inputs) == 1 else kind(name="block")(Sine(2.0, 3.0)(), hold=False)
+        kind(name="block")(Sine(2.0, 3.0)()) if len(kind.inputs) == 1 else kind(name="block")(
+            Sine(2.0, 3.0)(), hold=False
+        )
         CsvRecorder()
     schedule = compile(diagram)
     page = Page(1 << 20)

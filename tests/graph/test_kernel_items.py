@@ -28,25 +28,33 @@ def a_subclass(*bases, **body):
 
 def test_a_parameter_more_is_refused_with_the_cure():
     assert refusal(a_subclass(RMSTorqueLimiter, mass=Param(70.0, "kg", "of the wearer", min=0.0))) == (
-        "WearerLimiter adds the parameter 'mass' to RMSTorqueLimiter, whose kernel finds its items by position: declare it with kernel=False and "
-        "fixed=True, give the class a kernel of its own, or wrap the block in a subsystem")
+        "WearerLimiter adds the parameter 'mass' to RMSTorqueLimiter, whose kernel finds its items by position: "
+        "declare it with kernel=False and "
+        "fixed=True, give the class a kernel of its own, or wrap the block in a subsystem"
+    )
 
 
 def test_an_input_more_would_make_the_output_a_parameter_and_is_refused():
     said = refusal(a_subclass(TorqueLimiter, velocity=Input("rad/s", "of the joint", default=0.0)))
-    assert said.startswith("WearerLimiter adds the input 'velocity' to TorqueLimiter, whose kernel finds its items by position: give the class")
+    assert said.startswith(
+        "WearerLimiter adds the input 'velocity' to TorqueLimiter, whose kernel finds its items "
+        "by position: give the class"
+    )
 
 
-@pytest.mark.parametrize("body, said", [
-    ({"peak": Output("N·m", "largest")}, "adds the output 'peak' to"),
-    ({"count": Memory(0.0, "of ticks")}, "adds the memory 'count' to"),
-    ({"window": 20.0}, "removes the parameter 'window' of"),
-    ({"fade": Param(1.0, "s", "gentleness", fixed=True, kernel=False)}, "removes the parameter 'fade' of"),
-    ({"limited": Output("N·m", "let through", kernel=False)}, "removes the output 'limited' of"),
-    ({"window": Param("long", "s", "over which")}, "removes the parameter 'window' of"),
-    ({"torque": Input("N·m", "asked for", shape=...)}, "changes the shape of the input 'torque' of"),
-    ({"squares": Param(1.0, "1", "a memory that became a parameter")}, "adds the parameter 'squares' to"),
-])
+@pytest.mark.parametrize(
+    "body, said",
+    [
+        ({"peak": Output("N·m", "largest")}, "adds the output 'peak' to"),
+        ({"count": Memory(0.0, "of ticks")}, "adds the memory 'count' to"),
+        ({"window": 20.0}, "removes the parameter 'window' of"),
+        ({"fade": Param(1.0, "s", "gentleness", fixed=True, kernel=False)}, "removes the parameter 'fade' of"),
+        ({"limited": Output("N·m", "let through", kernel=False)}, "removes the output 'limited' of"),
+        ({"window": Param("long", "s", "over which")}, "removes the parameter 'window' of"),
+        ({"torque": Input("N·m", "asked for", shape=...)}, "changes the shape of the input 'torque' of"),
+        ({"squares": Param(1.0, "1", "a memory that became a parameter")}, "adds the parameter 'squares' to"),
+    ],
+)
 def test_whatever_shifts_an_item_is_refused(body, said):
     assert f"WearerLimiter {said} RMSTorqueLimiter" in refusal(a_subclass(RMSTorqueLimiter, **body))
 
@@ -86,15 +94,20 @@ def test_a_subclass_of_a_subclass_is_held_against_the_same_items():
 
 
 def test_a_device_whose_frames_are_encoded_by_position_is_guarded():
-    assert "adds the parameter 'mass' to CubeMars, whose decode" in refusal(a_subclass(CubeMars, mass=Param(70.0, "kg", "of the wearer")))
+    assert "adds the parameter 'mass' to CubeMars, whose decode" in refusal(
+        a_subclass(CubeMars, mass=Param(70.0, "kg", "of the wearer"))
+    )
     a_subclass(CubeMars, mass=Param(70.0, "kg", "of the wearer", fixed=True, kernel=False))()
 
 
 def test_a_filter_is_made_to_be_extended_and_what_is_made_of_it_is_not():
-    assert "adds the parameter 'mass' to Butterworth" in refusal(a_subclass(Butterworth, mass=Param(70.0, "kg", "of the wearer")))
+    assert "adds the parameter 'mass' to Butterworth" in refusal(
+        a_subclass(Butterworth, mass=Param(70.0, "kg", "of the wearer"))
+    )
 
 
 # What stays allowed
+
 
 class Rated(RMSTorqueLimiter):
     """Bounds the root mean square of a torque for a wearer, whose mass it keeps."""
@@ -154,8 +167,11 @@ def test_a_class_without_a_kernel_may_not_choose_one_for_its_instances_alone():
         def configure(self):
             self.kernel = kernels.saturation
 
-    assert refusal(Secret) == ("Secret chooses its kernel in configure: name one of them on the class too, so that its subclasses are checked "
-                               "against it")
+    assert refusal(Secret) == (
+        "Secret chooses its kernel in configure: name one of them on the class too, so that "
+        "its subclasses are checked "
+        "against it"
+    )
 
 
 def test_check_block_refuses_a_class_whose_items_were_changed_afterwards():

@@ -1,4 +1,6 @@
-"""The range proof of loops: what a limit inside a loop proves of all of it, and that no run ever leaves what was proved."""
+"""The range proof of loops: what a limit inside a loop proves of all of it, and that no run ever leaves what was
+proved.
+"""
 
 import math
 
@@ -49,9 +51,10 @@ def test_a_saturation_in_a_loop_bounds_every_delay_of_it_whatever_they_are_calle
             for delay, source in zip(delays, [limited, *(delay.y for delay in delays)]):
                 delay(source)
         found = proved(diagram)
-        behind = names[names.index("c"):]                       # what starts at 7 is seen by every delay behind it
+        behind = names[names.index("c") :]  # what starts at 7 is seen by every delay behind it
         assert {name: found[f"{name}.y"] for name in names} == {
-            name: Interval(-2.0, 7.0 if name in behind else 5.0) for name in names}
+            name: Interval(-2.0, 7.0 if name in behind else 5.0) for name in names
+        }
 
 
 def test_a_value_that_is_sampled_and_held_by_a_loop_stays_among_those_that_were_sampled():
@@ -96,8 +99,12 @@ def test_the_outputs_of_a_state_machine_bound_the_loop_that_goes_through_its_inp
     with Diagram("d", RATE) as diagram:
         before = UnitDelay(name="before")
         machine = StateMachine(
-            takes={"u": "1"}, gives={"y": "1"}, states={"low": {"y": -1.0}, "high": {"y": 2.0}},
-            transitions=(("low", "high", "u <= 0"), ("high", "low", "u > 1")), name="machine")
+            takes={"u": "1"},
+            gives={"y": "1"},
+            states={"low": {"y": -1.0}, "high": {"y": 2.0}},
+            transitions=(("low", "high", "u <= 0"), ("high", "low", "u > 1")),
+            name="machine",
+        )
         machine(u=before.y)
         before(Gain(3.0)(machine.y))
     assert ends(proved(diagram)["before.y"]) == close(-3.0, 6.0)
@@ -143,7 +150,11 @@ def test_in_a_diagram_that_is_one_great_loop_every_block_is_asked_a_bounded_numb
         with Diagram("d", RATE) as diagram:
             delays = [UnitDelay(name=f"{k * 7919 % count:04}") for k in range(count)]
             for k, delay in enumerate(delays):
-                delay(Sum("++")(Asked(1.5)(delays[k - 1].y), delays[k - 7].y) if k else Saturation()(Sum("++")(delays[-1].y, delays[-7].y)))
+                delay(
+                    Sum("++")(Asked(1.5)(delays[k - 1].y), delays[k - 7].y)
+                    if k
+                    else Saturation()(Sum("++")(delays[-1].y, delays[-7].y))
+                )
         examine(diagram)
         assert len(set(asked)) == count - 1
         return len(asked) / count
@@ -153,6 +164,7 @@ def test_in_a_diagram_that_is_one_great_loop_every_block_is_asked_a_bounded_numb
 
 
 # Random diagrams with loops
+
 
 class Wild(Block):
     """Anything between two numbers, the ends too, and NaN."""
@@ -169,13 +181,15 @@ class Wild(Block):
 
 
 MILD = st.floats(-3.0, 3.0)
-NUMBERS = st.one_of(MILD, st.floats(allow_nan=False), st.sampled_from([0.0, -0.0, 5e-324, 1e308, -1e308, math.inf, -math.inf]))
+NUMBERS = st.one_of(
+    MILD, st.floats(allow_nan=False), st.sampled_from([0.0, -0.0, 5e-324, 1e308, -1e308, math.inf, -math.inf])
+)
 SMALL = st.floats(-4.0, 4.0)
 
 
 @st.composite
 def pairs(draw, numbers):
-    return sorted((draw(numbers) + 0.0, draw(numbers) + 0.0))              # + 0.0: no negative zero, which is no smaller than zero
+    return sorted((draw(numbers) + 0.0, draw(numbers) + 0.0))  # + 0.0: no negative zero, which is no smaller than zero
 
 
 @st.composite
@@ -187,7 +201,12 @@ def wild(draw):
 
 def limited_integrator(draw):
     lower, upper = draw(pairs(SMALL))
-    return Integrator(draw(st.sampled_from([lower, upper])), lower, upper, draw(st.sampled_from(["forward", "backward", "trapezoidal"])))
+    return Integrator(
+        draw(st.sampled_from([lower, upper])),
+        lower,
+        upper,
+        draw(st.sampled_from(["forward", "backward", "trapezoidal"])),
+    )
 
 
 def saturation(draw):
@@ -197,8 +216,11 @@ def saturation(draw):
 def machine(draw):
     values = [{"y": draw(SMALL)} for _ in range(3)]
     return StateMachine(
-        takes={"u": "any", "v": "any"}, gives={"y": "any"}, states=dict(zip("abc", values)),
-        transitions=(("a", "b", "u > v"), ("b", "c", "u < 0 or time_in_state > 0.03"), ("c", "a", "v > 1")))
+        takes={"u": "any", "v": "any"},
+        gives={"y": "any"},
+        states=dict(zip("abc", values)),
+        transitions=(("a", "b", "u > v"), ("b", "c", "u < 0 or time_in_state > 0.03"), ("c", "a", "v > 1")),
+    )
 
 
 def chosen(draw):
@@ -210,14 +232,27 @@ def chosen(draw):
 
 
 KINDS = {
-    "wild": None, "delay": lambda draw: UnitDelay(draw(SMALL)), "delays": lambda draw: Delay(draw(st.integers(1, 3)), draw(SMALL)),
-    "integrator": limited_integrator, "free integrator": lambda draw: Integrator(draw(SMALL)), "gain": lambda draw: Gain(draw(SMALL)),
-    "sum": lambda draw: Sum(draw(st.sampled_from(["++", "+-", "-++"]))), "product": lambda draw: Product(), "saturation": saturation,
-    "switch": chosen, "table": lambda draw: LookupTable1D((-1.0, 0.0, 2.0), tuple(draw(SMALL) for _ in range(3))), "machine": machine,
-    "low-pass": lambda draw: Butterworth(2, draw(st.floats(1.0, 15.0))), "exponential": lambda draw: Exponential(0.02), "max": lambda draw: Max(),
-    "slew": lambda draw: SlewRate(draw(st.floats(0.0, 100.0))), "average": lambda draw: MovingAverage(0.03),
+    "wild": None,
+    "delay": lambda draw: UnitDelay(draw(SMALL)),
+    "delays": lambda draw: Delay(draw(st.integers(1, 3)), draw(SMALL)),
+    "integrator": limited_integrator,
+    "free integrator": lambda draw: Integrator(draw(SMALL)),
+    "gain": lambda draw: Gain(draw(SMALL)),
+    "sum": lambda draw: Sum(draw(st.sampled_from(["++", "+-", "-++"]))),
+    "product": lambda draw: Product(),
+    "saturation": saturation,
+    "switch": chosen,
+    "table": lambda draw: LookupTable1D((-1.0, 0.0, 2.0), tuple(draw(SMALL) for _ in range(3))),
+    "machine": machine,
+    "low-pass": lambda draw: Butterworth(2, draw(st.floats(1.0, 15.0))),
+    "exponential": lambda draw: Exponential(0.02),
+    "max": lambda draw: Max(),
+    "slew": lambda draw: SlewRate(draw(st.floats(0.0, 100.0))),
+    "average": lambda draw: MovingAverage(0.03),
     "lag": lambda draw: TransferFunction((draw(SMALL),), (1.0, draw(st.floats(-0.9, 0.9)))),
-    "state space": lambda draw: StateSpace(((0.5, 0.4), (-0.4, 0.5)), ((0.0,), (1.0,)), ((1.0, draw(SMALL)),), start=(draw(SMALL), 0.0)),
+    "state space": lambda draw: StateSpace(
+        ((0.5, 0.4), (-0.4, 0.5)), ((0.0,), (1.0,)), ((1.0, draw(SMALL)),), start=(draw(SMALL), 0.0)
+    ),
 }
 OPEN = {"delay", "delays", "free integrator", "lag", "state space"}
 
@@ -232,11 +267,15 @@ def test_no_signal_of_a_random_diagram_with_loops_leaves_what_was_proved(data):
         outputs, inputs = [], []
         for number, kind in enumerate(kinds):
             slow, enabled = draw(st.sampled_from([1, 1, 1, 2, 3])), draw(st.sampled_from([None, None, None, condition]))
-            with subsystem(f"n{number}", every=slow if kind != "wild" else 1, enabled=enabled if kind != "wild" else None):
+            with subsystem(
+                f"n{number}", every=slow if kind != "wild" else 1, enabled=enabled if kind != "wild" else None
+            ):
                 made = draw(wild()) if kind == "wild" else KINDS[kind](draw)
             block, ports = made if isinstance(made, tuple) else (made, [(made, name) for name in made.inputs])
             outputs.append(block.y)
-            inputs.append((kind, slow, [(owner, name) for owner, name in ports if name not in ("restart", "condition")]))
+            inputs.append(
+                (kind, slow, [(owner, name) for owner, name in ports if name not in ("restart", "condition")])
+            )
         for number, (kind, slow, ports) in enumerate(inputs):
             divides = [k for k in range(len(kinds)) if inputs[k][1] % slow == 0 or slow % inputs[k][1] == 0]
             readable = [k for k in divides if kind in OPEN or kinds[k] in OPEN or k < number] or [0]

@@ -39,50 +39,73 @@ def test_a_live_parameter_says_how_fast_it_may_change():
 
     assist = Assist(offset=Live(1.0, max=2.0, slew=3))
     assert assist.live("scale") == (0.0, 1.0, 0.1) and assist.live("offset") == (-5.0, 2.0, 3.0)
-    assert Assist(scale=Live(0.5, max=0.75)).live("scale") == (0.0, 0.75, 0.1), "what is left out is the parameter's own"
+    assert Assist(scale=Live(0.5, max=0.75)).live("scale") == (0.0, 0.75, 0.1), (
+        "what is left out is the parameter's own"
+    )
     assert Assist(scale=Live(0.5, slew=math.inf)).live("scale").slew == math.inf and Assist().live("offset") is None
     for slew in (0.0, -1.0, math.nan):
         with pytest.raises(TypeError, match="a slew is above 0"):
             Param(0.5, min=0.0, max=1.0, live=True, slew=slew)
 
 
-@pytest.mark.parametrize("value, message", [
-    (Live(12.0, max=15.0, slew=0.0), "limit: a live parameter's slew must be above 0, in its unit per second, got 0.0"),
-    (Live(12.0, max=15.0, slew="1"), "limit: a live parameter's slew must be above 0, in its unit per second, got '1'"),
-    (Live(12.0), "limit: a live parameter needs both bounds: write Live(value, min=..., max=...)"),
-    (Live(12.0, max=math.inf), "limit: live bounds must be finite and in order, got 0 to inf"),
-    (Live(12.0, min=15.0, max=13.0), "limit: live bounds must be finite and in order, got 15 to 13"),
-    (Live(12.0, min=-1.0, max=15.0), "limit: must be at least 0.0 N·m, got -1.0"),
-    (Live(16.0, max=15.0), "limit: must be between its live bounds 0 and 15, got 16.0"),
-    (Live(1.0, min=2.0, max=15.0), "limit: must be between its live bounds 2 and 15, got 1.0"),
-    (Live(math.nan, max=15.0), "limit: NaN is not allowed"),
-    (Live("12", max=15.0), "limit: expected a number, got '12'"),
-    (Live(None, max=15.0), "limit: a value is wanted, got None"),
-    (Live(12.0, max="15"), "limit: expected a number, got '15'"),
-])
+@pytest.mark.parametrize(
+    "value, message",
+    [
+        (
+            Live(12.0, max=15.0, slew=0.0),
+            "limit: a live parameter's slew must be above 0, in its unit per second, got 0.0",
+        ),
+        (
+            Live(12.0, max=15.0, slew="1"),
+            "limit: a live parameter's slew must be above 0, in its unit per second, got '1'",
+        ),
+        (Live(12.0), "limit: a live parameter needs both bounds: write Live(value, min=..., max=...)"),
+        (Live(12.0, max=math.inf), "limit: live bounds must be finite and in order, got 0 to inf"),
+        (Live(12.0, min=15.0, max=13.0), "limit: live bounds must be finite and in order, got 15 to 13"),
+        (Live(12.0, min=-1.0, max=15.0), "limit: must be at least 0.0 N·m, got -1.0"),
+        (Live(16.0, max=15.0), "limit: must be between its live bounds 0 and 15, got 16.0"),
+        (Live(1.0, min=2.0, max=15.0), "limit: must be between its live bounds 2 and 15, got 1.0"),
+        (Live(math.nan, max=15.0), "limit: NaN is not allowed"),
+        (Live("12", max=15.0), "limit: expected a number, got '12'"),
+        (Live(None, max=15.0), "limit: a value is wanted, got None"),
+        (Live(12.0, max="15"), "limit: expected a number, got '15'"),
+    ],
+)
 def test_live_bounds_are_finite_in_order_and_hold_the_value(value, message):
     with Diagram("d", rate=200):
         found = refusal(TorqueLimiter, limit=value)
     assert (found.code, found.message) == ("TW010", message)
 
 
-@pytest.mark.parametrize("kind, parameters, name", [
-    (Notch, {"frequency": Live(50.0, min=45.0, max=65.0)}, "frequency"), (MovingRMS, {"window": Live(1.0, min=0.5, max=2.0)}, "window"),
-    (Butterworth, {"cutoff": Live(10.0, min=5.0, max=20.0)}, "cutoff"), (CubeMars, {"model": Live("AK80-9")}, "model"),
-    (CubeMars, {"model": "AK80-9", "can_id": Live(1, min=1, max=8)}, "can_id"),
-])
+@pytest.mark.parametrize(
+    "kind, parameters, name",
+    [
+        (Notch, {"frequency": Live(50.0, min=45.0, max=65.0)}, "frequency"),
+        (MovingRMS, {"window": Live(1.0, min=0.5, max=2.0)}, "window"),
+        (Butterworth, {"cutoff": Live(10.0, min=5.0, max=20.0)}, "cutoff"),
+        (CubeMars, {"model": Live("AK80-9")}, "model"),
+        (CubeMars, {"model": "AK80-9", "can_id": Live(1, min=1, max=8)}, "can_id"),
+    ],
+)
 def test_a_parameter_that_is_read_before_the_run_alone_cannot_be_live(kind, parameters, name):
     with Diagram("d", rate=200):
         found = refusal(kind, **parameters)
     assert (found.code, found.path) == ("TW010", kind.__name__) and found.message == (
-        f"{name}: cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as it is; "
-        "--set chooses another for the next run")
+        f"{name}: cannot be Live: it is read before the run alone, and a change would do nothing. Give its value as "
+        "it is; "
+        "--set chooses another for the next run"
+    )
 
 
-@pytest.mark.parametrize("declared", [
-    lambda: Param(1.0, min=0.0, max=2.0, live=True, fixed=True), lambda: Param(1.0, fixed=True, slew=1.0), lambda: Param("text", slew=1.0),
-    lambda: Param("text", min=0, max=1, live=True),
-])
+@pytest.mark.parametrize(
+    "declared",
+    [
+        lambda: Param(1.0, min=0.0, max=2.0, live=True, fixed=True),
+        lambda: Param(1.0, fixed=True, slew=1.0),
+        lambda: Param("text", slew=1.0),
+        lambda: Param("text", min=0, max=1, live=True),
+    ],
+)
 def test_a_fixed_parameter_is_not_declared_live(declared):
     with pytest.raises(TypeError, match="a fixed parameter does not change while running"):
         declared()
@@ -95,36 +118,47 @@ def test_the_command_line_sets_parameters_by_text():
     limiter.set("slew", "250 N*m/s")
     drive.set("limit", "peak"), drive.set("can_id", "4"), drive.set("invert", "yes")
     assert (limiter.limit, limiter.slew, drive.can_id, drive.invert) == (7.0, 250.0, 4, True)
-    assert drive.command_limits()["torque_command"] == Interval(-18.0, 18.0)            # configured anew
+    assert drive.command_limits()["torque_command"] == Interval(-18.0, 18.0)  # configured anew
     drive.set("limit", "6.5")
     assert drive.command_limits()["torque_command"] == Interval(-6.5, 6.5)
     assert diagram["limiter"] is limiter
 
 
-@pytest.mark.parametrize("name, text, message, hint", [
-    ("limt", "7", "has no parameter 'limt'", "did you mean 'limit'?"),
-    ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
-    ("limit", "seven", "limit: 'seven' is not a number", "largest torque, either way"),
-    ("limit", "7 rad", "limit: rad does not convert to N·m", "largest torque, either way"),
-    ("limit", "7 furlongs", "limit: 'furlongs' in 'furlongs' is not a unit", "largest torque, either way"),
-    ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest torque, either way"),
-    ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest torque, either way"),
-])
+@pytest.mark.parametrize(
+    "name, text, message, hint",
+    [
+        ("limt", "7", "has no parameter 'limt'", "did you mean 'limit'?"),
+        ("wavelength", "7", "has no parameter 'wavelength'", "it has limit, slew"),
+        ("limit", "seven", "limit: 'seven' is not a number", "largest torque, either way"),
+        ("limit", "7 rad", "limit: rad does not convert to N·m", "largest torque, either way"),
+        ("limit", "7 furlongs", "limit: 'furlongs' in 'furlongs' is not a unit", "largest torque, either way"),
+        ("limit", "-7", "limit: must be at least 0.0 N·m, got -7.0", "largest torque, either way"),
+        ("limit", "20", "limit: must be between its live bounds 0 and 15, got 20.0", "largest torque, either way"),
+    ],
+)
 def test_what_the_command_line_cannot_set_is_told_with_a_hint(name, text, message, hint):
     limiter = TorqueLimiter(limit=Live(12.0, max=15.0), name="limiter")
     found = refusal(limiter.set, name, text)
-    assert (found.code, found.path, found.message, found.hint) == ("TW010", "limiter", message, hint) and limiter.limit == 12.0
+    assert (found.code, found.path, found.message, found.hint) == (
+        "TW010",
+        "limiter",
+        message,
+        hint,
+    ) and limiter.limit == 12.0
 
 
 def test_a_parameter_in_the_unit_of_its_blocks_wires_takes_no_other():
     saturation = Saturation(-1.0, 1.0, name="s")
     found = refusal(saturation.set, "upper", "60 deg")
-    assert found.message == "upper: takes the unit of what is wired to its block, so it is given as a number alone, not '60 deg'"
+    assert found.message == (
+        "upper: takes the unit of what is wired to its block, so it is given as a number alone, not '60 deg'"
+    )
     assert saturation.upper == 1.0
 
 
 def test_a_value_that_a_block_cannot_be_configured_with_is_told_at_the_blocks_line():
-    saturation = Saturation(-1.0, 1.0, name="s"); at = here()
+    saturation = Saturation(-1.0, 1.0, name="s")
+    at = here(-1)
     found = refusal(saturation.set, "lower", "2")
     assert (found.message, found.where) == ("lower, 2, is above upper, 1", at)
 
@@ -148,12 +182,19 @@ def test_another_rate_is_taken_at_the_compile():
 def test_a_block_says_what_it_is():
     with Diagram("knee", rate=100) as diagram:
         gain = Gain(2.0, name="g")
-    assert repr(gain) == "<Gain g>" and repr(gain.y) == "<Signal g.y [any]>" and repr(diagram) == "<Diagram knee: 1 blocks at 100 Hz>"
+    assert (
+        repr(gain) == "<Gain g>"
+        and repr(gain.y) == "<Signal g.y [any]>"
+        and repr(diagram) == "<Diagram knee: 1 blocks at 100 Hz>"
+    )
     assert repr(Gain.inputs["u"]) == "Input('u', 'any')"
 
 
 def test_a_file_that_is_not_there_is_told_at_the_blocks_line():
     with pytest.raises(DiagramError) as caught:
-        at = here(); RecordedKnee("no_such_file.csv", "knee")
+        at = here(1)
+        RecordedKnee("no_such_file.csv", "knee")
     (found,) = caught.value.diagnostics
-    assert (found.code, found.where) == ("TW010", at) and found.message == "cannot read no_such_file.csv: No such file or directory"
+    assert (found.code, found.where) == ("TW010", at) and found.message == (
+        "cannot read no_such_file.csv: No such file or directory"
+    )

@@ -14,7 +14,7 @@ from cext.kernels import mathematics as kernels
 from graph import Block, Diagram, Input, Interval, Output, Param, compile
 from tests.graph.complaints import complaint, complaints, here
 
-RATED = 18.0            # N·m, AK10-9 V2.0
+RATED = 18.0  # N·m, AK10-9 V2.0
 
 
 def drive(**parameters):
@@ -50,10 +50,13 @@ def test_a_gain_behind_the_limiter_fails():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         signal = Gain(2.0)(TorqueLimiter(limit=12.0)(knee.torque))
-        knee(torque_command=signal); at = here()
+        knee(torque_command=signal)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW007", "knee", "torque_command", at)
-    assert found.message == "gain.y can reach [-24, 24] N·m, and the limit is [-18, 18] N·m (rated torque and wire ranges of AK10-9-V2.0)"
+    assert found.message == (
+        "gain.y can reach [-24, 24] N·m, and the limit is [-18, 18] N·m (rated torque and wire ranges of AK10-9-V2.0)"
+    )
     assert found.hint == "put a limiter last, as in knee(torque_command=TorqueLimiter(limit=18)(...))"
 
 
@@ -68,7 +71,11 @@ def test_a_sum_of_two_limited_signals_beyond_the_rating_fails():
     def with_limits(first, second):
         with Diagram("d", rate=200) as diagram:
             knee = drive()
-            knee(torque_command=Sum("+-")(TorqueLimiter(limit=first)(knee.torque), TorqueLimiter(limit=second)(knee.torque)))
+            knee(
+                torque_command=Sum("+-")(
+                    TorqueLimiter(limit=first)(knee.torque), TorqueLimiter(limit=second)(knee.torque)
+                )
+            )
         return diagram
 
     assert complaint(with_limits(12.0, 12.0)).code == "TW007"
@@ -80,7 +87,8 @@ def test_an_impedance_alone_fails_because_a_live_stiffness_may_become_its_maximu
         knee = drive()
         knee(torque_command=Impedance(stiffness=0.001, damping=0.0)(knee.position, knee.velocity))
     found = complaint(diagram)
-    assert found.code == "TW007" and "impedance.torque can reach [-2375, 2375] N·m" in found.message     # 150 · 12.5 + 10 · 50
+    # 150 · 12.5 + 10 · 50
+    assert found.code == "TW007" and "impedance.torque can reach [-2375, 2375] N·m" in found.message
 
 
 def test_a_live_parameter_counts_with_all_it_may_become():
@@ -103,7 +111,8 @@ def test_a_live_parameter_counts_with_all_it_may_become():
 def test_a_constant_command_that_is_no_torque_fails(constant):
     with Diagram("d", rate=200) as diagram:
         knee = drive()
-        knee(torque_command=constant); at = here()
+        knee(torque_command=constant)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW007", "knee", "torque_command", at)
 
@@ -114,22 +123,33 @@ def test_a_constant_command_inside_the_limit_passes():
     assert proof(diagram).bounded_by == "a constant"
 
 
-@pytest.mark.parametrize("port, just_too_much", [
-    ("position_command", 12.51), ("velocity_command", -50.1), ("stiffness_command", 500.1), ("stiffness_command", -0.1),
-    ("damping_command", 5.1), ("damping_command", -0.1),
-])
+@pytest.mark.parametrize(
+    "port, just_too_much",
+    [
+        ("position_command", 12.51),
+        ("velocity_command", -50.1),
+        ("stiffness_command", 500.1),
+        ("stiffness_command", -0.1),
+        ("damping_command", 5.1),
+        ("damping_command", -0.1),
+    ],
+)
 def test_every_command_has_a_limit(port, just_too_much):
     with Diagram("d", rate=200) as diagram:
         drive()(**{port: just_too_much})
     found = complaint(diagram)
-    assert (found.code, found.port) == ("TW007", port) and found.hint == "put a Saturation last, in front of the actuator"
+    assert (found.code, found.port) == ("TW007", port) and found.hint == (
+        "put a Saturation last, in front of the actuator"
+    )
 
 
 def test_nothing_bounded_is_told_as_such():
     with Diagram("d", rate=200) as diagram:
         knee = drive()
         knee(torque_command=TransferFunction((1.0,), (1.0, -1.0))(TorqueLimiter(limit=5.0)(knee.torque)))
-    assert complaint(diagram).message.startswith("transfer_function.y is not bounded by anything, and the limit is [-18, 18] N·m")
+    assert complaint(diagram).message.startswith(
+        "transfer_function.y is not bounded by anything, and the limit is [-18, 18] N·m"
+    )
 
 
 def test_infinities_wired_as_numbers_do_not_stop_the_proof():
@@ -256,7 +276,8 @@ def test_every_command_of_every_actuator_is_told():
             knee = CubeMars("AK10-9-V2.0", can_id=can_id, name=f"joint{can_id}")
             knee(torque_command=knee.torque, damping_command=9.0)
     assert [(d.code, d.path, d.port) for d in complaints(diagram)] == [
-        ("TW007", f"joint{n}", port) for n in (1, 2, 3) for port in ("torque_command", "damping_command")]
+        ("TW007", f"joint{n}", port) for n in (1, 2, 3) for port in ("torque_command", "damping_command")
+    ]
 
 
 def test_inputs_of_a_block_may_have_any_name():

@@ -82,10 +82,15 @@ def test_where_rates_meet_the_schedule_says_so():
 def test_rates_that_do_not_divide_are_refused():
     with Diagram("d", rate=100) as diagram:
         two = Gain(every=2, name="two")(Sine(every=2)())
-        Gain(every=3, name="three")(two); at = here()
+        Gain(every=3, name="three")(two)
+        at = here(-1)
     found = complaint(diagram)
     assert (found.code, found.path, found.port, found.where) == ("TW014", "three", "u", at)
-    assert "every 3 ticks" in found.message and "two.y at every 2" in found.message and found.hint == "put a Hold(every=3) between them, which samples what is there"
+    assert (
+        "every 3 ticks" in found.message
+        and "two.y at every 2" in found.message
+        and found.hint == "put a Hold(every=3) between them, which samples what is there"
+    )
 
 
 def test_a_device_runs_at_every_tick():
@@ -109,7 +114,7 @@ def test_a_hold_samples_at_its_own_ticks_where_rates_do_not_divide(before, own, 
         Gain(2.0, every=after, name="after")(Hold(every=own, name="hold")(wave))
     signals = trace(diagram, 60)
 
-    def at(ticks, values):                                      # plain Python: the last tick that a rate of every so many has run at
+    def at(ticks, values):  # plain Python: the last tick that a rate of every so many has run at
         return [values[tick - tick % ticks] for tick in range(60)]
 
     wave = at(before, [math.sin(2.0 * math.pi * 3.0 * tick / 100.0) for tick in range(60)])
@@ -160,7 +165,13 @@ def test_the_range_of_a_held_block_holds_the_zero_before_it_ran():
         with subsystem("assist", enabled=StepSource()()):
             held = Gain()(StepSource(5.0, 6.0)())
     compilation = Compilation(diagram)
-    for check in (compilation.check_wires, compilation.check_shapes, compilation.check_rates, compilation.sort, compilation.prove):
+    for check in (
+        compilation.check_wires,
+        compilation.check_shapes,
+        compilation.check_rates,
+        compilation.sort,
+        compilation.prove,
+    ):
         check()
     assert compilation.ranges[Signal(held.block, "y")] == Interval(0.0, 6.0)
 
@@ -169,9 +180,14 @@ def test_a_command_that_may_be_held_is_warned_of():
     with Diagram("d", rate=100) as diagram:
         with subsystem("assist", enabled=StepSource()()):
             torque = TorqueLimiter(limit=5.0)(1.0)
-        CubeMars("AK80-9", name="knee")(torque_command=torque); at = here()
+        CubeMars("AK80-9", name="knee")(torque_command=torque)
+        at = here(-1)
     (warning,) = [w for w in compile(diagram).warnings if w.code == "TW021"]
-    assert (warning.path, warning.port, warning.where) == ("knee", "torque_command", at) and "while step_source.y is false" in warning.message
+    assert (warning.path, warning.port, warning.where) == (
+        "knee",
+        "torque_command",
+        at,
+    ) and "while step_source.y is false" in warning.message
 
 
 def test_a_condition_is_a_scalar_signal():
@@ -186,4 +202,8 @@ def test_a_condition_that_depends_on_what_it_enables_is_a_loop():
             inside = Gain(name="inside")(1.0)
         source(inside)
     found = complaint(diagram)
-    assert found.code == "TW006" and "assist/inside.y -> condition.u" in found.message and "condition.y -> assist/inside.enabled" in found.message
+    assert (
+        found.code == "TW006"
+        and "assist/inside.y -> condition.u" in found.message
+        and ("condition.y -> assist/inside.enabled") in found.message
+    )

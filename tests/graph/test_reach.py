@@ -1,4 +1,6 @@
-"""Setpoints that cannot be meant: degrees typed as radians, angles outside a joint's range, speeds and torques that no drive has."""
+"""Setpoints that cannot be meant: degrees typed as radians, angles outside a joint's range, speeds and torques that no
+drive has.
+"""
 
 import math
 
@@ -22,7 +24,9 @@ KNEE = (-0.1, 2.0)
 
 
 def found(build, drive=CubeMars, model="AK80-9", **parameters):
-    """[(severity, path and port, message, hint)] of TW026, and no other error, of a knee whose torque `build(knee)` makes."""
+    """[(severity, path and port, message, hint)] of TW026, and no other error, of a knee whose torque `build(knee)`
+    makes.
+    """
     with Diagram("robot", rate=200) as diagram:
         knee = drive(model, name="knee", **parameters)
         torque = build(knee)
@@ -41,9 +45,14 @@ def spring(equilibrium, **filters):
 
 
 def test_degrees_typed_as_radians_do_not_compile_and_the_message_says_what_was_meant():
-    assert found(spring(30.0)) == [(
-        "error", "spring.equilibrium", "30 rad is out of reach of knee: -12.5 to 12.5 rad (what AK80-9 can be commanded)",
-        "30 rad is 1719°: did you mean deg(30)?")]
+    assert found(spring(30.0)) == [
+        (
+            "error",
+            "spring.equilibrium",
+            "30 rad is out of reach of knee: -12.5 to 12.5 rad (what AK80-9 can be commanded)",
+            "30 rad is 1719°: did you mean deg(30)?",
+        )
+    ]
     assert found(spring(deg(30))) == []
 
 
@@ -51,7 +60,8 @@ def test_it_is_told_at_the_line_of_the_wire():
     with Diagram("robot", rate=200) as diagram:
         knee = CubeMars("AK80-9", name="knee")
         spring = Impedance()
-        torque = spring(knee.position, knee.velocity, 30.0); at = here()
+        torque = spring(knee.position, knee.velocity, 30.0)
+        at = here(-1)
         knee(torque_command=TorqueLimiter(limit=5.0)(torque))
     with pytest.raises(DiagramError) as caught:
         compile(diagram)
@@ -64,10 +74,15 @@ def test_every_drive_with_a_position_command_has_a_reach(drive, model):
     assert found(spring(1.0), drive, model) == []
 
 
-@pytest.mark.parametrize("angle, bounds", [(5.0, "did you mean deg(5)?"), (-0.5, "give -0.1 to 2 rad, or correct `range` of knee")])
+@pytest.mark.parametrize(
+    "angle, bounds", [(5.0, "did you mean deg(5)?"), (-0.5, "give -0.1 to 2 rad, or correct `range` of knee")]
+)
 def test_an_angle_outside_the_joints_range_is_an_error(angle, bounds):
     [(severity, _, message, hint)] = found(spring(angle), range=KNEE)
-    assert (severity, message) == ("error", f"{angle:g} rad is out of reach of knee: -0.1 to 2 rad (its range)") and bounds in hint
+    assert (severity, message) == (
+        "error",
+        f"{angle:g} rad is out of reach of knee: -0.1 to 2 rad (its range)",
+    ) and bounds in hint
     assert found(spring(angle)) == [], "where no range is given, the drive can go there"
     for inside in (-0.1, 0.0, 2.0):
         assert found(spring(inside), range=KNEE) == []
@@ -75,34 +90,49 @@ def test_an_angle_outside_the_joints_range_is_an_error(angle, bounds):
 
 def test_more_than_one_turn_that_would_be_a_likely_angle_in_degrees_is_a_warning():
     [(severity, _, message, hint)] = found(spring(10.0))
-    assert (severity, hint) == ("warning", "10 rad is 573°: did you mean deg(10)?") and "10 rad is more than one turn of knee" in message
+    assert (severity, hint) == ("warning", "10 rad is 573°: did you mean deg(10)?") and (
+        "10 rad is more than one turn of knee"
+    ) in message
     assert found(spring(6.0)) == []
 
 
-@pytest.mark.parametrize("wired, said", [
-    (lambda: Constant(30.0, unit="rad")(), "30 rad"), (lambda: StepSource(0.0, 30.0, unit="rad")(), "goes through 0 to 30 rad"),
-    (lambda: Sine(30.0, unit="rad")(), "goes through -30 to 30 rad"), (lambda: Sine(1.0, bias=30.0, unit="rad")(), "goes through 29 to 31 rad"),
-    (lambda: Constant(Live(30.0, min=0.0, max=60.0), unit="rad")(), "30 rad"),
-])
+@pytest.mark.parametrize(
+    "wired, said",
+    [
+        (lambda: Constant(30.0, unit="rad")(), "30 rad"),
+        (lambda: StepSource(0.0, 30.0, unit="rad")(), "goes through 0 to 30 rad"),
+        (lambda: Sine(30.0, unit="rad")(), "goes through -30 to 30 rad"),
+        (lambda: Sine(1.0, bias=30.0, unit="rad")(), "goes through 29 to 31 rad"),
+        (lambda: Constant(Live(30.0, min=0.0, max=60.0), unit="rad")(), "30 rad"),
+    ],
+)
 def test_a_source_that_leaves_the_drives_reach_is_an_error(wired, said):
     [(severity, at, message, hint)] = found(lambda knee: spring(wired())(knee))
     assert (severity, at) == ("error", "spring.equilibrium") and said in message and "did you mean deg(3" in hint
 
 
 def test_a_course_that_leaves_the_joints_range_for_a_part_is_a_warning_and_for_good_an_error():
-    assert [f[0] for f in found(lambda knee: spring(Sine(0.5, bias=1.8, unit="rad")())(knee), range=KNEE)] == ["warning"]
+    assert [f[0] for f in found(lambda knee: spring(Sine(0.5, bias=1.8, unit="rad")())(knee), range=KNEE)] == [
+        "warning"
+    ]
     assert [f[0] for f in found(lambda knee: spring(Sine(0.5, bias=4.0, unit="rad")())(knee), range=KNEE)] == ["error"]
     assert found(lambda knee: spring(Sine(0.5, bias=1.0, unit="rad")())(knee), range=KNEE) == []
 
 
 def test_live_bounds_that_allow_what_is_out_of_reach_are_a_warning():
-    [(severity, _, message, _)] = found(lambda knee: spring(Constant(Live(0.5, min=0.0, max=100.0), unit="rad", name="angle")())(knee))
-    assert severity == "warning" and "the live bounds of angle allow 0 to 100 rad, which is out of reach of knee" in message
+    [(severity, _, message, _)] = found(
+        lambda knee: spring(Constant(Live(0.5, min=0.0, max=100.0), unit="rad", name="angle")())(knee)
+    )
+    assert (
+        severity == "warning"
+        and "the live bounds of angle allow 0 to 100 rad, which is out of reach of knee" in message
+    )
     assert found(lambda knee: spring(Constant(Live(0.5, min=0.0, max=2.0), unit="rad")())(knee), range=KNEE) == []
 
 
 def test_a_position_behind_a_filter_or_a_delay_is_still_the_joints():
     for behind in (Butterworth(order=2, cutoff=20.0), UnitDelay()):
+
         def build(knee, kind=type(behind), behind=behind):
             block = Butterworth(order=2, cutoff=20.0) if kind is Butterworth else UnitDelay()
             return Impedance(name="spring")(block(knee.position), knee.velocity, 60.0)
@@ -115,29 +145,40 @@ def test_the_reference_of_a_controller_in_any_unit_counts_where_it_makes_a_torqu
         return lambda knee: PD(kp=20.0, kd=1.0, unit="N·m", name="pd")(angle, knee.position)
 
     assert [f[:2] for f in found(pd(30.0))] == [("error", "pd.reference")]
-    assert [f[:2] for f in found(pd(5.0), range=KNEE)] == [("error", "pd.reference")] and found(pd(1.0), range=KNEE) == []
+    assert [f[:2] for f in found(pd(5.0), range=KNEE)] == [("error", "pd.reference")] and found(
+        pd(1.0), range=KNEE
+    ) == []
     [(severity, _, _, hint)] = found(lambda knee: PID(kp=2.0, lower=-5.0, upper=5.0, unit="N·m")(120.0, knee.velocity))
     assert severity == "error" and hint == "120 rad/s is 6875°/s: did you mean deg(120)?"
 
 
 def test_a_difference_made_by_hand_is_compared_as_well():
-    assert [f[:2] for f in found(lambda knee: Gain(20.0, unit="N·m/rad")(Sum("+-", name="error")(30.0, knee.position)))] == [("error", "error.u1")]
+    assert [
+        f[:2] for f in found(lambda knee: Gain(20.0, unit="N·m/rad")(Sum("+-", name="error")(30.0, knee.position)))
+    ] == [("error", "error.u1")]
 
 
-@pytest.mark.parametrize("build", [
-    lambda knee: EmergencyStop()(Compare(">")(knee.position, 2.3)),                     # past the end of the range on purpose
-    lambda knee: EmergencyStop()(Compare(">")(knee.velocity, 20.0)),
-    lambda knee: Impedance()(math.pi - knee.position, knee.velocity, deg(170)),         # the angle between the segments
-    lambda knee: Impedance()(knee.position - deg(90), knee.velocity, -1.0),
-    lambda knee: Impedance(stiffness=0.0, damping=1.0)(knee.position, knee.velocity),   # unwired: 0, outside some ranges
-    lambda knee: SoftStop(lower=-0.05, upper=1.9)(0.0, knee.position, knee.velocity),
-    lambda knee: Gain(0.15)(TorqueProfile(((0.1, 0.0), (0.5, 120.0)))(phase=0.4)),      # of a person, scaled
-    lambda knee: Gain(0.15)(Constant(120.0, unit="N·m")()),
-    lambda knee: Sum("++")(Sine(8.0, unit="N·m")(), knee.torque),
-    lambda knee: Impedance(stiffness=150.0)(knee.position, knee.velocity, 1.0),         # up to 2000 N·m by its law, limited behind
-])
+@pytest.mark.parametrize(
+    "build",
+    [
+        lambda knee: EmergencyStop()(Compare(">")(knee.position, 2.3)),  # past the end of the range on purpose
+        lambda knee: EmergencyStop()(Compare(">")(knee.velocity, 20.0)),
+        lambda knee: Impedance()(math.pi - knee.position, knee.velocity, deg(170)),  # the angle between the segments
+        lambda knee: Impedance()(knee.position - deg(90), knee.velocity, -1.0),
+        lambda knee: Impedance(stiffness=0.0, damping=1.0)(
+            knee.position, knee.velocity
+        ),  # unwired: 0, outside some ranges
+        lambda knee: SoftStop(lower=-0.05, upper=1.9)(0.0, knee.position, knee.velocity),
+        lambda knee: Gain(0.15)(TorqueProfile(((0.1, 0.0), (0.5, 120.0)))(phase=0.4)),  # of a person, scaled
+        lambda knee: Gain(0.15)(Constant(120.0, unit="N·m")()),
+        lambda knee: Sum("++")(Sine(8.0, unit="N·m")(), knee.torque),
+        # up to 2000 N·m by its law, limited behind
+        lambda knee: Impedance(stiffness=150.0)(knee.position, knee.velocity, 1.0),
+    ],
+)
 def test_what_is_done_for_a_reason_is_left_alone(build):
     for limits in ((), KNEE):
+
         def made(knee):
             torque = build(knee)
             return torque if hasattr(torque, "block") else Constant(0.0, unit="N·m")()
@@ -146,7 +187,9 @@ def test_what_is_done_for_a_reason_is_left_alone(build):
 
 
 def test_a_threshold_that_is_never_reached_is_told():
-    [(severity, at, _, hint)] = found(lambda knee: EmergencyStop()(Compare(">", name="bent")(knee.position, 115.0)) and Constant(0.0, unit="N·m")())
+    [(severity, at, _, hint)] = found(
+        lambda knee: EmergencyStop()(Compare(">", name="bent")(knee.position, 115.0)) and Constant(0.0, unit="N·m")()
+    )
     assert (severity, at, hint) == ("error", "bent.b", "115 rad is 6589°: did you mean deg(115)?")
 
 
@@ -156,8 +199,13 @@ def test_a_parameter_beside_the_position_is_compared():
         return TorqueProfile(((0.1, 0.0), (0.5, 3.0)))(phase=phase.phase, enable=phase.walking)
 
     [(severity, at, message, hint)] = found(gait)
-    assert (severity, at) == ("error", "gait.threshold") and message.startswith("40 rad is out of reach of knee") and "deg(40)" in hint
+    assert (
+        (severity, at) == ("error", "gait.threshold")
+        and message.startswith("40 rad is out of reach of knee")
+        and "deg(40)" in hint
+    )
     for limits, severity, port in (((-0.05, 115.0), "error", "stop.upper"), ((-5.0, 1.9), "warning", "stop.lower")):
+
         def stop(knee, limits=limits):
             return SoftStop(*limits, name="stop")(0.0, knee.position, knee.velocity)
 
@@ -173,7 +221,10 @@ def test_a_position_command_has_to_lie_in_the_joints_range():
     assert found(build) == []
 
     def behind(knee):
-        knee(position_command=Saturation(-12.0, 12.0)(Sine(1.0, bias=30.0, unit="rad", name="sine")()), stiffness_command=1.0)
+        knee(
+            position_command=Saturation(-12.0, 12.0)(Sine(1.0, bias=30.0, unit="rad", name="sine")()),
+            stiffness_command=1.0,
+        )
 
     assert [f[:2] for f in found(behind)] == [("error", "sine")]
 
@@ -194,22 +245,40 @@ def test_a_drive_in_servo_mode_takes_many_turns_and_is_asked_whether_they_are_de
     assert (severity, at, hint) == ("warning", "knee.position_command", "45 rad is 2578°: did you mean deg(45)?")
 
 
-@pytest.mark.parametrize("build, at, said", [
-    (lambda knee: TorqueProfile(((0.1, 0.0), (0.5, 400.0)), name="profile")(phase=0.4), "profile", "profile.torque can reach 0 to 400 N·m"),
-    (lambda knee: Sum("++", name="sum")(knee.torque, 400.0), "sum.u2", "400 N·m"),
-    (lambda knee: TorqueLimiter(limit=400.0, name="first")(Impedance()(knee.position, knee.velocity)), "first", "first.limited can reach -400 to 400 N·m"),
-    (lambda knee: -Sine(400.0, unit="N·m", name="sine")(), "sine", "sine.y goes through -400 to 400 N·m"),
-    (lambda knee: Gain(0.5)(Constant(400.0, unit="N·m", name="push")()), "push", "200 N·m"),
-])
+@pytest.mark.parametrize(
+    "build, at, said",
+    [
+        (
+            lambda knee: TorqueProfile(((0.1, 0.0), (0.5, 400.0)), name="profile")(phase=0.4),
+            "profile",
+            "profile.torque can reach 0 to 400 N·m",
+        ),
+        (lambda knee: Sum("++", name="sum")(knee.torque, 400.0), "sum.u2", "400 N·m"),
+        (
+            lambda knee: TorqueLimiter(limit=400.0, name="first")(Impedance()(knee.position, knee.velocity)),
+            "first",
+            "first.limited can reach -400 to 400 N·m",
+        ),
+        (lambda knee: -Sine(400.0, unit="N·m", name="sine")(), "sine", "sine.y goes through -400 to 400 N·m"),
+        (lambda knee: Gain(0.5)(Constant(400.0, unit="N·m", name="push")()), "push", "200 N·m"),
+    ],
+)
 def test_a_torque_beyond_the_peak_of_the_drive_is_a_warning(build, at, said):
     [(severity, where, message, hint)] = found(build)
-    assert (severity, where) == ("warning", at) and said in message and "out of reach of knee: -18 to 18 N·m (peak torque of AK80-9)" in message
+    assert (
+        (severity, where) == ("warning", at)
+        and said in message
+        and ("out of reach of knee: -18 to 18 N·m (peak torque of AK80-9)") in message
+    )
     assert hint.startswith("give at most 18 N·m")
 
 
 def test_a_velocity_faster_than_the_drive_is_an_error():
     [(severity, at, message, hint)] = found(lambda knee: P(kp=1.0, unit="N·m", name="damper")(80.0, knee.velocity))
-    assert (severity, at) == ("error", "damper.reference") and "-50 to 50 rad/s (what AK80-9 can be commanded)" in message
+    assert (severity, at) == (
+        "error",
+        "damper.reference",
+    ) and "-50 to 50 rad/s (what AK80-9 can be commanded)" in message
 
 
 @pytest.mark.parametrize("file", ["diagrams/knee_exo.py", "diagrams/hip_exo.py"])

@@ -73,7 +73,11 @@ def test_a_block_that_needs_a_rate_asks_for_one():
 
 def test_outputs_come_in_their_types():
     phase, walking, stride_time, strides = GaitPhase().step(0.0, 0.0)
-    assert (phase, walking, stride_time, strides) == (0.0, False, 0.0, 0) and type(walking) is bool and type(strides) is int
+    assert (
+        (phase, walking, stride_time, strides) == (0.0, False, 0.0, 0)
+        and type(walking) is bool
+        and type(strides) is int
+    )
 
 
 def test_nan_comes_back_as_nan():

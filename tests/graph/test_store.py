@@ -48,16 +48,30 @@ def tail(stiffness):
     with subsystem("slow", every=2, enabled=StepSource(name="gate", every=2)()):
         TorqueProfile(((0.1, 0.0), (0.5, 3.0)))(phase=0.25)
         UnitDelay()(Sum("+-+")(1.0, 2.0, math.inf))
-        StateMachine(takes={"u": "1"}, gives={"y": "1"}, states={"b": {"y": 2.0}, "a": {"y": 1.0}}, transitions=[("b", "a", "u > 1")])(0.5)
+        StateMachine(
+            takes={"u": "1"},
+            gives={"y": "1"},
+            states={"b": {"y": 2.0}, "a": {"y": 1.0}},
+            transitions=[("b", "a", "u > 1")],
+        )(0.5)
 
 
 def test_a_diagram_comes_back_with_the_same_schedule_and_hash():
     diagram = knee()
     again = from_json(to_json(diagram))
-    assert to_json(again) == to_json(diagram) and content_hash(again) == content_hash(diagram) == json.loads(to_json(diagram))["hash"]
+    assert (
+        to_json(again) == to_json(diagram)
+        and content_hash(again) == content_hash(diagram) == json.loads(to_json(diagram))["hash"]
+    )
     first, second = compile(diagram), compile(again)
-    assert [(s.name, s.every, s.conditions, s.table) for s in first.output] == [(s.name, s.every, s.conditions, s.table) for s in second.output]
-    assert np.array_equal(first.arena, second.arena, equal_nan=True) and first.signals == second.signals and first.proofs == second.proofs
+    assert [(s.name, s.every, s.conditions, s.table) for s in first.output] == [
+        (s.name, s.every, s.conditions, s.table) for s in second.output
+    ]
+    assert (
+        np.array_equal(first.arena, second.arena, equal_nan=True)
+        and first.signals == second.signals
+        and first.proofs == second.proofs
+    )
     assert again["left/torque_limiter"].live("limit") == (0.0, 9.0, 2.0)
 
 
@@ -89,7 +103,11 @@ def test_a_newer_format_is_refused_in_words():
     data = json.loads(to_json(knee())) | {"format": 2}
     with pytest.raises(DiagramError) as refused:
         from_json(json.dumps(data))
-    assert refused.value.diagnostics[0].code == "TW030" and "format 2" in str(refused.value) and "pip install --upgrade tickwork" in str(refused.value)
+    assert (
+        refused.value.diagnostics[0].code == "TW030"
+        and "format 2" in str(refused.value)
+        and "pip install --upgrade tickwork" in str(refused.value)
+    )
 
 
 def test_a_missing_library_is_named_with_the_line_that_installs_it():
@@ -131,7 +149,9 @@ def test_the_hash_knows_the_content_of_a_file_that_is_played_and_not_its_place(t
     with pytest.raises(DiagramError) as caught:
         to_json(diagram)
     (found,) = caught.value.diagnostics
-    assert (found.code, found.path) == ("TW010", "playback") and found.message == f"file: cannot read {file}: No such file or directory"
+    assert (found.code, found.path) == ("TW010", "playback") and found.message == (
+        f"file: cannot read {file}: No such file or directory"
+    )
     with pytest.raises(DiagramError, match=f"cannot read {file}"):
         from_json(text)
 
@@ -142,7 +162,7 @@ def test_the_hash_knows_the_bounds_of_live_parameters_and_not_their_values():
             Impedance(stiffness=stiffness, name="law")(position=0.1, velocity=0.0)
         return content_hash(diagram)
 
-    assert hashed(30.0) == hashed(40.0)                                         # declared live
+    assert hashed(30.0) == hashed(40.0)  # declared live
     assert hashed(Live(30.0, max=50.0)) == hashed(Live(20.0, max=50.0)) != hashed(Live(30.0, max=60.0))
     assert hashed(30.0) != hashed(Live(30.0, max=50.0))
 

@@ -37,7 +37,7 @@ class PeakHold(Block):
         self.peak = -math.inf
 
     def step(self, u):
-        if not u <= self.peak:              # NaN fails every comparison and passes
+        if not u <= self.peak:  # NaN fails every comparison and passes
             if u != u:
                 return u
             self.peak = u
@@ -70,7 +70,7 @@ def sample():
             velocity = Butterworth(order=2, cutoff=20.0)(knee.velocity)
             torque = Impedance(stiffness=30.0, damping=1.0)(position=knee.position, velocity=velocity)
             knee(torque_command=TorqueLimiter(limit=12.0, slew=200.0)(torque))
-        CsvRecorder()                                     # unwired: records every port
+        CsvRecorder()  # unwired: records every port
 
     return diagram
 
@@ -92,13 +92,13 @@ def test_the_sample_of_the_design_page_runs_and_stays_inside_its_limiter():
     rig = Rig(robot, plant)
     outcome = rig.run(1000)
     assert outcome.status == "ok" and rig.statistics()["ticks"] == 1000
-    step = 2 * 65.0 / 4095                                # of the torque on the wire
+    step = 2 * 65.0 / 4095  # of the torque on the wire
     assert np.abs(rig["left/torque_limiter.limited"]).max() <= 12.0
     assert np.abs(rig["left/knee.torque_sent"]).max() <= 12.0 + step
     assert np.abs(np.diff(rig["left/torque_limiter.limited"])).max() <= 200.0 / 200 * (1 + 1e-12)
     position, velocity = rig["left/knee.position"], rig["left/butterworth.y"]
     assert rig["left/impedance.torque"] == pytest.approx(-30.0 * position - velocity, abs=1e-9)
-    assert 0.5 < np.ptp(position) < 2.0                   # a knee that walks bends by about a radian
+    assert 0.5 < np.ptp(position) < 2.0  # a knee that walks bends by about a radian
 
 
 def test_the_blocks_of_the_style_page_run_in_a_diagram():
@@ -109,5 +109,5 @@ def test_the_blocks_of_the_style_page_run_in_a_diagram():
         PeakHold(name="peak")(knee.torque_sent)
     rig = Rig(diagram, plant_of(diagram))
     assert rig.run(200).status == "ok"
-    before = np.concatenate(([0.0], rig["knee.torque_sent"][:-1]))             # what was sent is known at the end of the tick
+    before = np.concatenate(([0.0], rig["knee.torque_sent"][:-1]))  # what was sent is known at the end of the tick
     assert rig["peak.y"].tolist() == np.maximum.accumulate(before).tolist() and rig["peak.y"][-1] > 1.0

@@ -1,7 +1,8 @@
-"""A character device in user space, by the protocol of the kernel's CUSE: requests are read from /dev/cuse, answers written there.
+"""A character device in user space, by the protocol of the kernel's CUSE: requests are read from /dev/cuse, answers
+written there.
 
-An ioctl of any kind is served: where it points to memory that the kernel cannot know of, it is asked again with what that needs
-(<linux/fuse.h>: CUSE_INIT, OPEN, IOCTL with FUSE_IOCTL_UNRESTRICTED, RELEASE).
+An ioctl of any kind is served: where it points to memory that the kernel cannot know of, it is asked again with what
+that needs (<linux/fuse.h>: CUSE_INIT, OPEN, IOCTL with FUSE_IOCTL_UNRESTRICTED, RELEASE).
 """
 
 import errno
@@ -9,8 +10,8 @@ import os
 import select
 import struct
 
-IN = struct.Struct("=IIQQIIII")                 # length, opcode, unique, node, user, group, process, padding
-OUT = struct.Struct("=IiQ")                     # length, error, unique
+IN = struct.Struct("=IIQQIIII")  # length, opcode, unique, node, user, group, process, padding
+OUT = struct.Struct("=IiQ")  # length, error, unique
 CUSE_INIT = 4096
 CUSE_INIT_IN, CUSE_INIT_OUT = struct.Struct("=IIII"), struct.Struct("=8I40x")
 OPEN, RELEASE, FLUSH, INTERRUPT, IOCTL = 14, 18, 25, 36, 39
@@ -21,7 +22,9 @@ LONGEST = 1 << 16
 
 
 class Memory(Exception):
-    """What an ioctl needs of its caller's memory, as (address, length) each. reads : before it can be told; writes : for its answer"""
+    """What an ioctl needs of its caller's memory, as (address, length) each. reads : before it can be told; writes :
+    for its answer
+    """
 
     def __init__(self, reads, writes=()):
         super().__init__(reads, writes)
@@ -29,7 +32,8 @@ class Memory(Exception):
 
 
 class CharacterDevice:
-    """/dev/`name` until it is closed. `ioctl(number, argument, data, room)` returns the bytes of the answer, the `room` that was asked for.
+    """/dev/`name` until it is closed. `ioctl(number, argument, data, room)` returns the bytes of the answer, the `room`
+    that was asked for.
 
     data : what the memory asked for holds, b"" at first; it raises Memory for more of it, and OSError for an errno
     """
@@ -40,7 +44,11 @@ class CharacterDevice:
         opcode, unique, body = self.request()
         assert opcode == CUSE_INIT
         major, minor, _, _ = CUSE_INIT_IN.unpack_from(body)
-        self.answer(unique, CUSE_INIT_OUT.pack(major, minor, 0, UNRESTRICTED_IOCTL, LONGEST, LONGEST, 0, 0) + f"DEVNAME={name}\0".encode())
+        self.answer(
+            unique,
+            CUSE_INIT_OUT.pack(major, minor, 0, UNRESTRICTED_IOCTL, LONGEST, LONGEST, 0, 0)
+            + f"DEVNAME={name}\0".encode(),
+        )
 
     def close(self):
         os.close(self.fd)
@@ -48,7 +56,7 @@ class CharacterDevice:
     def request(self):
         data = os.read(self.fd, 2 * LONGEST)
         length, opcode, unique, *_ = IN.unpack_from(data)
-        return opcode, unique, data[IN.size:length]
+        return opcode, unique, data[IN.size : length]
 
     def answer(self, unique, data=b"", error=0):
         os.write(self.fd, OUT.pack(OUT.size + len(data), -error, unique) + data)
@@ -76,10 +84,14 @@ class CharacterDevice:
     def control(self, unique, body):
         _, _, number, argument, size, room = IOCTL_IN.unpack_from(body)
         try:
-            said = IOCTL_OUT.pack(0, 0, 0, 0) + self.ioctl(number, argument, body[IOCTL_IN.size:IOCTL_IN.size + size], room)
+            said = IOCTL_OUT.pack(0, 0, 0, 0) + self.ioctl(
+                number, argument, body[IOCTL_IN.size : IOCTL_IN.size + size], room
+            )
         except Memory as memory:
             vectors = (*memory.reads, *memory.writes)
-            said = IOCTL_OUT.pack(0, RETRY, len(memory.reads), len(memory.writes)) + b"".join(VECTOR.pack(*one) for one in vectors)
+            said = IOCTL_OUT.pack(0, RETRY, len(memory.reads), len(memory.writes)) + b"".join(
+                VECTOR.pack(*one) for one in vectors
+            )
         except OSError as error:
             self.answer(unique, error=error.errno)
             return

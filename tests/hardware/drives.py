@@ -39,8 +39,15 @@ class Drives:
         while self.powered:
             try:
                 heard = self.bus.recv(0.02)
-            except can.CanError:                    # its interface was taken down
+            except can.CanError:  # its interface was taken down
                 return
-            if heard is not None and heard.arbitration_id in self.motors and not heard.is_extended_id and not heard.is_error_frame:
-                data = reference.held_reply(AK10_9, heard.arbitration_id, self.motors[heard.arbitration_id], bytes(heard.data))
+            if (
+                heard is not None
+                and heard.arbitration_id in self.motors
+                and not heard.is_extended_id
+                and not heard.is_error_frame
+            ):
+                data = reference.held_reply(
+                    AK10_9, heard.arbitration_id, self.motors[heard.arbitration_id], bytes(heard.data)
+                )
                 self.bus.send(can.Message(arbitration_id=heard.arbitration_id, is_extended_id=False, data=data))

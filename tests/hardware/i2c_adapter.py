@@ -1,9 +1,11 @@
-"""An I2C adapter in user space, /dev/i2c-9, with combined transfers, and register chips on its wire: what i2c-stub lacks.
+"""An I2C adapter in user space, /dev/i2c-9, with combined transfers, and register chips on its wire: what i2c-stub
+lacks.
 
-    python -m tests.hardware.i2c_adapter          reads what is on the wire as JSON, a line; then commands, and answers each
+    python -m tests.hardware.i2c_adapter          reads what is on the wire as JSON, a line; then commands, and answers
+    each
 
-It takes what the adapter of a Raspberry Pi takes, no more: one read in a transfer, at its end. SMBus calls become transfers, as the kernel's
-i2c-core makes them.
+It takes what the adapter of a Raspberry Pi takes, no more: one read in a transfer, at its end. SMBus calls become
+transfers, as the kernel's i2c-core makes them.
 """
 
 import errno
@@ -20,11 +22,12 @@ from tests.hardware.cuse import CharacterDevice, Memory
 
 NAME = "i2c-9"
 RETRIES, TIMEOUT, SLAVE, FUNCS, RDWR, SMBUS = 0x0701, 0x0702, 0x0703, 0x0705, 0x0707, 0x0720
-COMBINED, EMULATED = 0x00000001, 0x0EFF0000     # I2C_FUNC_I2C, I2C_FUNC_SMBUS_EMUL without block calls that nobody here makes
+# I2C_FUNC_I2C, I2C_FUNC_SMBUS_EMUL without block calls that nobody here makes
+COMBINED, EMULATED = 0x00000001, 0x0EFF0000
 TRANSFER, MESSAGE, CALL = struct.Struct("=QI4x"), struct.Struct("=HHH2xQ"), struct.Struct("=BB2xIQ")
 READS = 0x0001
 QUICK, BYTE, BYTE_DATA, WORD_DATA, BLOCK = 0, 1, 2, 3, 8
-UNION = 34                                      # bytes of i2c_smbus_data
+UNION = 34  # bytes of i2c_smbus_data
 
 
 class Adapter:
@@ -72,7 +75,7 @@ class Adapter:
             if flags & READS:
                 said += self.wire.read(address, length)
             else:
-                self.wire.write(address, data[at:at + length])
+                self.wire.write(address, data[at : at + length])
                 at += length
         return said
 
@@ -88,13 +91,13 @@ class Adapter:
             return b""
         if len(data) == CALL.size:
             raise Memory((head, value), (value,) if reads else ())
-        held = data[CALL.size:]
+        held = data[CALL.size :]
         self.counts["smbus"] += 1
         if size not in (BYTE, BYTE_DATA, WORD_DATA, BLOCK):
             raise OSError(errno.EOPNOTSUPP, "no such call")
         count = held[0] if size == BLOCK else value[1]
         if not reads:
-            self.wire.write(self.slave, bytes((command,)) + (held[1:1 + count] if size == BLOCK else held[:count]))
+            self.wire.write(self.slave, bytes((command,)) + (held[1 : 1 + count] if size == BLOCK else held[:count]))
             return b""
         if size != BYTE:
             self.wire.write(self.slave, bytes((command,)))
@@ -111,7 +114,9 @@ class UserSpaceBus:
     path = f"/dev/{NAME}"
 
     def __init__(self, *chips):
-        self.process = subprocess.Popen([sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
         self.say(chips)
 
     def say(self, what):
@@ -122,7 +127,9 @@ class UserSpaceBus:
         return json.loads(said)
 
     def behave(self, chip, **how):
-        """absent : it acknowledges nothing; stuck : s for which it holds the clock low; reset : it has lost its supply for a moment"""
+        """absent : it acknowledges nothing; stuck : s for which it holds the clock low; reset : it has lost its supply
+        for a moment
+        """
         self.say({"chip": chip, **how})
 
     def registers(self, chip, first, count=1, bank=None, inner=False):
@@ -141,11 +148,19 @@ class UserSpaceBus:
 
 def obey(command, chips, adapter):
     if "chip" not in command:
-        return {**adapter.counts, "switches": sum(getattr(chip, "written", 0) for chip in chips), "timeout": adapter.wire.timeout}
+        return {
+            **adapter.counts,
+            "switches": sum(getattr(chip, "written", 0) for chip in chips),
+            "timeout": adapter.wire.timeout,
+        }
     chip = chips[command["chip"]]
     if "first" in command:
-        registers = (chip.inner if command["inner"] else chip).registers if command["bank"] is None else chip.banks[command["bank"]]
-        return registers[command["first"]:command["first"] + command["count"]].hex()
+        registers = (
+            (chip.inner if command["inner"] else chip).registers
+            if command["bank"] is None
+            else chip.banks[command["bank"]]
+        )
+        return registers[command["first"] : command["first"] + command["count"]].hex()
     chip.absent = command.get("absent", chip.absent)
     chip.stuck_until = time.monotonic() + command.get("stuck", 0.0)
     if command.get("reset"):
@@ -170,7 +185,7 @@ def main():
     while True:
         print(json.dumps(answer), flush=True)
         device.serve(sys.stdin.fileno())
-        line = sys.stdin.readline()                             # one command is answered before the next is written
+        line = sys.stdin.readline()  # one command is answered before the next is written
         if not line:
             break
         answer = obey(json.loads(line), chips, adapter)

@@ -1,7 +1,9 @@
-"""Chips on an I2C wire, as their data sheets have them: registers, what a write does to them, and which of them are heard when.
+"""Chips on an I2C wire, as their data sheets have them: registers, what a write does to them, and which of them are
+heard when.
 
-Written from RM-MPU-9250A-00 1.6, MS1356-E-02 (AK8963), DS-000189 1.5 (ICM-20948 with AK09916) and SCPS143 (TCA9548A), not from the blocks
-that read them: nothing is measured before a chip has been woken, nothing of the fuses is readable out of their mode.
+Written from RM-MPU-9250A-00 1.6, MS1356-E-02 (AK8963), DS-000189 1.5 (ICM-20948 with AK09916) and SCPS143 (TCA9548A),
+not from the blocks that read them: nothing is measured before a chip has been woken, nothing of the fuses is readable
+out of their mode.
 """
 
 import errno
@@ -55,7 +57,14 @@ class Magnetometer(Chip):
     """AK8963 or AK09916: its field in three signed codes, least significant byte first."""
 
     def __init__(self, address, status, control, modes, trailing, field=(0, 0, 0), fuses=b"", defaults=None):
-        self.status, self.control, self.modes, self.trailing, self.field, self.fuses = status, control, modes, trailing, field, fuses
+        self.status, self.control, self.modes, self.trailing, self.field, self.fuses = (
+            status,
+            control,
+            modes,
+            trailing,
+            field,
+            fuses,
+        )
         self.defaults = defaults
         super().__init__(address)
 
@@ -63,7 +72,7 @@ class Magnetometer(Chip):
         data = b"".join(code.to_bytes(2, "little", signed=True) for code in self.field)
         measures = self.registers[self.control] in self.modes
         said = b"\x01" + data + self.trailing if measures else bytes(7 + len(self.trailing))
-        self.registers[self.status:self.status + len(said)] = said
+        self.registers[self.status : self.status + len(said)] = said
 
     def load(self, register):
         if 0x10 <= register < 0x10 + len(self.fuses):
@@ -86,7 +95,9 @@ class Mpu9250(Chip):
     def heard(self):
         if self.absent:
             return []
-        return [self, self.inner] if self.registers[self.pins] & 0x02 and not self.registers[self.user] & 0x20 else [self]
+        return (
+            [self, self.inner] if self.registers[self.pins] & 0x02 and not self.registers[self.user] & 0x20 else [self]
+        )
 
     def measured(self):
         return (*self.accel, self.temperature, *self.gyro)
@@ -94,11 +105,17 @@ class Mpu9250(Chip):
     def sample(self):
         if self.registers[self.power] & self.asleep:
             return
-        self.registers[self.burst:self.burst + 14] = b"".join(code.to_bytes(2, "big", signed=True) for code in self.measured())
-        if self.registers[self.user] & 0x20 and self.registers[0x27] & 0x80 and self.registers[0x25] == 0x80 | self.inner.address:
+        self.registers[self.burst : self.burst + 14] = b"".join(
+            code.to_bytes(2, "big", signed=True) for code in self.measured()
+        )
+        if (
+            self.registers[self.user] & 0x20
+            and self.registers[0x27] & 0x80
+            and self.registers[0x25] == 0x80 | self.inner.address
+        ):
             count = self.registers[0x27] & 0x0F
             self.inner.write(bytes((self.registers[0x26],)))
-            self.registers[0x49:0x49 + count] = self.inner.read(count)
+            self.registers[0x49 : 0x49 + count] = self.inner.read(count)
 
     def store(self, register, byte):
         if register == self.power and byte & self.reset_value:
@@ -116,7 +133,9 @@ class Icm20948(Mpu9250):
 
     def __init__(self, address=0x68, accel=(0, 0, 0), gyro=(0, 0, 0), temperature=0, mag=(0, 0, 0)):
         super().__init__(address, accel, gyro, temperature, mag)
-        self.inner = Magnetometer(0x0C, 0x10, 0x31, (0x02, 0x04, 0x06, 0x08), b"\x00\x00", mag, b"", {0x00: 0x48, 0x01: 0x09})
+        self.inner = Magnetometer(
+            0x0C, 0x10, 0x31, (0x02, 0x04, 0x06, 0x08), b"\x00\x00", mag, b"", {0x00: 0x48, 0x01: 0x09}
+        )
 
     def reset(self):
         self.banks = [bytearray(256) for _ in range(4)]
@@ -146,8 +165,20 @@ class Tca9548a(Chip):
         self.mask, self.behind, self.written = 0, [[] for _ in range(8)], 0
 
     def heard(self):
-        return [] if self.absent else [self, *(one for bit, chips in enumerate(self.behind) if self.mask >> bit & 1
-                                               for chip in chips for one in chip.heard())]
+        return (
+            []
+            if self.absent
+            else [
+                self,
+                *(
+                    one
+                    for bit, chips in enumerate(self.behind)
+                    if self.mask >> bit & 1
+                    for chip in chips
+                    for one in chip.heard()
+                ),
+            ]
+        )
 
     def write(self, data):
         if data:

@@ -15,14 +15,30 @@ def test_the_knee_exoskeleton_walks_against_its_plant_on_vcan(tmp_path):
     rig = tmp_path / "lab.toml"
     rig.write_text(
         '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
-        '[device."left/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n[device."right/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
+        '[device."left/knee"]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n[device."right/knee"]\nrange = [-12.5, '
+        "12.5]\nwake_shift = 0.0\n"
+    )
     plant = started("emulate", KNEE_EXO, "--rig", rig, cwd=tmp_path)
     try:
         read_until(plant.stdout, "Ctrl-C ends it")
         second = finished("emulate", KNEE_EXO, "--rig", rig, cwd=tmp_path)
         assert second.returncode == 2 and "TW107" in second.stderr
-        run = finished(KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--duration", "2", "--no-record", "--set", "left/knee.timeout=0.5",
-                       "--set", "right/knee.timeout=0.5", cwd=tmp_path)
+        run = finished(
+            KNEE_EXO,
+            "--rig",
+            rig,
+            "--yes",
+            "--rate",
+            "50",
+            "--duration",
+            "2",
+            "--no-record",
+            "--set",
+            "left/knee.timeout=0.5",
+            "--set",
+            "right/knee.timeout=0.5",
+            cwd=tmp_path,
+        )
         assert run.returncode == 0, run.stderr
         assert "confirmed by left/knee, right/knee" in run.stdout
         plant.send_signal(signal.SIGINT)

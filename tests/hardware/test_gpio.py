@@ -1,4 +1,5 @@
-"""GPIO lines of a real kernel, the simulated chip of its driver gpio-sim, through libgpiod's own package: levels, edges, pulses, a stop.
+"""GPIO lines of a real kernel, the simulated chip of its driver gpio-sim, through libgpiod's own package: levels,
+edges, pulses, a stop.
 
 On an emulated machine, where test_gpio_machine.py runs this file; its clock runs, but nothing there is fast.
 """
@@ -31,7 +32,10 @@ from tests.blocks.running import player
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
 REQUIRED = "TICKWORK_REAL_GPIO"
-pytestmark = [pytest.mark.soak, pytest.mark.skipif(not os.environ.get(REQUIRED), reason="needs the driver gpio-sim: on an emulated machine alone")]
+pytestmark = [
+    pytest.mark.soak,
+    pytest.mark.skipif(not os.environ.get(REQUIRED), reason="needs the driver gpio-sim: on an emulated machine alone"),
+]
 CONFIG = Path("/sys/kernel/config/gpio-sim")
 NAMES = ("STOP", "BUTTON", "MOCAP", "SYNC")
 EVENT = struct.Struct("=QI36x")
@@ -91,9 +95,14 @@ class RealLines(Rig):
         self.control, self.plant, substeps = Program(self.schedule, ends), None, 1
         if plant is not None:
             model = compile(plant)
-            self.plant, substeps = Program(model, [memory[name].device for name in model.buses]), round(plant.rate / robot.rate)
+            self.plant, substeps = (
+                Program(model, [memory[name].device for name in model.buses]),
+                round(plant.rate / robot.rate),
+            )
         self.page = Page(1 << 24)
-        self.executor = Executor(self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=False)
+        self.executor = Executor(
+            self.control, self.schedule.rate, plant=self.plant, substeps=substeps, page=self.page, virtual=False
+        )
 
     def run(self, ticks, meanwhile=lambda: None):
         """meanwhile : what happens outside, in a thread of its own."""
@@ -120,18 +129,23 @@ def test_edges_are_counted_and_timed_by_the_kernel(chip):
 
     def outside():
         time.sleep(0.3)
-        for up in (False, True, False, True, False):                        # faster than the tick
+        for up in (False, True, False, True, False):  # faster than the tick
             before = time.monotonic()
             chip.pull("MOCAP", up)
             stamps.append((before, time.monotonic()))
             time.sleep(0.004)
-        for up in (True, False, True):                                      # bounces, and stays
+        for up in (True, False, True):  # bounces, and stays
             chip.pull("BUTTON", up)
 
     outcome = rig.run(80, outside)
     assert outcome.status == "ok"
-    assert rig["mocap.on"][0] == 1.0 and rig["mocap.known"][0] == 1.0       # its level as the run begins
-    assert (rig["mocap.falls"][-1], rig["mocap.rises"][-1], rig["mocap.on"][-1], rig["mocap.missed"][-1]) == (3.0, 2.0, 0.0, 0.0)
+    assert rig["mocap.on"][0] == 1.0 and rig["mocap.known"][0] == 1.0  # its level as the run begins
+    assert (rig["mocap.falls"][-1], rig["mocap.rises"][-1], rig["mocap.on"][-1], rig["mocap.missed"][-1]) == (
+        3.0,
+        2.0,
+        0.0,
+        0.0,
+    )
     (rise_began, rise_ended), (fall_began, fall_ended) = stamps[3:]
     assert fall_began - rise_ended <= rig["mocap.fall_time"][-1] - rig["mocap.rise_time"][-1] <= fall_ended - rise_began
     assert (rig["button.rises"][-1], rig["button.falls"][-1], rig["button.on"][-1]) == (1.0, 0.0, 1.0)
@@ -160,13 +174,15 @@ def stopping(chip):
         CubeMars("AK10-9-V2.0", can_id=1, timeout=1.0, name="knee")(torque_command=1.0)
         EStopSwitch(name="stop", **at(chip, "STOP"))
     rig = RealLines(robot, plant_of(robot))
-    assert chip.value("STOP")                                               # its own resistor pulls it up: an open contact
+    assert chip.value("STOP")  # its own resistor pulls it up: an open contact
     chip.pull("STOP", False)
     return rig
 
 
 def latencies(rig):
-    """ms from the kernel's edge to the thread that reads it, and to the first frame of the safe stop, by the recording."""
+    """ms from the kernel's edge to the thread that reads it, and to the first frame of the safe stop, by the
+    recording.
+    """
     press = next(frame for frame in rig.frames if not frame.sent and len(frame.data) == EVENT.size)
     first = [frame for frame in rig.frames if frame.sent and frame.id == 1][-2]
     edge, _ = EVENT.unpack(press.data)
@@ -193,7 +209,7 @@ def test_a_stop_ends_the_run(chip, how):
     if how != "unplugged":
         read, stopped = latencies(rig)
         print(f"edge to reader {read:.3f} ms, to the first frame of the stop {stopped:.3f} ms")
-        assert 0.0 < read < stopped < 100.0                                 # a tick is 5 ms; nothing of an emulated machine is fast
+        assert 0.0 < read < stopped < 100.0  # a tick is 5 ms; nothing of an emulated machine is fast
 
 
 def test_a_contact_that_is_open_keeps_the_robot_from_being_armed(chip):
@@ -224,15 +240,15 @@ def test_a_charge_pump_toggles_its_line_in_arming_and_in_every_tick_and_not_afte
     assert outcome.status == "ok"
     ended = rig.page.began * 1e-9 + rig.page.first_tick * 1e-9 + 30 / 20
     found = edges(seen)
-    assert set(np.diff(rig["pump.changes"])) == {1.0}                       # one change a tick, as many as were not missed
+    assert set(np.diff(rig["pump.changes"])) == {1.0}  # one change a tick, as many as were not missed
     assert 20 <= len([when for when in found if when < ended]) <= rig["pump.changes"][-1]
-    assert len([when for when in found if when > ended + 0.1]) <= 1     # the line is let go
+    assert len([when for when in found if when > ended + 0.1]) <= 1  # the line is let go
 
 
 def test_after_kill_9_the_line_of_a_charge_pump_stands_still(chip):
     seen, after = [], []
     child = os.fork()
-    if child == 0:                                                          # a run of its own; only a signal ends it
+    if child == 0:  # a run of its own; only a signal ends it
         with Diagram("robot", rate=20) as robot:
             ChargePump(name="pump", hold=0.5, start_up=0.0, **at(chip, "SYNC"))
         RealLines(robot).run(100_000)
@@ -245,7 +261,7 @@ def test_after_kill_9_the_line_of_a_charge_pump_stands_still(chip):
         os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
     watch(chip, "SYNC", 1.0, after)
-    assert len(edges(after)) <= 1                                           # the line is let go
+    assert len(edges(after)) <= 1  # the line is let go
 
 
 def test_the_guardian_changes_the_level_of_a_line_by_itself(chip):
@@ -272,4 +288,4 @@ def test_what_cannot_be_taken_is_told_in_words(chip):
     with gpiod.request_lines(chip.path, {"BUTTON": None}, consumer="another"):
         trouble = refused(name="BUTTON")
     assert trouble.code == "TW119" and "somebody else has that line" in trouble.message
-    assert (plugged.chip(chip.path).lines, plugged.chip(chip.path).trouble) == (4, "")             # as a scan tells it
+    assert (plugged.chip(chip.path).lines, plugged.chip(chip.path).trouble) == (4, "")  # as a scan tells it

@@ -1,4 +1,6 @@
-"""The guardian over real SocketCAN: a run is killed or stopped, and a third party on the bus hears the motors being disabled."""
+"""The guardian over real SocketCAN: a run is killed or stopped, and a third party on the bus hears the motors being
+disabled.
+"""
 
 import os
 import re
@@ -8,7 +10,7 @@ import time
 import pytest
 
 from tests.hardware.drives import Drives, is_answer
-from tests.hardware.test_socketcan import spare                     # noqa: F401
+from tests.hardware.test_socketcan import spare  # noqa: F401
 from tests.hardware.vcan import Node, ip, needs_own_kernel, needs_vcan
 from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.test_every_fault import ROBOT
@@ -16,7 +18,7 @@ from tests.runtime.runs import DISABLE, ENABLE, NOTHING, knee, started, write
 
 pytestmark = [needs_vcan, pytest.mark.soak]
 MOTOR = {1: 0.3}
-LIMIT = 0.25                                    # s, under an emulated kernel
+LIMIT = 0.25  # s, under an emulated kernel
 
 
 class Listener(Node):
@@ -50,12 +52,23 @@ def run(tmp_path, request):
     rig = tmp_path / "lab.toml"
     rig.write_text(
         '[bus.legs]\ninterface = "socketcan"\nchannel = "vcan0"\n'
-        '[device.knee]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n')
+        "[device.knee]\nrange = [-12.5, 12.5]\nwake_shift = 0.0\n"
+    )
     with Drives(MOTOR), Listener() as listener:
         process = started(
             knee(tmp_path, law=getattr(request, "param", "return 2.0")),
-            "--rig", rig, "--yes", "--rate", "50", "--no-record", "--realtime", "off", "--set",
-            "knee.timeout=0.5", cwd=tmp_path)
+            "--rig",
+            rig,
+            "--yes",
+            "--rate",
+            "50",
+            "--no-record",
+            "--realtime",
+            "off",
+            "--set",
+            "knee.timeout=0.5",
+            cwd=tmp_path,
+        )
         assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
         yield process, listener
         process.kill()
@@ -91,20 +104,41 @@ def test_a_block_that_hangs(run):
     last = max(at for at, data in listener.commands if data not in (ENABLE, NOTHING, DISABLE))
     _, err = process.communicate(timeout=30)
     listener.listen(0.1)
-    listener.assert_stopped(last + 0.08)                            # the next tick, and the three periods that it may work
+    listener.assert_stopped(last + 0.08)  # the next tick, and the three periods that it may work
     assert process.returncode == 3 and "FAULT at law, tick 60" in err and "it hung: " in err and "robot.py:" in err
 
 
 @needs_own_kernel
-@pytest.mark.parametrize("change, words", [(("set", "vcan9", "down"), "vcan9 was taken down"), (("del", "vcan9"), "vcan9 is gone")])
+@pytest.mark.parametrize(
+    "change, words", [(("set", "vcan9", "down"), "vcan9 was taken down"), (("del", "vcan9"), "vcan9 is gone")]
+)
 def test_an_interface_that_goes_away_stops_the_drive_of_the_other(tmp_path, spare, change, words):
-    rig = write(tmp_path, "".join(
-        f'[bus.{side}]\ninterface = "socketcan"\nchannel = "{channel}"\n' for side, channel in (("left", "vcan0"), ("right", "vcan9"))), "lab.toml")
+    rig = write(
+        tmp_path,
+        "".join(
+            f'[bus.{side}]\ninterface = "socketcan"\nchannel = "{channel}"\n'
+            for side, channel in (("left", "vcan0"), ("right", "vcan9"))
+        ),
+        "lab.toml",
+    )
     robot = write(tmp_path, ROBOT.format(law="pass", torque="2.0", before="", options="", more="pass"))
     with Drives(MOTOR), Drives({2: 0.3}, spare), Listener() as listener:
         process = started(
-            robot, "--rig", rig, "--yes", "--rate", "50", "--no-record", "--realtime", "off", "--set", "left/knee.timeout=0.5", "--set",
-            "right/knee.timeout=0.5", cwd=tmp_path)
+            robot,
+            "--rig",
+            rig,
+            "--yes",
+            "--rate",
+            "50",
+            "--no-record",
+            "--realtime",
+            "off",
+            "--set",
+            "left/knee.timeout=0.5",
+            "--set",
+            "right/knee.timeout=0.5",
+            cwd=tmp_path,
+        )
         assert listener.listen(30.0, lambda data: data not in (ENABLE, NOTHING)), process.communicate(timeout=10)
         listener.listen(0.5)
         ip(*change)
@@ -114,7 +148,8 @@ def test_an_interface_that_goes_away_stops_the_drive_of_the_other(tmp_path, spar
         listener.listen(0.1)
         listener.assert_stopped(gone)
     assert process.returncode == 3 and "FAULT at right, tick " in err and words in err, out + err
-    assert re.search("NOT confirmed by .*right/knee", out), out       # under an emulated kernel the left one may be too slow, too
+    # under an emulated kernel the left one may be too slow, too
+    assert re.search("NOT confirmed by .*right/knee", out), out
 
 
 def test_kill_9_of_the_guardian(run):

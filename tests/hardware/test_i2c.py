@@ -1,4 +1,5 @@
-"""Real smbus2 and the kernel's own I2C, on the chips of i2c-stub: registers that hold what is written to them, by SMBus alone.
+"""Real smbus2 and the kernel's own I2C, on the chips of i2c-stub: registers that hold what is written to them, by SMBus
+alone.
 
 Under User Mode Linux, where test_user_mode_linux.py runs this file: elsewhere there may be real chips.
 """
@@ -18,11 +19,13 @@ from runtime.rig.i2c import I2cInterface, SeveralRefused
 from tests.hardware.reading import newest
 from tests.hardware.vcan import REQUIRED
 
-needs_stub = pytest.mark.skipif(not os.environ.get(REQUIRED), reason="needs the chips of i2c-stub: under User Mode Linux alone")
+needs_stub = pytest.mark.skipif(
+    not os.environ.get(REQUIRED), reason="needs the chips of i2c-stub: under User Mode Linux alone"
+)
 pytestmark = needs_stub
 NODE = "/dev/i2c-0"
 MPU, MAG, ICM, ADC, NAU, MUX = CHIPS = (0x68, 0x0C, 0x69, 0x48, 0x2A, 0x70)
-G = 9.80665                     # m/s²
+G = 9.80665  # m/s²
 ROBOT = """
 from blocks.imus import ICM20948, MPU9250
 from blocks.recorders import CsvRecorder
@@ -51,8 +54,8 @@ def stub():
         for address, registers in {
             MPU: {0x75: b"\x71", 0x3B: bytes.fromhex("0800 F000 1000 0D0B 0100 FF00 0000")},
             MAG: {0x00: b"\x48", 0x02: bytes.fromhex("01 2C01 38FF 9001 10"), 0x10: bytes((128, 192, 64))},
-            ICM: {0x00: b"\xEA", 0x2D: bytes.fromhex("2000 0000 E000 0000 0000 0083 0000")},
-            NAU: {0x1F: b"\x0F", 0x00: b"\x00", 0x12: (429497).to_bytes(3, "big")},
+            ICM: {0x00: b"\xea", 0x2D: bytes.fromhex("2000 0000 E000 0000 0000 0083 0000")},
+            NAU: {0x1F: b"\x0f", 0x00: b"\x00", 0x12: (429497).to_bytes(3, "big")},
         }.items():
             for register, data in registers.items():
                 for place, byte in enumerate(data):
@@ -80,12 +83,16 @@ def converting(stub):
 
 
 def assert_read(last):
-    """What stands in the registers, in SI units: half a code of the gyroscope is the tolerance where it is not exact. last : newest by path"""
+    """What stands in the registers, in SI units: half a code of the gyroscope is the tolerance where it is not exact.
+    last : newest by path
+    """
+
     def vector(path):
         return [last[f"{path}[{k}]"] for k in range(3)]
 
     assert vector("shank.accel") == pytest.approx([0.5 * G, -G, G], rel=1e-9)
-    assert vector("shank.gyro") == pytest.approx([0.136354, -0.136354, 0.0], abs=1e-5)         # 256 codes of 1000 °/s over 32768
+    # 256 codes of 1000 °/s over 32768
+    assert vector("shank.gyro") == pytest.approx([0.136354, -0.136354, 0.0], abs=1e-5)
     scale = 4912.0 / 32760.0
     assert vector("shank.mag") == pytest.approx([-200 * scale * 1.25, 300 * scale, -400 * scale * 0.75], rel=1e-9)
     assert last["shank.temperature"] == pytest.approx(0x0D0B / 333.87 + 21.0, rel=1e-9)
@@ -101,7 +108,11 @@ def test_every_sensor_is_set_up_and_read_through_the_kernel(stub, converting):
     exec(ROBOT, namespace)
     interface = I2cInterface(BUS, [block for block in namespace["diagram"] if isinstance(block, Device)])
     assert_read(newest(namespace["diagram"], interface, 15))
-    assert stub.read_byte_data(MPU, 0x1C) == 0x10 and stub.read_byte_data(MPU, 0x37) == 0x02 and stub.read_byte_data(MAG, 0x0A) == 0x16
+    assert (
+        stub.read_byte_data(MPU, 0x1C) == 0x10
+        and stub.read_byte_data(MPU, 0x37) == 0x02
+        and stub.read_byte_data(MAG, 0x0A) == 0x16
+    )
     assert stub.read_byte_data(NAU, 0x01) == 0x2F and stub.read_byte_data(ICM, 0x14) == 3 << 3 | 1 | 1 << 1
 
 

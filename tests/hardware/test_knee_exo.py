@@ -1,4 +1,6 @@
-"""The knee exoskeleton on a rig: a process of its own over real SocketCAN, drives in this one, and a third party that listens."""
+"""The knee exoskeleton on a rig: a process of its own over real SocketCAN, drives in this one, and a third party that
+listens.
+"""
 
 import re
 
@@ -27,7 +29,7 @@ wake_shift = 0.0
 range = [-12.0, 12.0]
 wake_shift = 0.0
 """
-MOTORS = {3: 0.3, 2: -0.2}                      # rad, by id
+MOTORS = {3: 0.3, 2: -0.2}  # rad, by id
 
 
 @pytest.fixture
@@ -45,8 +47,22 @@ def commands(frames, identifier):
 def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
     with Drives(MOTORS), Node() as listener:
         process = finished(
-            KNEE_EXO, "--rig", rig, "--yes", "--rate", "50", "--duration", "1", "--record", tmp_path / "out", "--set", "left/knee.timeout=0.5",
-            "--set", "right/knee.timeout=0.5", cwd=tmp_path)
+            KNEE_EXO,
+            "--rig",
+            rig,
+            "--yes",
+            "--rate",
+            "50",
+            "--duration",
+            "1",
+            "--record",
+            tmp_path / "out",
+            "--set",
+            "left/knee.timeout=0.5",
+            "--set",
+            "right/knee.timeout=0.5",
+            cwd=tmp_path,
+        )
         frames = listener.heard()
     assert process.returncode == 0, process.stderr
     assert f"knee_exo: 1 s at 50 Hz, on the rig {rig}" in process.stdout
@@ -60,17 +76,21 @@ def test_the_diagram_of_the_simulation_runs_on_a_rig(rig, tmp_path):
         assert len(torques) >= 25 and max(map(abs, torques)) <= 12.0 + TORQUE_STEP
     assert not [number for number, _ in frames if number not in MOTORS]
     joints = {side: files.table[f"{side}/knee.position [rad]"] for side in ("left", "right")}
-    step = 25.0 / 65535                                             # rad, a code of position
+    step = 25.0 / 65535  # rad, a code of position
     assert joints["left"] == pytest.approx(np.full(joints["left"].size, -0.3 - 0.12), abs=step)
-    assert joints["right"] == pytest.approx(np.full(joints["right"].size, 0.2), abs=step)     # inverted by the diagram
+    assert joints["right"] == pytest.approx(np.full(joints["right"].size, 0.2), abs=step)  # inverted by the diagram
     ages = files.table["left/knee.age [s]"]
-    assert 0.0 <= ages.min() and np.median(ages) < 0.04             # of the last tick's answer
+    assert 0.0 <= ages.min() and np.median(ages) < 0.04  # of the last tick's answer
     sidecar = files.sidecar
     assert sidecar["metadata"]["rig"] == {"file": str(rig), "text": RIG} and not sidecar["simulated"]
     [event] = [event for event in sidecar["events"] if event["event"] == "buses"]
-    assert (event["legs"]["channel"], event["legs"]["worst_state"], event["legs"]["strangers"]) == ("vcan0", "active", 0)
+    assert (event["legs"]["channel"], event["legs"]["worst_state"], event["legs"]["strangers"]) == (
+        "vcan0",
+        "active",
+        0,
+    )
     assert sidecar["ended"] == "ok"
-    again = finished("replay", files.one(".mcap"), cwd=tmp_path)    # with nothing connected, as the rig had it
+    again = finished("replay", files.one(".mcap"), cwd=tmp_path)  # with nothing connected, as the rig had it
     assert again.returncode == 0 and "are the same, bit for bit" in again.stdout, again.stdout + again.stderr
 
 
@@ -84,12 +104,16 @@ def test_drives_that_lose_power_end_the_run_in_the_safe_stop(rig, tmp_path):
         drives.cut_power()
         out, err = process.communicate(timeout=30)
         frames += listener.heard()
-    assert process.returncode == 3 and re.search(r"FAULT at (left|right)/knee, .*: no reply for longer than its timeout \(0.1 s\)", err)
+    assert process.returncode == 3 and re.search(
+        r"FAULT at (left|right)/knee, .*: no reply for longer than its "
+        r"timeout \(0.1 s\)",
+        err,
+    )
     assert "NOT confirmed by left/knee, right/knee" in out
     for identifier in MOTORS:
         said = commands(frames, identifier)
         stop = said[said.index(DISABLE) - 1 :]
-        assert len(stop) > 10 and set(stop) == {NOTHING, DISABLE}   # again and again, as nobody confirms
+        assert len(stop) > 10 and set(stop) == {NOTHING, DISABLE}  # again and again, as nobody confirms
 
 
 def test_a_rig_on_which_nobody_answers_says_who_was_heard_instead(rig, tmp_path):
@@ -113,7 +137,9 @@ def test_a_bus_that_goes_off_ends_the_run_with_the_cure(rig, tmp_path):
         controller.send(ERROR | 0x040, bytes(8))
         out, err = process.communicate(timeout=30)
         frames += controller.heard()
-    assert process.returncode == 3 and "FAULT at legs" in err and "vcan0 is bus-off: its controller has withdrawn" in err
+    assert (
+        process.returncode == 3 and "FAULT at legs" in err and "vcan0 is bus-off: its controller has withdrawn" in err
+    )
     assert "120 Ω at both ends" in err and "confirmed by left/knee, right/knee" in out
     for identifier in MOTORS:
         assert commands(frames, identifier)[-2:] == [NOTHING, DISABLE]

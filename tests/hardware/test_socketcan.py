@@ -1,4 +1,6 @@
-"""A robot's bus over real SocketCAN: filters, echoes, stamps, error frames, interfaces that go away, and a whole run."""
+"""A robot's bus over real SocketCAN: filters, echoes, stamps, error frames, interfaces that go away, and a whole
+run.
+"""
 
 import errno
 import fcntl
@@ -25,9 +27,9 @@ from runtime.rig.troubles import Refused
 from tests.hardware.vcan import ERROR, EXTENDED, REMOTE, Node, ip, needs_own_kernel, needs_vcan
 
 pytestmark = needs_vcan
-MIT = [(127, 0x7FF, False), (0, 0x7FF, False)]              # what a drive with id 127 is heard by
-TIOCSETD, N_SLCAN = 0x5423, 17                             # of Linux: the line discipline that makes a port a CAN interface
-NOTHING = bytes.fromhex("7fff7ff0000007ff")                 # its zero-torque command: the first byte is its id
+MIT = [(127, 0x7FF, False), (0, 0x7FF, False)]  # what a drive with id 127 is heard by
+TIOCSETD, N_SLCAN = 0x5423, 17  # of Linux: the line discipline that makes a port a CAN interface
+NOTHING = bytes.fromhex("7fff7ff0000007ff")  # its zero-torque command: the first byte is its id
 
 
 class Opened:
@@ -35,7 +37,12 @@ class Opened:
 
     def __init__(self, channel="vcan0", listens=MIT, speaks=((127, False),), shared=None, fd=False):
         self.interface = Interface(RigBus("legs", "socketcan", channel, fd=fd), listens, speaks, Machine())
-        self.can = SocketCan(self.interface.socket, fd=fd, shared=self.interface.virtual if shared is None else shared, patience=TX_QUEUE_FULL_LIMIT)
+        self.can = SocketCan(
+            self.interface.socket,
+            fd=fd,
+            shared=self.interface.virtual if shared is None else shared,
+            patience=TX_QUEUE_FULL_LIMIT,
+        )
         self.can.begin(0)
 
     def __enter__(self):
@@ -66,9 +73,12 @@ def refused(channel, fd=False):
 
 # Starting
 
+
 def test_an_interface_that_is_missing_is_told_with_the_lines_that_make_it():
     trouble = refused("vcan7")
-    assert trouble.code == "TW112" and trouble.hint.endswith("sudo ip link add vcan7 type vcan && sudo ip link set vcan7 up")
+    assert trouble.code == "TW112" and trouble.hint.endswith(
+        "sudo ip link add vcan7 type vcan && sudo ip link set vcan7 up"
+    )
     trouble = refused("can0")
     assert trouble.code == "TW112" and trouble.hint == "did you mean 'vcan0'?"
 
@@ -112,17 +122,22 @@ def test_a_kernel_whose_can_module_is_missing_is_told():
         trouble = refused("vcan0")
     finally:
         subprocess.run(["modprobe", "-d", "/run", "can-raw"], check=True)
-    assert trouble.code == "TW111" and trouble.message.endswith("Protocol not supported") and trouble.hint.startswith("sudo modprobe can_raw")
+    assert (
+        trouble.code == "TW111"
+        and trouble.message.endswith("Protocol not supported")
+        and trouble.hint.startswith("sudo modprobe can_raw")
+    )
 
 
 # Frames
+
 
 def test_own_frames_are_heard_by_others_and_not_by_us():
     with Opened() as bus, Node() as node:
         assert bus.can.end.send(127, NOTHING)
         assert node.heard() == [(127, NOTHING)] and bus.heard() == []
         node.send(127, NOTHING)
-        assert [frame[:3] for frame in bus.heard()] == [(127, False, NOTHING)]          # on a virtual bus that may be a drive
+        assert [frame[:3] for frame in bus.heard()] == [(127, False, NOTHING)]  # on a virtual bus that may be a drive
 
 
 def test_on_a_real_interface_what_this_machine_sends_is_an_echo_whatever_it_looks_like():
@@ -154,7 +169,11 @@ def test_a_device_that_takes_anything_has_no_filter():
 
 
 def test_fd_is_off_unless_it_is_asked_for():
-    with Opened(listens=None) as classic, Opened(listens=None, fd=True) as flexible, Opened(listens=None, fd=True) as sender:
+    with (
+        Opened(listens=None) as classic,
+        Opened(listens=None, fd=True) as flexible,
+        Opened(listens=None, fd=True) as sender,
+    ):
         sender.can.end.send(1, bytes(range(64)))
         sender.can.end.send(2, b"short")
         assert [frame[2] for frame in flexible.heard()] == [bytes(range(64)), b"short"]
@@ -177,19 +196,21 @@ def test_a_wall_clock_that_is_set_does_not_move_frames():
                 time.clock_settime(time.CLOCK_REALTIME, wall)
             assert before <= at <= time.monotonic_ns()
             if hours < 0:
-                assert at >= between                        # stamped in the future: of now
+                assert at >= between  # stamped in the future: of now
         bus.can.begin(0)
         before = time.monotonic_ns()
         node.send(127, NOTHING)
         after = time.monotonic_ns()
         time.sleep(0.02)
         [(*_, at)] = bus.heard()
-        assert before - 2e6 <= at <= after + 2e6            # ns; 20 ms before it was read
+        assert before - 2e6 <= at <= after + 2e6  # ns; 20 ms before it was read
 
 
 @pytest.fixture
 def jammed():
-    """An adapter of the kernel's slcan driver behind a pty that nobody reads, so that what goes out stays. Yields (interface, its reader)."""
+    """An adapter of the kernel's slcan driver behind a pty that nobody reads, so that what goes out stays. Yields
+    (interface, its reader).
+    """
     master, port = pty.openpty()
     tty.setraw(port)
     before = set(os.listdir("/sys/class/net"))
@@ -235,14 +256,19 @@ def test_a_queue_of_the_kernel_that_stays_full_is_counted_and_then_a_failure_in_
         assert 10 <= sent < 100_000 and bus.can.counts["refused"] == 1 and bus.can.trouble is None
         with pytest.raises(OSError) as raised:
             other.send(127, NOTHING)
-        assert raised.value.errno == errno.ENOBUFS                              # that is what it was
+        assert raised.value.errno == errno.ENOBUFS  # that is what it was
         for _ in range(TX_QUEUE_FULL_LIMIT - 1):
             bus.can.end.receive(1)
             assert not bus.can.end.send(127, NOTHING) and bus.can.trouble is None
         bus.can.end.receive(1)
         assert bus.can.trouble == "full" and bus.can.counts["refused"] == TX_QUEUE_FULL_LIMIT
         why, cure = in_words(bus.can.trouble, bus.interface.bus, False)
-        assert why.startswith(f"the queue of {name} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames") and "txqueuelen" in cure
+        assert (
+            why.startswith(
+                f"the queue of {name} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames"
+            )
+            and "txqueuelen" in cure
+        )
 
 
 @needs_own_kernel
@@ -252,7 +278,7 @@ def test_a_queue_of_the_kernel_that_is_emptied_goes_on(jammed):
         while bus.can.end.send(127, NOTHING):
             pass
         taken, deadline = 0, time.monotonic() + 5.0
-        while taken < 20 and time.monotonic() < deadline:                       # twice what the queue holds
+        while taken < 20 and time.monotonic() < deadline:  # twice what the queue holds
             drain()
             time.sleep(0.002)
             bus.can.end.receive(1)
@@ -271,9 +297,13 @@ def test_error_frames_come_through_the_filter():
 
 
 @needs_own_kernel
-@pytest.mark.parametrize("change, number, words", [
-    (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 was taken down"), (("del", "vcan9"), errno.ENODEV, "vcan9 is gone"),
-])
+@pytest.mark.parametrize(
+    "change, number, words",
+    [
+        (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 was taken down"),
+        (("del", "vcan9"), errno.ENODEV, "vcan9 is gone"),
+    ],
+)
 def test_an_interface_that_goes_away_is_a_failure_in_words(spare, change, number, words):
     with Opened(spare) as bus:
         assert bus.can.end.send(127, NOTHING)

@@ -11,19 +11,31 @@ from tests.hardware.vcan import REQUIRED, there
 from tests.shared import shared
 from tests.test_packaging import ROOT
 
-CANNOT_RUN = 77                 # exit status of vmrun.sh where User Mode Linux cannot run
+CANNOT_RUN = 77  # exit status of vmrun.sh where User Mode Linux cannot run
 
 
-@pytest.mark.parametrize("file", [
-    "test_i2c.py", *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_i2c_run.py", "test_i2c_combined.py"))])
+@pytest.mark.parametrize(
+    "file",
+    [
+        "test_i2c.py",
+        *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_i2c_run.py", "test_i2c_combined.py")),
+    ],
+)
 def test_real_i2c_under_user_mode_linux(file):
     under_user_mode_linux(file, VMRUN_CHIPS=",".join(f"{address:#04x}" for address in CHIPS))
 
 
 @pytest.mark.skipif(there, reason="this machine has vcan0 itself")
-@pytest.mark.parametrize("file", [
-    "test_socketcan.py",
-    *(pytest.param(file, marks=pytest.mark.soak) for file in ("test_knee_exo.py", "test_guardian.py", "test_tools.py", "test_emulate.py"))])
+@pytest.mark.parametrize(
+    "file",
+    [
+        "test_socketcan.py",
+        *(
+            pytest.param(file, marks=pytest.mark.soak)
+            for file in ("test_knee_exo.py", "test_guardian.py", "test_tools.py", "test_emulate.py")
+        ),
+    ],
+)
 def test_real_socketcan_under_user_mode_linux(file):
     under_user_mode_linux(file)
 
@@ -47,12 +59,20 @@ def under_user_mode_linux(file, **environment):
 
 
 def run_in(script, file, **environment):
-    """Run a whole file of tests in one start of User Mode Linux; its output is in the failure. Skip where the script exits with 77."""
+    """Run a whole file of tests in one start of User Mode Linux; its output is in the failure. Skip where the script
+    exits with 77.
+    """
     options = "-p no:cacheprovider -p no:hypothesispytest --color=no --tb=short -m ''"
     command = f"{sys.executable} -m pytest {options} {os.path.relpath(os.path.dirname(__file__), ROOT)}/{file}"
     process = subprocess.run(
-        ["sh", script, command], cwd=ROOT, env={**os.environ, REQUIRED: "1", **environment}, stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=120)
+        ["sh", script, command],
+        cwd=ROOT,
+        env={**os.environ, REQUIRED: "1", **environment},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     if process.returncode == CANNOT_RUN:
         pytest.skip(process.stderr.strip())
     assert process.returncode == 0, process.stdout[-8000:] + process.stderr[-2000:]

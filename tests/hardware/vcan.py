@@ -1,7 +1,7 @@
 """Where tests find real SocketCAN: an interface vcan0, on this machine or under User Mode Linux.
 
-A machine with vcan0 runs them as they are. Elsewhere test_user_mode_linux.py starts a kernel that has it and runs them there, with
-REQUIRED set: then nothing is skipped.
+A machine with vcan0 runs them as they are. Elsewhere test_user_mode_linux.py starts a kernel that has it and runs them
+there, with REQUIRED set: then nothing is skipped.
 """
 
 import os
@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 
 REQUIRED = "TICKWORK_REAL_CAN"
-CLASSIC = struct.Struct("=IB3x8s")                  # struct can_frame
+CLASSIC = struct.Struct("=IB3x8s")  # struct can_frame
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 
 there = Path("/sys/class/net/vcan0").exists()
 needs_own_kernel = pytest.mark.skipif(
-    not os.environ.get(REQUIRED), reason="changes interfaces or the wall clock: under User Mode Linux alone")
+    not os.environ.get(REQUIRED), reason="changes interfaces or the wall clock: under User Mode Linux alone"
+)
 needs_vcan = pytest.mark.skipif(not there and not os.environ.get(REQUIRED), reason="needs the CAN interface vcan0")
 
 

@@ -1,4 +1,6 @@
-"""A copy of the tree in which one mutant at a time is built and tried: `python -m tests.mutation.laboratory [SECONDS [SEED [WORD]]]`."""
+"""A copy of the tree in which one mutant at a time is built and tried: `python -m tests.mutation.laboratory [SECONDS
+[SEED [WORD]]]`.
+"""
 
 import importlib.util
 import os
@@ -17,7 +19,7 @@ from tests.mutation.equivalent import EQUIVALENT
 from tests.mutation.mutants import mutants
 from tests.mutation.targets import TARGETS
 
-LONGEST = 120.0                 # s that the tests of a mutant may take, for one that hangs
+LONGEST = 120.0  # s that the tests of a mutant may take, for one that hangs
 WORKERS = 2
 
 
@@ -68,14 +70,37 @@ class Laboratory:
         flags = [flag for flag in self.build_of.FLAGS if not flag.startswith("-O")]
         include = [f"-I{sysconfig.get_path('include')}", f"-I{sys.prefix}/include"]
         compile = [*compiler, "-shared", "-fPIC", "-O1", "-w", *flags, *include, str(code), "-o", str(out), "-lm"]
-        return all(subprocess.run(words, cwd=self.folder, capture_output=True).returncode == 0 for words in (translate, compile))
+        return all(
+            subprocess.run(words, cwd=self.folder, capture_output=True).returncode == 0
+            for words in (translate, compile)
+        )
 
     def passes(self, tests, longest, remembers):
-        """remembers : whether Python may keep its bytecode, which it tells from another by no more than time and size of the source"""
-        words = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "--basetemp", str(self.folder / "pytest"), *tests]
+        """remembers : whether Python may keep its bytecode, which it tells from another by no more than time and size
+        of the source
+        """
+        words = [
+            sys.executable,
+            "-m",
+            "pytest",
+            "-x",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "--basetemp",
+            str(self.folder / "pytest"),
+            *tests,
+        ]
         environment = os.environ if remembers else {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
         process = subprocess.Popen(
-            words, cwd=self.folder, env=environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            words,
+            cwd=self.folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
         try:
             self.said, _ = process.communicate(timeout=longest)
             return process.returncode == 0
@@ -91,7 +116,8 @@ def all_mutants():
         (target, mutant)
         for target in TARGETS
         for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)
-        if mutant.name not in EQUIVALENT]
+        if mutant.name not in EQUIVALENT
+    ]
 
 
 def sampled(seed, word=""):
@@ -99,7 +125,7 @@ def sampled(seed, word=""):
     chosen = [pair for pair in all_mutants() if word in pair[1].file]
     random.Random(seed).shuffle(chosen)
     seen = Counter()
-    return sorted(chosen, key=lambda pair: (seen.update([pair[0].file]) or seen[pair[0].file]))
+    return sorted(chosen, key=lambda pair: seen.update([pair[0].file]) or seen[pair[0].file])
 
 
 def experiment(seconds, seed, word="", say=lambda line: None):
@@ -112,7 +138,7 @@ def experiment(seconds, seed, word="", say=lambda line: None):
     def work():
         with tempfile.TemporaryDirectory(prefix="mutants") as folder:
             laboratory = Laboratory(folder)
-            while unmutated:                        # each list of tests passes without a mutant, or killing one means nothing
+            while unmutated:  # each list of tests passes without a mutant, or killing one means nothing
                 with lock:
                     tests = unmutated.pop() if unmutated else None
                 if tests is not None and not laboratory.passes(tests, 5.0 * LONGEST, True):

@@ -1,4 +1,5 @@
-"""Mutants of a source file: the same file with one small error in one of its functions. Lexical, so that Cython is no different from Python.
+"""Mutants of a source file: the same file with one small error in one of its functions. Lexical, so that Cython is no
+different from Python.
 
     comparisons     < and <=, > and >=, == and != change places
     not             is left out;  `and` and `or` change places
@@ -12,18 +13,52 @@ import re
 from dataclasses import dataclass
 
 SWAPS = (
-    (r" < ", " <= "), (r" <= ", " < "), (r" > ", " >= "), (r" >= ", " > "), (r" == ", " != "), (r" != ", " == "), (r"\bnot (?!in\b)", ""),
-    (r" is not None", " is None"), (r" and ", " or "), (r" or ", " and "), (r" \+ ", " - "), (r" - ", " + "), (r" \+= ", " -= "), (r" -= ", " += "),
-    (r"\bTrue\b", "False"), (r"\bFalse\b", "True"), (r"\bmin\(", "max("), (r"\bmax\(", "min("),
+    (r" < ", " <= "),
+    (r" <= ", " < "),
+    (r" > ", " >= "),
+    (r" >= ", " > "),
+    (r" == ", " != "),
+    (r" != ", " == "),
+    (r"\bnot (?!in\b)", ""),
+    (r" is not None", " is None"),
+    (r" and ", " or "),
+    (r" or ", " and "),
+    (r" \+ ", " - "),
+    (r" - ", " + "),
+    (r" \+= ", " -= "),
+    (r" -= ", " += "),
+    (r"\bTrue\b", "False"),
+    (r"\bFalse\b", "True"),
+    (r"\bmin\(", "max("),
+    (r"\bmax\(", "min("),
 )
 NUMBER = re.compile(r"(?<![\w.\]])(\d+\.\d+|\d[\d_]*)(?![\w.])")
-NO_STATEMENT = ("def ", "cdef ", "if ", "elif ", "else", "for ", "while ", "with ", "try", "except", "finally", "return", "pass", '"""', "@", "class ")
+NO_STATEMENT = (
+    "def ",
+    "cdef ",
+    "if ",
+    "elif ",
+    "else",
+    "for ",
+    "while ",
+    "with ",
+    "try",
+    "except",
+    "finally",
+    "return",
+    "pass",
+    '"""',
+    "@",
+    "class ",
+)
 HIDDEN = re.compile(r'"""(?:.|\n)*?"""|"(?:[^"\\\n]|\\.)*"|\'(?:[^\'\\\n]|\\.)*\'|#[^\n]*')
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """file : its path from the root; function : where it is; line : from 1; before, after : of the line, without its indentation"""
+    """file : its path from the root; function : where it is; line : from 1; before, after : of the line, without its
+    indentation
+    """
 
     file: str
     function: str
@@ -38,8 +73,11 @@ class Mutant:
         return f"{self.file} {self.function}: {self.before} -> {self.after}"
 
     def diff(self, original):
-        return "\n".join(difflib.unified_diff(
-            original.splitlines(), self.text.splitlines(), f"{self.file}", f"{self.file}, mutant", lineterm="", n=2))
+        return "\n".join(
+            difflib.unified_diff(
+                original.splitlines(), self.text.splitlines(), f"{self.file}", f"{self.file}, mutant", lineterm="", n=2
+            )
+        )
 
 
 def mutants(file, text, functions):
@@ -63,10 +101,20 @@ def extent(shown, function):
     for index, line in enumerate(shown):
         if re.search(rf"^\s*(c?p?def\b.*?\b){re.escape(function)}\(", line):
             indent = len(line) - len(line.lstrip())
-            begin = next(later for later in range(index, len(shown)) if shown[later].replace("\0", "").rstrip().endswith(":")) + 1
+            begin = (
+                next(
+                    later for later in range(index, len(shown)) if shown[later].replace("\0", "").rstrip().endswith(":")
+                )
+                + 1
+            )
             end = next(
-                (later for later in range(begin, len(shown)) if shown[later].strip(" \0") and len(shown[later]) - len(shown[later].lstrip()) <= indent),
-                len(shown))
+                (
+                    later
+                    for later in range(begin, len(shown))
+                    if shown[later].strip(" \0") and len(shown[later]) - len(shown[later].lstrip()) <= indent
+                ),
+                len(shown),
+            )
             return begin, end
     raise KeyError(function)
 
@@ -89,7 +137,9 @@ def statements(shown, begin, end):
     while index < end:
         first, depth = index, 0
         while index < end:
-            depth += sum(shown[index].count(bracket) for bracket in "([{") - sum(shown[index].count(bracket) for bracket in ")]}")
+            depth += sum(shown[index].count(bracket) for bracket in "([{") - sum(
+                shown[index].count(bracket) for bracket in ")]}"
+            )
             index += 1
             if depth <= 0:
                 break

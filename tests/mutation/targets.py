@@ -5,7 +5,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Target:
-    """file : from the root; functions : of it; modules : extensions that are built anew, none for Python; tests : files, the quickest first"""
+    """file : from the root; functions : of it; modules : extensions that are built anew, none for Python; tests :
+    files, the quickest first
+    """
 
     file: str
     functions: tuple
@@ -13,29 +15,101 @@ class Target:
     tests: tuple
 
 
-STOPS = tuple(f"tests/cext/test_{name}.py" for name in ("every_fault", "faults", "guarded", "life_cycle", "damping", "arming_again", "devices"))
-DRIVE = tuple(f"tests/blocks/actuators/test_{name}.py" for name in ("drive_law", "cubemars_bus", "cubemars_wire", "sent"))
+STOPS = tuple(
+    f"tests/cext/test_{name}.py"
+    for name in ("every_fault", "faults", "guarded", "life_cycle", "damping", "arming_again", "devices")
+)
+DRIVE = tuple(
+    f"tests/blocks/actuators/test_{name}.py" for name in ("drive_law", "cubemars_bus", "cubemars_wire", "sent")
+)
 
 TARGETS = (
-    Target("cext/kernels/limiters.pyx", (
-        "saturation_kernel", "slew_kernel", "slew_settle", "torque_limiter_kernel", "power_kernel", "soft_stop_kernel", "derating_kernel",
-        "soft_start_kernel", "remember", "rms_torque_kernel"),
-        ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py")),
-    Target("cext/kernels/limits.pxd", ("finite", "is_finite", "clip", "toward"), ("cext/kernels/limiters",), ("tests/blocks/test_limiters.py",)),
-    Target("cext/kernels/drive_law.pxd", ("quotient", "keep_inside"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3", "cext/kernels/robstride",
-           "cext/kernels/robstride_mit"), DRIVE),
-    Target("cext/kernels/mit.pxd", ("limit_law", "quantise", "encode_command"), ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
-           (*DRIVE, "tests/blocks/actuators/test_cubemars_v3_wire.py")),
-    Target("cext/devices.pyx", ("receive", "commanded", "watch", "command", "transmit", "send", "send_batches", "send_stop", "all_answered",
-           "want_replies", "is_like"), ("cext/devices",),
-           (*STOPS, "tests/cext/test_stopwatch.py", "tests/cext/test_overrun.py", "tests/cext/test_latency.py",
-            "tests/cext/test_buses.py", "tests/cext/test_timed_bus.py",
-            "tests/blocks/actuators/test_cubemars_extended_life.py")),
-    Target("cext/journal.pyx", ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"), ("cext/journal",), STOPS),
+    Target(
+        "cext/kernels/limiters.pyx",
+        (
+            "saturation_kernel",
+            "slew_kernel",
+            "slew_settle",
+            "torque_limiter_kernel",
+            "power_kernel",
+            "soft_stop_kernel",
+            "derating_kernel",
+            "soft_start_kernel",
+            "remember",
+            "rms_torque_kernel",
+        ),
+        ("cext/kernels/limiters",),
+        ("tests/blocks/test_limiters.py", "tests/blocks/test_protection.py"),
+    ),
+    Target(
+        "cext/kernels/limits.pxd",
+        ("finite", "is_finite", "clip", "toward"),
+        ("cext/kernels/limiters",),
+        ("tests/blocks/test_limiters.py",),
+    ),
+    Target(
+        "cext/kernels/drive_law.pxd",
+        ("quotient", "keep_inside"),
+        ("cext/kernels/cubemars", "cext/kernels/cubemars_v3", "cext/kernels/robstride", "cext/kernels/robstride_mit"),
+        DRIVE,
+    ),
+    Target(
+        "cext/kernels/mit.pxd",
+        ("limit_law", "quantise", "encode_command"),
+        ("cext/kernels/cubemars", "cext/kernels/cubemars_v3"),
+        (*DRIVE, "tests/blocks/actuators/test_cubemars_v3_wire.py"),
+    ),
+    Target(
+        "cext/devices.pyx",
+        (
+            "receive",
+            "commanded",
+            "watch",
+            "command",
+            "transmit",
+            "send",
+            "send_batches",
+            "send_stop",
+            "all_answered",
+            "want_replies",
+            "is_like",
+        ),
+        ("cext/devices",),
+        (
+            *STOPS,
+            "tests/cext/test_stopwatch.py",
+            "tests/cext/test_overrun.py",
+            "tests/cext/test_latency.py",
+            "tests/cext/test_buses.py",
+            "tests/cext/test_timed_bus.py",
+            "tests/blocks/actuators/test_cubemars_extended_life.py",
+        ),
+    ),
+    Target(
+        "cext/journal.pyx",
+        ("fenced", "attend", "raise_fence", "lower_fence", "attend_fenced"),
+        ("cext/journal",),
+        STOPS,
+    ),
     Target("cext/page.pyx", ("raise_fence", "look_after", "fenced"), ("cext/page",), STOPS),
     Target("cext/executor.pyx", ("stop",), ("cext/executor",), STOPS),
-    Target("cext/arming.pyx", ("halt",), ("cext/arming",), (*STOPS, "tests/blocks/actuators/test_cubemars_extended_life.py")),
+    Target(
+        "cext/arming.pyx",
+        ("halt",),
+        ("cext/arming",),
+        (*STOPS, "tests/blocks/actuators/test_cubemars_extended_life.py"),
+    ),
     Target("cext/waiting.pyx", ("is_survived",), ("cext/waiting",), STOPS),
-    Target("runtime/guardian/stopping.py", ("__init__", "step", "hear", "is_reply"), (), ("tests/runtime/guardian/test_safe_stop.py",)),
-    Target("runtime/guardian/process.py", ("judge", "begin_stop", "carry", "receive"), (), ("tests/runtime/guardian/test_carrying.py",)),
+    Target(
+        "runtime/guardian/stopping.py",
+        ("__init__", "step", "hear", "is_reply"),
+        (),
+        ("tests/runtime/guardian/test_safe_stop.py",),
+    ),
+    Target(
+        "runtime/guardian/process.py",
+        ("judge", "begin_stop", "carry", "receive"),
+        (),
+        ("tests/runtime/guardian/test_carrying.py",),
+    ),
 )

@@ -34,7 +34,8 @@ def test_a_mutant_differs_from_its_source_in_one_small_error_of_the_function_tha
         (9, "if not on and x > high:", "if not on and x >= high:"),
         (9, "if not on and x > high:", "if on and x > high:"),
         (9, "if not on and x > high:", "if not on or x > high:"),
-        (10, "x = (x - high)", "pass")]
+        (10, "x = (x - high)", "pass"),
+    ]
     assert all("return a + 1\n" in mutant.text and mutant.text != SOURCE for mutant in found)
     changed = [line for line in found[1].diff(SOURCE).splitlines()[2:] if line[0] in "+-"]
     assert changed == ["-    if not on and x > high:", "+    if not on and x >= high:"]
@@ -52,7 +53,11 @@ def test_a_sample_has_some_of_every_file_first_and_another_seed_another_order():
 
 
 def test_every_mutant_that_is_known_to_be_no_different_is_still_one():
-    names = {mutant.name for target in TARGETS for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)}
+    names = {
+        mutant.name
+        for target in TARGETS
+        for mutant in mutants(target.file, (ROOT / target.file).read_text(), target.functions)
+    }
     assert not EQUIVALENT.keys() - names, "take out what is no mutant any more"
     assert all(EQUIVALENT.values())
 
@@ -62,7 +67,10 @@ def test_every_mutant_is_killed(capsys):
     verdicts, survivors = experiment(SECONDS, SEED)
     tried = verdicts["killed"] + verdicts["survived"] + verdicts["no program"]
     with capsys.disabled():
-        print(f"\nmutants: {verdicts['made']} there are, {tried} tried, {verdicts['killed']} killed, {verdicts['survived']} survived, "
-              f"{verdicts['no program']} no program")
+        print(
+            f"\nmutants: {verdicts['made']} there are, {tried} tried, {verdicts['killed']} killed, "
+            f"{verdicts['survived']} survived, "
+            f"{verdicts['no program']} no program"
+        )
     assert verdicts["killed"] > 0
     assert not survivors, "\n\n".join(mutant.diff((ROOT / mutant.file).read_text()) for mutant in survivors)

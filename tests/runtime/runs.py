@@ -19,11 +19,12 @@ from tests.blocks.actuators import reference
 ROOT = Path(__file__).resolve().parents[2]
 KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
 AK10_9 = reference.ranges(velocity=50.0, torque=65.0)
-TORQUE_STEP = 130.0 / 4095                          # N·m, a code of torque
+TORQUE_STEP = 130.0 / 4095  # N·m, a code of torque
 ENABLE, DISABLE = "FFFFFFFFFFFFFFFC", "FFFFFFFFFFFFFFFD"
-NOTHING = "7FFF7FF0000007FF"                        # position, velocity and torque in the middle, no stiffness, no damping
+NOTHING = "7FFF7FF0000007FF"  # position, velocity and torque in the middle, no stiffness, no damping
 
-# A robot in few lines. `law` says what its knee is told to do: the body of a step that has `position`, `velocity`, `t` and `tick`.
+# A robot in few lines. `law` says what its knee is told to do: the body of a step that has `position`, `velocity`, `t`
+# and `tick`.
 KNEE = '''
 import math
 
@@ -78,20 +79,35 @@ def environment(**more):
 def finished(*arguments, cwd, timeout=60, **more):
     """A run from beginning to end. Returns the CompletedProcess, with text."""
     return subprocess.run(
-        [sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, env=environment(**more), stdin=subprocess.DEVNULL,
-        capture_output=True, text=True, timeout=timeout)
+        [sys.executable, "-m", "runtime", *map(str, arguments)],
+        cwd=cwd,
+        env=environment(**more),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+    )
 
 
 def started(*arguments, cwd, **how):
     """A run that has been started. Returns the Popen, with text."""
-    how = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": environment(), **how}
+    how = {
+        "stdin": subprocess.DEVNULL,
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "env": environment(),
+        **how,
+    }
     return subprocess.Popen([sys.executable, "-m", "runtime", *map(str, arguments)], cwd=cwd, text=True, **how)
 
 
 def writer_of(pid):
     """Number of the process below another that writes its recording; None where there is none yet."""
     below = psutil.Process(pid).children(recursive=True)
-    return next((child.pid for child in below if child.name() == "tickwork-record" and child.status() != psutil.STATUS_ZOMBIE), None)
+    return next(
+        (child.pid for child in below if child.name() == "tickwork-record" and child.status() != psutil.STATUS_ZOMBIE),
+        None,
+    )
 
 
 def descendant(pid, word):
@@ -149,7 +165,7 @@ class Listener:
     def rest(self):
         """All that have arrived and were not yet taken, once nobody sends any more. Ends the listening."""
         if self.thread.is_alive():
-            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:      # an empty datagram, behind all others
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:  # an empty datagram, behind all others
                 last.sendto(b"", self.socket.getsockname())
             self.thread.join(10)
         found = []

@@ -16,7 +16,8 @@ from tests.runtime.runs import environment, write
 
 WIDE = struct.pack("HHHH", 24, 160, 0, 0)
 
-# A spring that pushes with -K: live parameters of a native block, with a slew of their own and with the default one, and of a Python block.
+# A spring that pushes with -K: live parameters of a native block, with a slew of their own and with the default one,
+# and of a Python block.
 LIVE = '''
 import math
 
@@ -86,7 +87,8 @@ class Terminal:
         how = {"stdin": self.slave, "stdout": self.slave, "stderr": self.slave, **how}
         variables = environment(TERM="xterm", LANG="C.UTF-8", LC_ALL="C.UTF-8")
         self.process = subprocess.Popen(
-            [sys.executable, *map(str, words)], cwd=cwd, env=variables, start_new_session=True, preexec_fn=own_it, **how)
+            [sys.executable, *map(str, words)], cwd=cwd, env=variables, start_new_session=True, preexec_fn=own_it, **how
+        )
         return self
 
     def run(self, *words, cwd, **how):

@@ -1,4 +1,6 @@
-"""docs/actuators.md: its joint swaps its actuator, its plant stops the run, and its driver board compiles, is proved and runs."""
+"""docs/actuators.md: its joint swaps its actuator, its plant stops the run, and its driver board compiles, is proved
+and runs.
+"""
 
 import re
 import shutil
@@ -32,7 +34,8 @@ def test_the_pages_joint_runs_with_either_actuator(tmp_path):
 def test_the_knee_exoskeleton_swaps_its_actuator_by_one_line(tmp_path):
     text = (ROOT / "diagrams" / "knee_exo.py").read_text()
     swapped = text.replace("from blocks.actuators import CubeMars", "from blocks.actuators import RobStride").replace(
-        'CubeMars("AK10-9-V2.0"', 'RobStride("RobStride03"')
+        'CubeMars("AK10-9-V2.0"', 'RobStride("RobStride03"'
+    )
     assert sum(a != b for a, b in zip(text.splitlines(), swapped.splitlines())) == 2, "the line, and the import"
     write(tmp_path, swapped, "knee_exo.py")
     process = finished("knee_exo.py", "--fast", "--duration", "5", "--no-record", cwd=tmp_path)
@@ -50,8 +53,13 @@ def test_the_pages_driver_board_compiles_runs_and_is_proved(tmp_path):
     [kernels] = re.findall(r"^```cython\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernels, "board_kernels.pyx")
     compiled = subprocess.run(
-        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT,
-        env=environment() | {"CFLAGS": "-O0"}, capture_output=True, text=True, timeout=120)
+        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)],
+        cwd=ROOT,
+        env=environment() | {"CFLAGS": "-O0"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert compiled.returncode == 0, compiled.stderr
     write(tmp_path, BOARD, "board.py")
     process = finished("board.py", "--fast", "--duration", "2", cwd=tmp_path)
@@ -63,7 +71,16 @@ def test_the_pages_driver_board_compiles_runs_and_is_proved(tmp_path):
     process = finished("strong.py", "--fast", "--duration", "0.1", "--no-record", cwd=tmp_path)
     assert process.returncode == CHECK_FAILED and "knee.torque_command" in process.stderr, process.stderr
     checked = subprocess.run(
-        [sys.executable, "-c", "import board; from graph.conformance import check_declarations\n"
-         "for kind in (board.Board, board.EmulatedBoard): check_declarations(kind, {})"],
-        cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+        [
+            sys.executable,
+            "-c",
+            "import board; from graph.conformance import check_declarations\n"
+            "for kind in (board.Board, board.EmulatedBoard): check_declarations(kind, {})",
+        ],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert checked.returncode == 0, checked.stderr

@@ -46,13 +46,13 @@ with Diagram("rates", rate=500) as diagram:
     CsvRecorder()
 '''
 
-PLANT = '''
+PLANT = """
 
 def plant(robot):
     with Diagram("plant", rate=1000) as plant:
         robot["knee"].emulator()(position=0.0)
     return plant
-'''
+"""
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +70,19 @@ def columns(found, width=100):
 
 def test_every_port_has_its_unit_its_wire_and_its_range(exo):
     limiter = block(exo, "left/torque_limiter")
-    assert limiter["inputs"] == [{"name": "torque", "unit": "N·m", "shape": "", "dtype": "float", "source": "left/sum.y"}]
+    assert limiter["inputs"] == [
+        {"name": "torque", "unit": "N·m", "shape": "", "dtype": "float", "source": "left/sum.y"}
+    ]
     limited = {"name": "limited", "unit": "N·m", "shape": "", "dtype": "float", "low": -12.0, "high": 12.0}
     assert limiter["outputs"] == [limited | {"targets": ["left/knee.torque_command"]}]
     knee = block(exo, "left/knee")
     assert {port["name"]: port.get("source", port.get("default")) for port in knee["inputs"]} == {
-        "position_command": "0 rad", "velocity_command": "0 rad/s", "torque_command": "left/torque_limiter.limited",
-        "stiffness_command": "0 N·m/rad", "damping_command": "0 N·m·s/rad"}
+        "position_command": "0 rad",
+        "velocity_command": "0 rad/s",
+        "torque_command": "left/torque_limiter.limited",
+        "stiffness_command": "0 N·m/rad",
+        "damping_command": "0 N·m·s/rad",
+    }
     age = next(port for port in knee["outputs"] if port["name"] == "age")
     assert (age["low"], age["high"]) == (0.0, None)
 
@@ -85,18 +91,32 @@ def test_the_schedule_is_the_compilers(exo):
     schedule = compile(load(KNEE_EXO)[1])
     assert [step["block"] for step in exo["schedule"]["output"]] == [step.name for step in schedule.output]
     assert all(step["native"] and step["rate"] == 200.0 and step["gil"] is None for step in exo["schedule"]["output"])
-    assert exo["schedule"]["recorded"] == len(schedule.columns) and exo["schedule"]["devices"] == ["left/knee", "right/knee"]
+    assert exo["schedule"]["recorded"] == len(schedule.columns) and exo["schedule"]["devices"] == [
+        "left/knee",
+        "right/knee",
+    ]
 
 
 def test_the_proof_names_the_block_and_the_line_that_bounds(exo):
     [proof] = [p for p in exo["proofs"] if p["command"] == "left/knee.torque_command"]
     line = line_of(KNEE_EXO, "TorqueLimiter(limit=12.0")
-    assert (proof["low"], proof["high"], proof["limit_low"], proof["limit_high"], proof["unit"]) == (-12.0, 12.0, -18.0, 18.0, "N·m")
-    assert proof["bounded_by"] == "left/torque_limiter" and proof["at"].endswith(f"knee_exo.py:{line}") and proof["holds"] and proof["slew"] == 200.0
+    assert (proof["low"], proof["high"], proof["limit_low"], proof["limit_high"], proof["unit"]) == (
+        -12.0,
+        12.0,
+        -18.0,
+        18.0,
+        "N·m",
+    )
+    assert (
+        proof["bounded_by"] == "left/torque_limiter"
+        and proof["at"].endswith(f"knee_exo.py:{line}")
+        and proof["holds"]
+        and proof["slew"] == 200.0
+    )
     assert "rated torque" in proof["rating"] and "AK10-9-V2.0" in proof["rating"]
 
 
-MIXED = '''
+MIXED = """
 from blocks.actuators import CubeMars, CubeMarsServo, RobStride
 from graph import Diagram
 
@@ -105,27 +125,47 @@ with Diagram("mixed", rate=200) as diagram:
     CubeMars("AK10-9-V2.0", name="knee", can_id=2, limit=12.0)(stiffness_command=30.0, damping_command=1.0)
     RobStride("RS02", name="elbow", can_id=3, mode="position", range=(-1.0, 1.0))(position_command=0.1)
     CubeMarsServo("AK80-9", name="wrist", bus="two", can_id=4, mode="velocity")(velocity_command=0.1)
-'''
+"""
 
 
 def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_path):
     found = check(write(tmp_path, MIXED))
     bounds = {torque["actuator"]: torque for torque in found["torque"]}
-    assert {path: torque["bound"] for path, torque in bounds.items()} == {"hip": "proved", "knee": "assumed", "elbow": "drive", "wrist": "none"}
-    assert (bounds["knee"]["limit"], bounds["knee"]["acceleration"], bounds["knee"]["holds"]) == (12.0, 500.0, "while |α| <= 500 rad/s²")
+    assert {path: torque["bound"] for path, torque in bounds.items()} == {
+        "hip": "proved",
+        "knee": "assumed",
+        "elbow": "drive",
+        "wrist": "none",
+    }
+    assert (bounds["knee"]["limit"], bounds["knee"]["acceleration"], bounds["knee"]["holds"]) == (
+        12.0,
+        500.0,
+        "while |α| <= 500 rad/s²",
+    )
     figures = {figure["name"]: (figure["value"], figure["unit"]) for figure in bounds["knee"]["figures"]}
-    assert figures["usable_damping"] == (pytest.approx(3.2), "N·m·s/rad") and figures["stall_time"] == (pytest.approx(0.045), "s")
+    assert figures["usable_damping"] == (pytest.approx(3.2), "N·m·s/rad") and figures["stall_time"] == (
+        pytest.approx(0.045),
+        "s",
+    )
     assert set(figures) == {"usable_damping", "smallest_inertia", "stall_time", "stall_torque", "stall_torque_slower"}
     assumed = {proof["command"].partition(".")[0]: proof["assumes"] for proof in found["proofs"]}
-    assert assumed["hip"] is None and assumed["knee"] == "while |α| <= 500 rad/s²" and "nothing here verifies" in assumed["elbow"]
+    assert (
+        assumed["hip"] is None
+        and assumed["knee"] == "while |α| <= 500 rad/s²"
+        and "nothing here verifies" in assumed["elbow"]
+    )
     said = columns(found, 500)
     assert "    torque, not proved: 12 N·m, holds while |α| <= 500 rad/s²" in said
     assert "      usable damping, where the whole law does not fit into the limit: 3.2 N·m·s/rad" in said
-    assert any(line.startswith("    torque, not proved: 6 N·m, limited by the drive's own current limit of ") for line in said)
+    assert any(
+        line.startswith("    torque, not proved: 6 N·m, limited by the drive's own current limit of ") for line in said
+    )
     assert sum(line.startswith("    torque, not proved: ") for line in said) == 3
     assert said[-1] == (
-        "ok: every command of 1 actuator is proved, the torque of elbow is limited by the drive alone, the torque limit of knee holds while "
-        "|α| <= 500 rad/s², nothing here limits the torque of wrist, 0 warnings")
+        "ok: every command of 1 actuator is proved, the torque of elbow is limited by the drive alone, the torque "
+        "limit of knee holds while "
+        "|α| <= 500 rad/s², nothing here limits the torque of wrist, 0 warnings"
+    )
 
 
 def test_with_stiffness_at_every_joint_nothing_is_called_proved(tmp_path):
@@ -144,23 +184,42 @@ def test_buses_and_plant_are_told(exo):
 def test_rates_conditions_and_holds_of_the_gil_are_told(tmp_path):
     found = check(write(tmp_path, RATES))
     steps = {step["block"]: step for step in found["schedule"]["output"]}
-    assert (steps["slow/level"]["rate"], steps["slow/level"]["every"], steps["slow/level"]["while"]) == (50.0, 10, ["on.y"])
-    assert [steps[name]["gil"] for name in ("first", "second", "direct")] == [1, 1, None] and found["schedule"]["gil_sections"] == 1
+    assert (steps["slow/level"]["rate"], steps["slow/level"]["every"], steps["slow/level"]["while"]) == (
+        50.0,
+        10,
+        ["on.y"],
+    )
+    assert [steps[name]["gil"] for name in ("first", "second", "direct")] == [1, 1, None] and found["schedule"][
+        "gil_sections"
+    ] == 1
     assert [step["block"] for step in found["schedule"]["update"]] == ["delay"]
     assert found["holds"] == [
         {"source": "slow/level.y", "source_every": 10, "target": "direct.u", "target_every": 1},
-        {"source": "fast.y", "source_every": 1, "target": "slow/level.u", "target_every": 10}]
+        {"source": "fast.y", "source_every": 1, "target": "slow/level.u", "target_every": 10},
+    ]
     said = "\n".join(columns(found))
-    assert "fast.y        → slow/level.u  one value in 10 is taken" in said and "slow/level.y  → direct.u  held for 10 ticks" in said
-    assert re.search(r"slow/level +native +50 Hz +while on\.y", said) and re.search(r"first +Python +500 Hz +GIL 1", said)
-    assert "a tick takes the GIL 1 time" in said and found["plant"] is None and "proof" not in said and "buses" not in said
+    assert (
+        "fast.y        → slow/level.u  one value in 10 is taken" in said
+        and ("slow/level.y  → direct.u  held for 10 ticks") in said
+    )
+    assert re.search(r"slow/level +native +50 Hz +while on\.y", said) and re.search(
+        r"first +Python +500 Hz +GIL 1", said
+    )
+    assert (
+        "a tick takes the GIL 1 time" in said and found["plant"] is None and "proof" not in said and "buses" not in said
+    )
 
 
 def test_json_has_the_keys_that_the_help_documents(command_line):
     code, out, err = command_line("check", KNEE_EXO, "--json")
     found = json.loads(out)
     assert (code, err) == (OK, "")
-    documented = {word for line in KEYS.splitlines()[1:] if line[2] != " " for word in re.match(r"  ([\w, ]+?)  ", line)[1].split(", ")}
+    documented = {
+        word
+        for line in KEYS.splitlines()[1:]
+        if line[2] != " "
+        for word in re.match(r"  ([\w, ]+?)  ", line)[1].split(", ")
+    }
     assert set(found) == documented
     for key in ("blocks", "proofs", "buses", "holds", "schedule", "plant"):
         one = found[key][0] if isinstance(found[key], list) and found[key] else found[key]
@@ -188,14 +247,19 @@ def test_on_a_terminal_it_is_coloured_and_as_wide_as_that(tmp_path):
     knee(tmp_path)
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 72, 0, 0))
-    process = subprocess.Popen([sys.executable, "-m", "runtime", "check", "robot.py"], cwd=tmp_path, stdout=theirs, stdin=theirs,
-                               env=environment(TERM="xterm") | {"COLUMNS": ""})
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", "check", "robot.py"],
+        cwd=tmp_path,
+        stdout=theirs,
+        stdin=theirs,
+        env=environment(TERM="xterm") | {"COLUMNS": ""},
+    )
     os.close(theirs)
     said = b""
     while True:
         try:
             piece = os.read(ours, 65536)
-        except OSError:                                 # the other end is closed
+        except OSError:  # the other end is closed
             break
         if not piece:
             break
@@ -218,14 +282,21 @@ def test_what_is_wrong_is_told_with_code_place_and_cure_and_exit_code_1(command_
     [proof] = [p for p in found["proofs"] if p["command"] == "left/knee.torque_command"]
     assert not proof["holds"]
     code, out, err = command_line("check", KNEE_EXO, "--set", "left/torque_limiter.limit=30")
-    assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == "1 error, 0 warnings: this diagram does not run"
+    assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == (
+        "1 error, 0 warnings: this diagram does not run"
+    )
 
 
 def test_a_block_that_could_not_be_made_fails_the_check_too(command_line):
     path = write(command_line.folder, KNEE.format(law="return 0.0").replace("limit=5.0", "limit=-5.0"))
     code, out, err = command_line("check", "robot.py", "--json")
     [error] = json.loads(out)["errors"]
-    assert (code, err, error["code"], error["at"]) == (CHECK_FAILED, "", "TW010", f"robot.py:{line_of(path, 'limit=-5.0')}")
+    assert (code, err, error["code"], error["at"]) == (
+        CHECK_FAILED,
+        "",
+        "TW010",
+        f"robot.py:{line_of(path, 'limit=-5.0')}",
+    )
     assert set(json.loads(out)) == set(check(KNEE_EXO))
     assert "at least 0.0 N·m" in command_line("check", "robot.py")[1]
 
@@ -259,17 +330,26 @@ def test_a_picture_of_an_interval_shows_where_it_lies_in_its_limit():
 
 
 def test_intervals_as_text():
-    assert [interval(*ends) for ends in ((-1.0, 2.5), (0.0, None), (None, 3.0), (None, None))] == ["[-1, 2.5]", "[0, ∞]", "[-∞, 3]", ""]
+    assert [interval(*ends) for ends in ((-1.0, 2.5), (0.0, None), (None, 3.0), (None, None))] == [
+        "[-1, 2.5]",
+        "[0, ∞]",
+        "[-∞, 3]",
+        "",
+    ]
 
 
 def test_how_a_damped_joint_is_stopped_is_told(command_line):
-    write(command_line.folder, KNEE.format(law="return 0.0").replace("can_id=", 'safe_stop="damp", can_id='), "damped.py")
+    write(
+        command_line.folder, KNEE.format(law="return 0.0").replace("can_id=", 'safe_stop="damp", can_id='), "damped.py"
+    )
     code, out, err = command_line("check", "damped.py")
     assert (code, err) == (OK, "") and "    safe stop: damped within 18 N·m for 1 s then disable\n" in out
 
 
 def test_check_tells_how_fast_a_torque_can_change(tmp_path, command_line):
-    """Ten newton metres, from end to end in 0.1 s, where the limiter has no slew; and that it may step where it asks for that."""
+    """Ten newton metres, from end to end in 0.1 s, where the limiter has no slew; and that it may step where it asks
+    for that.
+    """
     out = command_line("check", knee(tmp_path))[1]
     assert "; from end to end in 0.1 s at the fastest, 100 N·m/s" in " ".join(out.split())
     text = knee(tmp_path).read_text().replace("(limit=5.0)", "(limit=5.0, slew=math.inf)")

@@ -10,7 +10,7 @@ from runtime.errors import BAD_INPUT, CHECK_FAILED
 from runtime.diagram_file import load
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write
 
-WAVE = '''
+WAVE = """
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Diagram
@@ -19,9 +19,9 @@ from graph import Diagram
 with Diagram("wave", rate=100) as diagram:
     Sine(amplitude={amplitude})
     CsvRecorder()
-'''
+"""
 
-BUILD = '''
+BUILD = """
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Diagram
@@ -33,12 +33,14 @@ def build({parameters}):
         Sine(amplitude=amplitude)
         CsvRecorder()
     return diagram
-'''
+"""
 
 
 @pytest.fixture
 def refused(command_line):
-    """Runs a file that cannot be used. Returns the complaint without `tickwork: `; asserts code, silence and cleanliness."""
+    """Runs a file that cannot be used. Returns the complaint without `tickwork: `; asserts code, silence and
+    cleanliness.
+    """
 
     def run(path, *options, code=BAD_INPUT):
         return command_line.refused(path, *options, code=code)
@@ -53,8 +55,18 @@ def test_a_file_may_offer_a_diagram(tmp_path):
 
 
 def test_parameters_of_build_may_have_any_name(tmp_path):
-    path = write(tmp_path, BUILD.format(parameters="file='', function=0, path='', amplitude=1.0", before="amplitude = amplitude + function"))
-    assert load(path, [("file", "walking.csv"), ("function", "2"), ("path", "x"), ("amplitude", "1.0")])[1]["sine"].amplitude == 3.0
+    path = write(
+        tmp_path,
+        BUILD.format(
+            parameters="file='', function=0, path='', amplitude=1.0", before="amplitude = amplitude + function"
+        ),
+    )
+    assert (
+        load(path, [("file", "walking.csv"), ("function", "2"), ("path", "x"), ("amplitude", "1.0")])[1][
+            "sine"
+        ].amplitude
+        == 3.0
+    )
 
 
 def test_a_file_may_offer_build_with_parameters(tmp_path):
@@ -145,7 +157,8 @@ def test_a_file_that_may_not_be_read(tmp_path, refused):
 def test_a_file_without_a_diagram(tmp_path, refused, content):
     write(tmp_path, content)
     assert refused("robot.py") == (
-        "robot.py has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one")
+        "robot.py has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
+    )
 
 
 def test_a_syntax_error_has_its_line_and_place(tmp_path, refused):
@@ -173,7 +186,9 @@ def test_an_exception_of_ours_has_the_users_line(tmp_path, refused):
     """What raises is Diagram's; what is shown is who asked."""
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    return robot['kne']\n")
     line = line_of(path, "robot['kne']")
-    assert refused("robot.py") == f"robot.py:{line}: KeyError: knee has no block 'kne': did you mean 'knee'?\n    return robot['kne']"
+    assert refused("robot.py") == (
+        f"robot.py:{line}: KeyError: knee has no block 'kne': did you mean 'knee'?\n    return robot['kne']"
+    )
 
 
 def test_a_misspelt_port_has_the_users_line_and_a_suggestion(tmp_path, refused):
@@ -184,9 +199,13 @@ def test_a_misspelt_port_has_the_users_line_and_a_suggestion(tmp_path, refused):
 
 
 def test_an_exception_in_plant_has_its_line(tmp_path, refused):
-    path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    raise RuntimeError('not today')\n")
+    path = write(
+        tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant(robot):\n    raise RuntimeError('not today')\n"
+    )
     line = line_of(path, "not today")
-    assert refused("robot.py", "--duration", "1") == f"robot.py:{line}: RuntimeError: not today\n    raise RuntimeError('not today')"
+    assert refused("robot.py", "--duration", "1") == (
+        f"robot.py:{line}: RuntimeError: not today\n    raise RuntimeError('not today')"
+    )
 
 
 @pytest.mark.parametrize("body, words", [("sys.exit(5)", "SystemExit: 5"), ("raise Exception", "Exception")])
@@ -203,8 +222,10 @@ def test_endless_recursion(tmp_path, refused):
 def test_a_missing_library_is_told_with_the_line(tmp_path, refused):
     write(tmp_path, "\nimport no_such_library\n")
     assert refused("robot.py") == (
-        "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; if it is a library of blocks: pip install no-such-library\n"
-        "    import no_such_library")
+        "robot.py:2: ModuleNotFoundError: No module named 'no_such_library'; if it is a library of blocks: pip "
+        "install no-such-library\n"
+        "    import no_such_library"
+    )
 
 
 def test_a_mistyped_block_is_suggested(tmp_path, refused):
@@ -217,7 +238,9 @@ def test_a_mistyped_block_is_suggested(tmp_path, refused):
 def test_a_function_that_returns_something_else(tmp_path, refused, function, returned):
     head = KNEE.format(law="return 0.0") if function == "plant" else ""
     write(tmp_path, f"{head}\ndef {function}({'robot' if function == 'plant' else ''}):\n    return {returned}\n")
-    assert refused("robot.py", "--duration", "1") == f"robot.py: {function}() returned {returned}, and must return a Diagram"
+    assert refused("robot.py", "--duration", "1") == (
+        f"robot.py: {function}() returned {returned}, and must return a Diagram"
+    )
 
 
 def test_build_with_a_parameter_that_has_no_value(tmp_path, refused):
@@ -225,7 +248,8 @@ def test_build_with_a_parameter_that_has_no_value(tmp_path, refused):
     line = line_of(path, "def build")
     assert refused("robot.py") == (
         f"robot.py:{line}: build() cannot be called: missing a required argument: 'amplitude'; "
-        "give it a default, or a value with --set NAME=VALUE")
+        "give it a default, or a value with --set NAME=VALUE"
+    )
     assert load(path, [("amplitude", "3")])[1]["sine"].amplitude == 3.0
 
 
@@ -233,7 +257,8 @@ def test_plant_that_does_not_take_the_robot(tmp_path, refused):
     path = write(tmp_path, KNEE.format(law="return 0.0") + "\n\ndef plant():\n    pass\n")
     line = line_of(path, "def plant")
     assert refused("robot.py") == (
-        f"robot.py:{line}: plant() cannot be called: too many positional arguments; a plant is made as plant(robot)")
+        f"robot.py:{line}: plant() cannot be called: too many positional arguments; a plant is made as plant(robot)"
+    )
 
 
 def test_a_diagram_without_blocks(tmp_path, refused):
@@ -245,19 +270,27 @@ def test_a_mistake_in_a_blocks_parameter_has_its_line(tmp_path, refused):
     path = write(tmp_path, WAVE.format(before="", amplitude=1.0).replace("amplitude=", "amplitud="))
     line = line_of(path, "amplitud=")
     assert refused("robot.py") == (
-        f"robot.py:{line}: error TW010 wrong parameter: Sine: has no parameter 'amplitud'\n    did you mean 'amplitude'?")
+        f"robot.py:{line}: error TW010 wrong parameter: Sine: has no parameter 'amplitud'\n    did you mean "
+        "'amplitude'?"
+    )
 
 
 @pytest.mark.parametrize("rate", ["0", "-5", "float('nan')", "float('inf')", "'fast'"])
 def test_a_diagram_whose_own_rate_is_impossible(tmp_path, refused, rate):
     path = write(tmp_path, f"from graph import Diagram\nwith Diagram('d', rate={rate}) as diagram:\n    pass\n")
-    assert refused(path.name).startswith("robot.py:2: error TW010 wrong parameter: d: the rate must be a number above 0 Hz and at most 1e+09 Hz, got ")
+    assert refused(path.name).startswith(
+        "robot.py:2: error TW010 wrong parameter: d: the rate must be a number above 0 Hz and at most 1e+09 Hz, got "
+    )
 
 
 def test_a_diagram_that_does_not_compile_is_no_bad_input(tmp_path, refused):
     """Every mistake is told, with its line; the exit code is another."""
-    path = write(tmp_path, KNEE.format(law="return 0.0").replace("TorqueLimiter(limit=5.0)(torque)", "torque").replace(
-        "knee.position, knee.velocity", "knee.position"))
+    path = write(
+        tmp_path,
+        KNEE.format(law="return 0.0")
+        .replace("TorqueLimiter(limit=5.0)(torque)", "torque")
+        .replace("knee.position, knee.velocity", "knee.position"),
+    )
     complaint = refused("robot.py", code=CHECK_FAILED)
     unwired, unbounded = line_of(path, "Law(name="), line_of(path, "knee(torque_command")
     assert f"robot.py:{unwired}: error TW001 unconnected input: law.velocity" in complaint
@@ -265,7 +298,7 @@ def test_a_diagram_that_does_not_compile_is_no_bad_input(tmp_path, refused):
     assert complaint.endswith("tickwork: 2 errors; nothing was armed")
 
 
-HOOK = '''
+HOOK = """
 from blocks.recorders import CsvRecorder
 from graph import Block, Diagram, Output
 
@@ -281,19 +314,27 @@ class Broken(Block):
 with Diagram("broken", rate=100) as diagram:
     Broken()
     CsvRecorder()
-'''
+"""
 STEP = "\n    def step(self):\n        return 1.0\n"
 
 
-@pytest.mark.parametrize("hook, allowed, rest", [
-    ("output_range(self)", 0, STEP), ("prepare(self, dt)", 0, STEP), ("prepare(self, dt)", 1, STEP), ("reset(self)", 0, STEP),
-    ("reset(self)", 1, STEP),
-])
+@pytest.mark.parametrize(
+    "hook, allowed, rest",
+    [
+        ("output_range(self)", 0, STEP),
+        ("prepare(self, dt)", 0, STEP),
+        ("prepare(self, dt)", 1, STEP),
+        ("reset(self)", 0, STEP),
+        ("reset(self)", 1, STEP),
+    ],
+)
 def test_an_exception_in_a_hook_of_the_users_block_has_its_line(tmp_path, refused, hook, allowed, rest):
     """Whether it comes while the block is made or when the diagram is compiled."""
     path = write(tmp_path, HOOK.format(hook=hook, allowed=allowed, rest=rest))
     line = line_of(path, "on purpose")
-    assert refused("robot.py", "--duration", "1") == f"robot.py:{line}: LookupError: on purpose\n    raise LookupError(\"on purpose\")"
+    assert refused("robot.py", "--duration", "1") == (
+        f'robot.py:{line}: LookupError: on purpose\n    raise LookupError("on purpose")'
+    )
 
 
 def test_the_knee_exoskeleton_loads():

@@ -16,7 +16,8 @@ from tests.runtime.runs import ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient
 
 README, RUNNING, BLOCKS, RECORDINGS = (
-    (ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md", "docs/recordings.md"))
+    (ROOT / name).read_text() for name in ("README.md", "docs/running.md", "docs/blocks.md", "docs/recordings.md")
+)
 
 
 def python_of(text):
@@ -37,7 +38,10 @@ def shown_after(text, words):
 
 def without_numbers(lines):
     """Lines with numbers, their units of time and the width they take left open."""
-    return [re.sub(r"\s+", " ", re.sub(r"\d+(?:[.\d]|e[+-]\d)*", "#", line)).replace("µs", "s").replace("ms", "s") for line in lines]
+    return [
+        re.sub(r"\s+", " ", re.sub(r"\d+(?:[.\d]|e[+-]\d)*", "#", line)).replace("µs", "s").replace("ms", "s")
+        for line in lines
+    ]
 
 
 @pytest.fixture
@@ -51,7 +55,8 @@ def test_the_readmes_diagram_prints_what_the_readme_shows(sample):
     assert (process.returncode, process.stderr) == (OK, "")
     shown = shown_after(README, "Saved as `knee.py`")
     assert len(python_of(README)[0].splitlines()) <= 17
-    told = [line for line in process.stdout.splitlines() if not line.startswith("  overruns")]      # there where a busy machine missed ticks
+    # there where a busy machine missed ticks
+    told = [line for line in process.stdout.splitlines() if not line.startswith("  overruns")]
     assert without_numbers(told) == without_numbers(shown)
 
 
@@ -61,7 +66,11 @@ def test_the_readmes_diagram_runs_by_itself(sample):
 
 
 def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
-    write(sample.parent, sample.read_text().replace("TorqueLimiter(limit=12.0, slew=200.0)(torque)", "torque"), "unlimited.py")
+    write(
+        sample.parent,
+        sample.read_text().replace("TorqueLimiter(limit=12.0, slew=200.0)(torque)", "torque"),
+        "unlimited.py",
+    )
     process = finished("unlimited.py", "--duration", "0.5", cwd=sample.parent)
     assert (process.returncode, process.stdout) == (CHECK_FAILED, "")
     assert process.stderr.splitlines() == shown_after(README, "Leave the limiter out")
@@ -70,16 +79,26 @@ def test_without_the_limiter_it_prints_the_error_that_the_readme_shows(sample):
 def test_the_readmes_bench_has_the_shape_of_the_real_one(command_line):
     """Other frameworks and the goals below the table need not be there."""
     code, out, err = command_line("bench", "--only", "knee", "--seconds", "0.002", "--repeats", "1")
-    shown = [line for line in without_numbers(shown_after(README, "measures this machine")) if line.lstrip()[:7] not in ("Drake, ", "PathSim", "bdsim #")]
+    shown = [
+        line
+        for line in without_numbers(shown_after(README, "measures this machine"))
+        if line.lstrip()[:7] not in ("Drake, ", "PathSim", "bdsim #")
+    ]
     assert (code, err) == (OK, "")
     told = without_numbers(out.splitlines())
     assert [line for line in shown if line not in told] == [] and len(shown) == 8
 
 
 def test_commands_of_the_pages_run(tmp_path):
-    """Every line that starts a diagram, in virtual time and shorter; what is there to be read then is read by the page's own script."""
+    """Every line that starts a diagram, in virtual time and shorter; what is there to be read then is read by the
+    page's own script.
+    """
     write(tmp_path, python_of(RUNNING)[0], "hold.py")
-    commands = [line.split("#")[0].split()[3:] for line in (README + RUNNING).splitlines() if line.startswith("    python -m runtime ")]
+    commands = [
+        line.split("#")[0].split()[3:]
+        for line in (README + RUNNING).splitlines()
+        if line.startswith("    python -m runtime ")
+    ]
     assert len(commands) >= 7
     for file, *options in ([word for word in words if word != "--fast"] for words in commands):
         if file == "check":
@@ -101,15 +120,30 @@ def test_what_the_page_of_recordings_shows_is_what_happens(tmp_path):
     for _ in range(2):
         assert finished("hold.py", "--fast", "--duration", "1", "--trial", "subject=S03", cwd=tmp_path).returncode == OK
     reader = subprocess.run(
-        [sys.executable, write(tmp_path, python_of(RECORDINGS)[0], "read.py")], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+        [sys.executable, write(tmp_path, python_of(RECORDINGS)[0], "read.py")],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
     assert reader.stdout.splitlines() == [
-        "200 samples in rad, until 0.995 s, of {'subject': 'S03'}", "996 samples at 1000 Hz", "2 trials, 400 rows"], reader.stderr
-    commands = [line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")]
+        "200 samples in rad, until 0.995 s, of {'subject': 'S03'}",
+        "996 samples at 1000 Hz",
+        "2 trials, 400 rows",
+    ], reader.stderr
+    commands = [
+        line.split("#")[0].split()[3:] for line in RECORDINGS.splitlines() if line.startswith("    python -m runtime ")
+    ]
     assert len(commands) == 9
     one = min(str(path) for path in (tmp_path / "recordings").glob("hold_*.mcap"))
     for words in commands:
         needs = {"parquet": "pyarrow", "mat": "scipy"}
-        if any(find_spec(module) is None for kind, module in needs.items() if any(kind in word.split(",") for word in words)):
+        if any(
+            find_spec(module) is None
+            for kind, module in needs.items()
+            if any(kind in word.split(",") for word in words)
+        ):
             continue
         words = [one if word.startswith("recordings/") else "0.1" if word == "10" else word for word in words]
         process = finished(*words, cwd=tmp_path)
@@ -144,15 +178,34 @@ def test_the_native_block_of_the_page_compiles_and_runs(tmp_path):
     [kernel] = re.findall(r"^```cython\n(.*?)^```", BLOCKS, re.DOTALL | re.MULTILINE)
     path = write(tmp_path, kernel, "my_kernels.pyx")
     compiled = subprocess.run(
-        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)], cwd=ROOT, env=environment(),
-        capture_output=True, text=True, timeout=120)
+        [sys.executable, "-c", "from Cython.Build.Cythonize import main; main()", "-3", "-i", str(path)],
+        cwd=ROOT,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     assert compiled.returncode == 0, compiled.stderr
     write(tmp_path, python_of(BLOCKS)[2] + "\nprint(Square().step(3.0))\n", "square.py")
-    process = subprocess.run([sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+    process = subprocess.run(
+        [sys.executable, "square.py"], cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60
+    )
     assert process.stdout == "9.0\n", process.stderr
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/running.md", "docs/blocks.md", "docs/tour.md", "docs/realtime.md", "docs/rate.md", "docs/recordings.md", "docs/subjects_data.md"])
+@pytest.mark.parametrize(
+    "page",
+    [
+        "README.md",
+        "docs/running.md",
+        "docs/blocks.md",
+        "docs/tour.md",
+        "docs/realtime.md",
+        "docs/rate.md",
+        "docs/recordings.md",
+        "docs/subjects_data.md",
+    ],
+)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / page).read_text()):
         assert ((ROOT / page).parent / target).exists(), target

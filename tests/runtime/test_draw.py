@@ -10,7 +10,9 @@ from runtime.draw import BROWSERS, choose
 from runtime.errors import BAD_INPUT, OK, BadInput
 from tests.runtime.runs import KNEE_EXO, finished, knee
 
-TOOLS = [name for name in ("rsvg-convert", "inkscape", *BROWSERS) if which(name)] + (["cairosvg"] if find_spec("cairosvg") else [])
+TOOLS = [name for name in ("rsvg-convert", "inkscape", *BROWSERS) if which(name)] + (
+    ["cairosvg"] if find_spec("cairosvg") else []
+)
 
 
 def test_without_a_name_it_is_an_svg_called_like_the_diagram(command_line):
@@ -19,10 +21,17 @@ def test_without_a_name_it_is_an_svg_called_like_the_diagram(command_line):
     assert (command_line.folder / "knee_exo.svg").read_text().startswith("<svg ")
 
 
-@pytest.mark.parametrize("name, form, file, begins", [
-    ("a.svg", None, "a.svg", "<svg "), ("a.html", None, "a.html", "<!doctype html>"), ("a.mmd", None, "a.mmd", "flowchart LR"),
-    ("a", "html", "a.html", "<!doctype html>"), ("a.txt", "mermaid", "a.txt", "flowchart LR"), ("a", None, "a.svg", "<svg "),
-])
+@pytest.mark.parametrize(
+    "name, form, file, begins",
+    [
+        ("a.svg", None, "a.svg", "<svg "),
+        ("a.html", None, "a.html", "<!doctype html>"),
+        ("a.mmd", None, "a.mmd", "flowchart LR"),
+        ("a", "html", "a.html", "<!doctype html>"),
+        ("a.txt", "mermaid", "a.txt", "flowchart LR"),
+        ("a", None, "a.svg", "<svg "),
+    ],
+)
 def test_the_format_is_what_was_asked_for_or_what_the_name_says(command_line, name, form, file, begins):
     code, out, err = command_line("draw", KNEE_EXO, "-o", name, *(["--format", form] if form else []))
     assert (code, err) == (OK, "") and out.startswith(f"{file}: 18 blocks")
@@ -32,7 +41,9 @@ def test_the_format_is_what_was_asked_for_or_what_the_name_says(command_line, na
 def test_to_standard_output(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "-o", "-", "--format", "mermaid")
     assert (code, err) == (OK, "") and out.startswith("flowchart LR\n") and list(command_line.folder.iterdir()) == []
-    assert command_line.refused("draw", KNEE_EXO, "-o", "-", "--format", "png") == "a PNG cannot go to standard output: name a file with -o"
+    assert command_line.refused("draw", KNEE_EXO, "-o", "-", "--format", "png") == (
+        "a PNG cannot go to standard output: name a file with -o"
+    )
 
 
 def test_a_name_that_is_no_file_name_becomes_one():
@@ -42,12 +53,18 @@ def test_a_name_that_is_no_file_name_becomes_one():
 
 
 def test_a_folder_that_is_not_there_is_told_in_one_line(command_line):
-    assert command_line.refused("draw", KNEE_EXO, "-o", "no/such/a.svg") == "cannot write no/such/a.svg: No such file or directory"
+    assert command_line.refused("draw", KNEE_EXO, "-o", "no/such/a.svg") == (
+        "cannot write no/such/a.svg: No such file or directory"
+    )
 
 
 def test_a_diagram_with_mistakes_is_drawn_with_a_remark(command_line):
     code, out, err = command_line("draw", KNEE_EXO, "--set", "left/torque_limiter.limit=30", "-o", "a.svg")
-    assert code == OK and out.startswith("a.svg") and err == f"1 error drawn in red: python -m runtime check {KNEE_EXO} tells more\n"
+    assert (
+        code == OK
+        and out.startswith("a.svg")
+        and err == (f"1 error drawn in red: python -m runtime check {KNEE_EXO} tells more\n")
+    )
     assert 'class="box actuator wrong" data-path="left/knee"' in (command_line.folder / "a.svg").read_text()
 
 
@@ -78,5 +95,9 @@ def test_a_png_has_twice_the_pixels_of_the_drawing(command_line):
 @pytest.mark.skipif(find_spec("cairosvg") is not None, reason="cairosvg is installed, which needs no program")
 def test_without_a_tool_it_says_how_to_get_one(tmp_path):
     process = finished("draw", KNEE_EXO, "-o", "a.png", cwd=tmp_path, PATH=str(tmp_path))
-    assert process.returncode == BAD_INPUT and "pip install cairosvg" in process.stderr and "librsvg2-bin" in process.stderr
+    assert (
+        process.returncode == BAD_INPUT
+        and "pip install cairosvg" in process.stderr
+        and "librsvg2-bin" in process.stderr
+    )
     assert len(process.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []

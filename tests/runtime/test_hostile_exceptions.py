@@ -63,7 +63,10 @@ def fail():
 
 def test_a_text_that_can_be_formed_is_what_str_returns():
     assert text_of(ValueError("no such gain")) == "no such gain"
-    assert name_and_text(ValueError("no such gain")) == "ValueError: no such gain" and name_and_text(ValueError()) == "ValueError"
+    assert (
+        name_and_text(ValueError("no such gain")) == "ValueError: no such gain"
+        and name_and_text(ValueError()) == "ValueError"
+    )
     assert last_lines(KeyError("gain")) == ["KeyError: 'gain'"]
 
 
@@ -72,9 +75,14 @@ def test_a_text_of_a_hostile_subclass_of_str_becomes_a_plain_one():
     assert text == "a text" and type(text) is str
 
 
-@pytest.mark.parametrize("form, why", [
-    (lambda: 1, "it raised TypeError"), (fail, "it raised SystemExit"),
-    (lambda: time.sleep(2), f"within {TEXT_LIMIT * 1e3:.0f} ms")])
+@pytest.mark.parametrize(
+    "form, why",
+    [
+        (lambda: 1, "it raised TypeError"),
+        (fail, "it raised SystemExit"),
+        (lambda: time.sleep(2), f"within {TEXT_LIMIT * 1e3:.0f} ms"),
+    ],
+)
 def test_a_text_that_cannot_be_formed_is_replaced_by_the_reason_in_time(form, why):
     began = time.monotonic()
     text = name_and_text(broken(form))
@@ -97,7 +105,7 @@ def test_a_block_whose_exception_has_no_text_ends_in_a_fault_and_a_summary(tmp_p
     assert lines[1].startswith(f"  robot.py:{line_of(path, 'raise Broken')} in step:")
     assert lines[2].startswith(("  Broken: (no text", "  robot.Broken: <exception str() failed>"))
     assert "Traceback" not in process.stderr and process.stdout.startswith("broken: ")
-    assert ended - float((tmp_path / "raised").read_text()) < 1.0           # with the end of the interpreter and of the recorder
+    assert ended - float((tmp_path / "raised").read_text()) < 1.0  # with the end of the interpreter and of the recorder
 
 
 def test_held_exceptions_without_a_text_are_counted_in_the_summary(tmp_path):
@@ -106,12 +114,18 @@ def test_held_exceptions_without_a_text_are_counted_in_the_summary(tmp_path):
     began = time.monotonic()
     process = finished(path, "--duration", "0.5", "--fast", "--no-record", cwd=tmp_path, timeout=20)
     assert process.returncode == 0 and "Traceback" not in process.stderr
-    assert "law held 1 exception" in process.stdout and "other held 1 exception" in process.stdout and "(no text within" in process.stdout
+    assert (
+        "law held 1 exception" in process.stdout
+        and "other held 1 exception" in process.stdout
+        and "(no text within" in process.stdout
+    )
     assert time.monotonic() - began < 10.0
 
 
 def test_a_file_whose_exception_has_no_text_is_refused_at_its_line(tmp_path):
-    path = write(tmp_path, "class Broken(BaseException):\n    def __str__(self):\n        raise ValueError\n\n\nraise Broken\n")
+    path = write(
+        tmp_path, "class Broken(BaseException):\n    def __str__(self):\n        raise ValueError\n\n\nraise Broken\n"
+    )
     process = finished(path, cwd=tmp_path, timeout=20)
     assert process.returncode == 2 and "Traceback" not in process.stderr
     assert process.stderr.splitlines()[0] == f"tickwork: robot.py:6: Broken: (no text: it raised ValueError)"

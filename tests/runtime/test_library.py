@@ -1,4 +1,6 @@
-"""A lab's own block library: built against the public ABI, installed with pip, found, run, and asked for where it is missing."""
+"""A lab's own block library: built against the public ABI, installed with pip, found, run, and asked for where it is
+missing.
+"""
 
 import json
 import os
@@ -28,16 +30,35 @@ def installed(tmp_path_factory):
     target, source = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("source") / "example_lab"
     subprocess.run(["cp", "-r", str(LIBRARY), str(source)], check=True)
     done = subprocess.run(
-        [sys.executable, "-m", "pip", "install", "--quiet", "--no-build-isolation", "--no-deps", "--target", str(target), str(source)],
-        env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+        [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--no-build-isolation",
+            "--no-deps",
+            "--target",
+            str(target),
+            str(source),
+        ],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return target
 
 
 def python(installed, *arguments, cwd):
     return subprocess.run(
-        [sys.executable, *arguments], env={**os.environ, "PYTHONPATH": os.pathsep.join([str(installed), str(ROOT)])}, cwd=cwd,
-        capture_output=True, text=True, timeout=120)
+        [sys.executable, *arguments],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(installed), str(ROOT)])},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
 
 
 def test_its_own_tests_pass_where_it_is_installed(installed, tmp_path):
@@ -61,6 +82,9 @@ def test_a_diagram_whose_library_is_missing_says_what_to_install(installed, tmp_
     text = python(installed, "-c", write, cwd=tmp_path).stdout
     assert json.loads(text)["libraries"]["gaitlab"] == "1.0.0"
     (tmp_path / "lab.json").write_text(text)
-    read = "import sys; from graph.store import from_json; from graph import DiagramError\ntry: from_json(open('lab.json').read())\nexcept DiagramError as e: print(e)"
+    read = (
+        "import sys; from graph.store import from_json; from graph import DiagramError\ntry: "
+        "from_json(open('lab.json').read())\nexcept DiagramError as e: print(e)"
+    )
     said = python(tmp_path, "-c", read, cwd=tmp_path).stdout
     assert "TW031 missing library" in said and "pip install gaitlab==1.0.0" in said

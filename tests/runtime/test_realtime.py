@@ -1,4 +1,6 @@
-"""What the system grants a loop, what it refuses and how that is told: in real processes, with and without privilege."""
+"""What the system grants a loop, what it refuses and how that is told: in real processes, with and without
+privilege.
+"""
 
 import ctypes
 import json
@@ -56,15 +58,20 @@ def be_nobody():
 def told(code, *arguments):
     """What a process prints as JSON that runs PRELUDE and then `code`."""
     process = subprocess.run(
-        [sys.executable, "-c", PRELUDE + code, *map(str, arguments)], env=environment(), cwd=ROOT, capture_output=True, text=True,
-        timeout=30)
+        [sys.executable, "-c", PRELUDE + code, *map(str, arguments)],
+        env=environment(),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=30,
+    )
     assert process.returncode == 0, process.stderr
     return json.loads(process.stdout)
 
 
 @as_root
 def test_all_is_granted_to_root_and_given_back():
-    before, during, lines, after = told('''
+    before, during, lines, after = told("""
 before = state()
 realtime = Realtime("require", priority=70, cpu=0)
 realtime.obtain()
@@ -72,10 +79,10 @@ during = state()
 realtime.release()
 realtime.release()
 print(json.dumps([before, during, realtime.lines(), state()]))
-''')
+""")
     assert during[:3] == [SCHED_FIFO_FOR_US_ALONE, 70, [0]]
-    assert int(during[3]) > 10_000                                          # KiB, locked
-    assert during[6][2][0] == 500_000                                       # µs without a sleep
+    assert int(during[3]) > 10_000  # KiB, locked
+    assert during[6][2][0] == 500_000  # µs without a sleep
     assert before[3] == "0" and before[0] == os.SCHED_OTHER
     assert after == before
     awake = ", processors awake" if os.path.exists("/dev/cpu_dma_latency") else ""
@@ -85,7 +92,7 @@ print(json.dumps([before, during, realtime.lines(), state()]))
 
 @as_root
 def test_it_is_given_back_after_an_exception():
-    before, during, after = told('''
+    before, during, after = told("""
 before = state()
 try:
     with Realtime("try"):
@@ -93,7 +100,7 @@ try:
         raise KeyError
 except KeyError:
     print(json.dumps([before, during, state()]))
-''')
+""")
     assert during[:2] == [SCHED_FIFO_FOR_US_ALONE, 80] and after == before
 
 
@@ -111,19 +118,19 @@ with open("/proc/self/status") as file:
 
 @as_root
 def test_a_priority_that_there_was_before_is_there_again():
-    before, during, after = told('''
+    before, during, after = told("""
 os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(5))
 before = state()
 with Realtime("try"):
     during = state()
 print(json.dumps([before, during, state()]))
-''')
+""")
     assert before[:2] == [os.SCHED_RR, 5] and during[:2] == [SCHED_FIFO_FOR_US_ALONE, 80] and after == before
 
 
 @as_root
 def test_a_loop_that_spins_loses_its_priority_and_goes_on():
-    seconds, before, after, spun, summary = told('''
+    seconds, before, after, spun, summary = told("""
 before = state()
 with Realtime("try") as realtime:
     began = time.monotonic()
@@ -131,7 +138,7 @@ with Realtime("try") as realtime:
         pass
     seconds = time.monotonic() - began
 print(json.dumps([seconds, before, state(), realtime.spun, realtime.summary()]))
-''')
+""")
     assert seconds == pytest.approx(0.5, abs=0.3)
     assert spun and "SCHED_FIFO 80" in summary and summary.endswith("; LOST its priority: 0.5 s without a sleep")
     assert after == before
@@ -139,7 +146,7 @@ print(json.dumps([seconds, before, state(), realtime.spun, realtime.summary()]))
 
 @as_root
 def test_a_loop_that_sleeps_keeps_its_priority():
-    scheduler, spun = told('''
+    scheduler, spun = told("""
 with Realtime("try") as realtime:
     for _ in range(8):
         until = time.monotonic() + 0.1
@@ -148,19 +155,19 @@ with Realtime("try") as realtime:
         time.sleep(0.001)
     scheduler = os.sched_getscheduler(0)
 print(json.dumps([scheduler, realtime.spun]))
-''')
+""")
     assert (scheduler, spun) == (SCHED_FIFO_FOR_US_ALONE, False)
 
 
 def test_refusals_are_told_with_what_cures_them():
-    before, lines, names, after = told('''
+    before, lines, names, after = told("""
 limit((0, 0), (1 << 20, 1 << 20))
 be_nobody()
 before = state()
 with Realtime("try") as realtime:
     pass
 print(json.dumps([before, realtime.lines(), sorted(realtime.metadata()["refused"]), state()]))
-''')
+""")
     text = "\n".join(lines)
     assert lines[0].startswith("realtime: granted timer slack 1 ns; NOT granted locked memory, ")
     assert {"SCHED_FIFO 80", "locked memory"} <= set(names)
@@ -168,7 +175,10 @@ print(json.dumps([before, realtime.lines(), sorted(realtime.metadata()["refused"
     assert " - rtprio 90` into /etc/security/limits.d/90-tickwork.conf and log in again" in text
     assert "the memlock limit of " in text and " is 1 MiB, and " in text and " - memlock unlimited`" in text
     if "awake processors" in names:
-        assert "  awake processors: /dev/cpu_dma_latency: Permission denied\n" in text and 'KERNEL=="cpu_dma_latency"' in text
+        assert (
+            "  awake processors: /dev/cpu_dma_latency: Permission denied\n" in text
+            and 'KERNEL=="cpu_dma_latency"' in text
+        )
     assert lines[-1].endswith("doctor --script")
     assert after == before
 
@@ -181,7 +191,7 @@ def test_a_run_without_real_time_priority_tells_its_risk_and_one_with_it_does_no
 
 
 def test_what_is_required_and_refused_ends_it_with_nothing_held():
-    refused, before, after = told('''
+    refused, before, after = told("""
 limit((0, 0), (1 << 20, 1 << 20))
 be_nobody()
 before = state()
@@ -189,7 +199,7 @@ try:
     Realtime("require").obtain()
 except RealtimeRefused as error:
     print(json.dumps([str(error), before, state()]))
-''')
+""")
     assert refused.startswith("--realtime require: not granted: locked memory, ") and "; nothing was armed\n" in refused
     assert after == before
 
@@ -197,7 +207,7 @@ except RealtimeRefused as error:
 @raising_limits
 def test_limits_are_as_good_as_privilege():
     """What `doctor --script` sets up: an ordinary user, with the limits and nothing else."""
-    before, during, granted, after = told('''
+    before, during, granted, after = told("""
 forever = resource.RLIM_INFINITY
 limit((0, 90), (1 << 16, forever))                                          # to be raised by whoever needs it
 be_nobody()
@@ -205,24 +215,24 @@ before = state()
 with Realtime("try") as realtime:
     during = state()
 print(json.dumps([before, during, realtime.granted, state()]))
-''')
+""")
     assert {"memory locked", "SCHED_FIFO 80"} <= set(granted)
     assert during[:2] == [SCHED_FIFO_FOR_US_ALONE, 80]
     assert during[6][:2] == [[90, 90], [-1, -1]]
-    assert after[0] & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER             # the flag cannot be taken back without privilege
+    assert after[0] & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER  # the flag cannot be taken back without privilege
     assert after[1:] == before[1:]
 
 
 @raising_limits
 def test_a_limit_that_memory_would_outgrow_is_not_enough():
     """Beyond the limit a locked process gets no memory at all."""
-    assert "locked memory" in told('''
+    assert "locked memory" in told("""
 size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 limit((0, 0), (size + (1 << 20),) * 2)
 be_nobody()
 with Realtime("try") as realtime:
     print(json.dumps(realtime.metadata()["refused"]))
-''')
+""")
 
 
 @as_root
@@ -233,12 +243,15 @@ def test_a_control_group_without_a_budget_is_named():
     group = groups / f"tickwork-test-{os.getpid()}"
     group.mkdir()
     try:
-        lines = told('''
+        lines = told(
+            """
 with open(sys.argv[1] + "/tasks", "w") as tasks:
     tasks.write(str(os.getpid()))
 with Realtime("try") as realtime:
     print(json.dumps(realtime.lines()))
-''', group)
+""",
+            group,
+        )
     finally:
         group.rmdir()
     assert lines[1] == f"  SCHED_FIFO 80: its control group has no real-time budget: {group}/cpu.rt_runtime_us is 0"
@@ -254,14 +267,14 @@ def test_a_processor_that_is_not_there_is_refused_by_number():
 
 
 def test_off_asks_for_nothing_but_timer_slack_and_slice_and_gives_them_back():
-    before, during, lines, after = told('''
+    before, during, lines, after = told("""
 open("/proc/self/timerslack_ns", "w").write("50000")                    # a parent's may be another
 before = state()
 with Realtime() as realtime:
     during = state()
 print(json.dumps([before, during, realtime.lines(), state()]))
-''')
-    assert (before[4], during[4]) == (50_000, 1)                            # ns
+""")
+    assert (before[4], during[4]) == (50_000, 1)  # ns
     assert during[5] == (100_000 if before[5] else 0)
     assert during[:4] == before[:4] and lines == [] and after == before
 
@@ -283,10 +296,13 @@ def test_options_that_do_not_go_together(command_line):
     assert refused(file, "--realtime", "try", "--priority", "99") == "--priority 99: at most 98"
     assert refused(file, "--realtime", "try", "--priority", "0") == "--priority 0: expected a whole number, 1 or more"
     assert refused(file, "--realtime", "try", "--cpu", "4000").startswith(
-        "--cpu 4000: expected the number of a processor, and this machine has 0")
+        "--cpu 4000: expected the number of a processor, and this machine has 0"
+    )
     assert refused(file, "--priority", "50") == "--priority needs --realtime try or --realtime require"
     assert refused(file, "--cpu", "0") == "--cpu needs --realtime try or --realtime require"
-    assert refused(file, "--realtime", "try", "--fast", "--duration", "1").startswith("--realtime try and --fast exclude each other")
+    assert refused(file, "--realtime", "try", "--fast", "--duration", "1").startswith(
+        "--realtime try and --fast exclude each other"
+    )
 
 
 @as_root
@@ -307,10 +323,13 @@ def test_a_run_has_what_was_granted_and_its_recording_says_so(tmp_path):
 @pytest.mark.parametrize("mode", [pytest.param("require", marks=as_root), "off"])
 def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path, mode):
     """The block in the loop asks where its process and those that the process has started may be."""
-    knee(tmp_path, law=f"""import os, psutil
+    knee(
+        tmp_path,
+        law=f"""import os, psutil
         here = psutil.Process()
         places = [os.sched_getaffinity(process.pid) for process in (here, *here.children(recursive=True))]
-        return 1000.0 * len(places[0]) + 100.0 * len(places[0] - places[1]) + 10.0 * len(places[1]) + 1.0 * (places[1:] == 2 * [places[1]])""")
+        return 1000.0 * len(places[0]) + 100.0 * len(places[0] - places[1]) + 10.0 * len(places[1]) + 1.0 * (places[1:] == 2 * [places[1]])""",
+    )
     process = finished("robot.py", "--duration", "0.2", "--realtime", mode, cwd=tmp_path)
     assert process.returncode == OK, process.stderr
     everywhere = len(os.sched_getaffinity(0))
@@ -321,7 +340,7 @@ def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path,
 @as_root
 @with_two_processors
 def test_two_loops_of_one_machine_take_two_processors_and_give_them_back():
-    first, second, again = told('''
+    first, second, again = told("""
 other = "from runtime.realtime import Realtime; realtime = Realtime('try'); realtime.obtain(); print(*realtime.granted[-1:])"
 with Realtime("try") as realtime:
     first, others = realtime.granted[-1], realtime.others
@@ -329,15 +348,18 @@ with Realtime("try") as realtime:
         0, others | os.sched_getaffinity(0))).stdout.strip()
 with Realtime("try") as realtime:
     print(json.dumps([first, second, realtime.granted[-1]]))
-''')
+""")
     assert first.startswith("processor ") and second.startswith("processor ")
     assert first != second and again == first
 
 
 @as_root
 def test_a_block_that_hangs_for_a_while_costs_the_priority_and_the_run_says_so(tmp_path):
-    knee(tmp_path, law="import os\n        while tick == 20 and os.sched_getscheduler(0) & 3:\n            pass\n"
-                       "        return float(os.sched_getscheduler(0) & 3)")
+    knee(
+        tmp_path,
+        law="import os\n        while tick == 20 and os.sched_getscheduler(0) & 3:\n            pass\n"
+        "        return float(os.sched_getscheduler(0) & 3)",
+    )
     process = finished("robot.py", "--duration", "1", "--realtime", "try", cwd=tmp_path)
     assert "LOST its priority: 0.5 s without a sleep" in process.stdout, process.stderr
     files = Files(tmp_path / "recordings")
@@ -348,7 +370,7 @@ def test_a_block_that_hangs_for_a_while_costs_the_priority_and_the_run_says_so(t
 
 def without_privilege(*words, cwd):
     """A run by someone who may not have real-time: root without the capabilities for it, or whoever runs the tests."""
-    libc, names = ctypes.CDLL(None), (14, 23, 24)                           # CAP_IPC_LOCK, CAP_SYS_NICE, CAP_SYS_RESOURCE
+    libc, names = ctypes.CDLL(None), (14, 23, 24)  # CAP_IPC_LOCK, CAP_SYS_NICE, CAP_SYS_RESOURCE
 
     def drop():
         import resource
@@ -356,11 +378,18 @@ def without_privilege(*words, cwd):
         resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0))
         resource.setrlimit(resource.RLIMIT_MEMLOCK, (1 << 16, 1 << 16))
         for capability in names if ROOT_USER else ():
-            libc.prctl(24, capability, 0, 0, 0)                             # PR_CAPBSET_DROP; the exec that follows obeys it
+            libc.prctl(24, capability, 0, 0, 0)  # PR_CAPBSET_DROP; the exec that follows obeys it
 
     return subprocess.run(
-        [sys.executable, "-m", "runtime", *words], cwd=cwd, env=environment(), stdin=subprocess.DEVNULL, capture_output=True, text=True,
-        timeout=60, preexec_fn=drop)
+        [sys.executable, "-m", "runtime", *words],
+        cwd=cwd,
+        env=environment(),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        preexec_fn=drop,
+    )
 
 
 def test_require_refuses_to_start_and_leaves_no_files(tmp_path):
@@ -378,5 +407,3 @@ def test_try_runs_without_what_was_refused_and_says_so_before_and_after(tmp_path
     assert process.returncode == OK, process.stderr
     assert "NOT granted locked memory, " in process.stderr and "NOT granted: locked memory, " in process.stdout
     assert "SCHED_FIFO 80" in Files(tmp_path / "recordings").sidecar["metadata"]["realtime"]["refused"]
-
-

@@ -12,8 +12,21 @@ import psutil
 import pytest
 
 from tests.runtime.runs import (
-    DISABLE, ENABLE, KNEE_EXO, NOTHING, TORQUE_STEP, Files, Listener, assert_safely_stopped, environment, finished, knee, line_of, started,
-    stamps, torque_of,
+    DISABLE,
+    ENABLE,
+    KNEE_EXO,
+    NOTHING,
+    TORQUE_STEP,
+    Files,
+    Listener,
+    assert_safely_stopped,
+    environment,
+    finished,
+    knee,
+    line_of,
+    started,
+    stamps,
+    torque_of,
 )
 
 RATE = 200.0
@@ -50,8 +63,17 @@ def test_columns_say_what_they_are(walked):
     assert header[:2] == ["time [s]", "tick"]
     for side in SIDES:
         for name in (
-            "knee.position [rad]", "knee.velocity [rad/s]", "knee.torque [N*m]", "knee.temperature [degC]", "knee.age [s]", "knee.fault",
-            "torque_limiter.limited [N*m]", "gait_phase.phase", "butterworth.y [rad/s]", "profile.torque [N*m]", "knee.torque_sent [N*m]",
+            "knee.position [rad]",
+            "knee.velocity [rad/s]",
+            "knee.torque [N*m]",
+            "knee.temperature [degC]",
+            "knee.age [s]",
+            "knee.fault",
+            "torque_limiter.limited [N*m]",
+            "gait_phase.phase",
+            "butterworth.y [rad/s]",
+            "profile.torque [N*m]",
+            "knee.torque_sent [N*m]",
         ):
             assert f"{side}/{name}" in header
     assert len(header) == len(set(header)) and ",".join(header).isascii()
@@ -67,7 +89,9 @@ def test_every_datagram_arrives_in_order_and_holds_the_rows_numbers(walked):
 
 
 def test_every_frame_is_logged_and_bounded_by_the_limiter(walked):
-    """One command a tick and drive, as the rows have it; enable and zero torque before, zero torque and disable after."""
+    """One command a tick and drive, as the rows have it; enable and zero torque before, zero torque and disable
+    after.
+    """
     _, files, _ = walked
     table = files.table
     assert_safely_stopped(files, SIDES.values())
@@ -79,7 +103,7 @@ def test_every_frame_is_logged_and_bounded_by_the_limiter(walked):
         assert np.max(np.abs(commands)) <= 12.0 + TORQUE_STEP
         inverted = -1.0 if side == "right" else 1.0
         np.testing.assert_allclose(inverted * commands, table[f"{side}/knee.torque_sent [N*m]"], atol=1e-9)
-    for way in (True, False):                           # what was heard keeps its own time, which may lie before what was sent meanwhile
+    for way in (True, False):  # what was heard keeps its own time, which may lie before what was sent meanwhile
         times = [time for time, *_, ours in files.frames if ours is way]
         assert times == sorted(times)
 
@@ -162,8 +186,11 @@ def test_kill_9_loses_no_tick_and_leaves_no_process(tmp_path):
 
 
 def test_an_exception_in_a_block_at_tick_100(tmp_path):
-    path = knee(tmp_path, law="return self.trouble(position) if tick == 100 else 1.5 * math.sin(t)\n\n"
-                              "    def trouble(self, position):\n        return {}['gain']")
+    path = knee(
+        tmp_path,
+        law="return self.trouble(position) if tick == 100 else 1.5 * math.sin(t)\n\n"
+        "    def trouble(self, position):\n        return {}['gain']",
+    )
     process = finished("robot.py", "--fast", "--duration", "2", cwd=tmp_path)
     files = Files(tmp_path / "recordings")
     lines = process.stderr.splitlines()
@@ -194,7 +221,10 @@ def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(t
     assert process.returncode == 3
     assert lines[0] == "FAULT at knee, tick 100 (0.5 s): a command is NaN or infinite"
     assert "torque_command = nan" in lines[1]
-    assert lines[2].startswith(f"  it arose in law.torque = {value.replace('math.', '')}, made at robot.py:{line_of(path, 'Law(name=')}, from position = ")
+    assert lines[2].startswith(
+        f"  it arose in law.torque = {value.replace('math.', '')}, made at "
+        f"robot.py:{line_of(path, 'Law(name=')}, from position = "
+    )
     # 100 commands, of the ticks 0 to 99, between zero torque of arming and of the safe stop.
     sent = files.sent(1)
     assert sent.index(DISABLE) == 2 + 100 + 1 and max(torques) < 1.5 + TORQUE_STEP
@@ -216,8 +246,10 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
     assert process.returncode == 0, process.stderr
     assert list(tmp_path.iterdir()) == []
     assert re.search(
-        r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J a stride, negative -\d\.\d\d J\n",
-        process.stdout)
+        r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J a stride, negative "
+        r"-\d\.\d\d J\n",
+        process.stdout,
+    )
     assert "files" not in process.stdout
 
 
@@ -257,7 +289,9 @@ def test_record_adds_a_recorder_to_a_diagram_without_one(tmp_path):
 
 
 def screen_of(text):
-    """What a terminal shows after these characters: its lines. Knows carriage return, erase to the end of the line, and colours."""
+    """What a terminal shows after these characters: its lines. Knows carriage return, erase to the end of the line, and
+    colours.
+    """
     lines, column = [""], 0
     for token in re.findall(r"\x1b\[[\d;?]*[A-Za-z]|.", text, re.DOTALL):
         if token == "\r":
@@ -292,7 +326,7 @@ class Terminal:
             assert select.select([self.descriptor], [], [], timeout)[0], self.text
             try:
                 data = os.read(self.descriptor, 65536)
-            except OSError:                                     # closed at the other end
+            except OSError:  # closed at the other end
                 data = b""
             if not data:
                 assert pattern is None, self.text
@@ -329,7 +363,7 @@ def test_ctrl_c_at_a_terminal_stops_safely(tmp_path):
     """The key reaches the whole foreground group, and yet only the controller: the recorder finishes its files."""
     terminal = Terminal(KNEE_EXO, cwd=tmp_path)
     terminal.read_until(r"running.* 0\.[3-9] s")
-    terminal.press(b"\x03\x03\x03")                                   # impatience must not tear the end of the recording
+    terminal.press(b"\x03\x03\x03")  # impatience must not tear the end of the recording
     terminal.read_until(None)
     terminal.close()
     assert terminal.code() == 130
@@ -354,7 +388,9 @@ def test_a_terminal_that_is_closed_ends_the_run_in_the_safe_stop(tmp_path):
 
 def test_arming_that_nobody_answers_says_who_and_what_was_heard(tmp_path):
     path = knee(tmp_path, law="return 1.0")
-    path.write_text(path.read_text() + """
+    path.write_text(
+        path.read_text()
+        + """
 
 def plant(robot):
     from blocks.actuators import EmulatedCubeMars
@@ -362,12 +398,14 @@ def plant(robot):
     with Diagram("plant", rate=1000) as plant:
         EmulatedCubeMars("AK10-9-V2.0", bus="legs", can_id=7)(position=0.0, velocity=0.0)
     return plant
-""")
+"""
+    )
     process = finished(path, "--fast", "--duration", "1", cwd=tmp_path)
     files = Files(tmp_path / "recordings")
     assert process.returncode == 3
     assert process.stderr.splitlines()[0] == (
-        "FAULT at knee, while arming: no answer from knee (id 1 on bus legs); nothing was heard on any bus")
+        "FAULT at knee, while arming: no answer from knee (id 1 on bus legs); nothing was heard on any bus"
+    )
     assert "safe stop   zero torque, then disable: NOT confirmed by knee" in process.stdout
     assert set(files.sent(1)) == {ENABLE, NOTHING, DISABLE} and files.sent(1)[-2:] == [NOTHING, DISABLE]
     assert len(files.table["tick"]) == 0
@@ -375,16 +413,25 @@ def plant(robot):
 
 def test_replies_of_another_length_are_named_with_their_remedy(tmp_path):
     path = knee(tmp_path, law="return 1.0")
-    path.write_text(path.read_text() + """
+    path.write_text(
+        path.read_text()
+        + """
 
 def plant(robot):
     with Diagram("plant", rate=1000) as plant:
         robot["knee"].emulator(reply=7)(position=0.0, velocity=0.0)
     return plant
-""")
+"""
+    )
     process = finished(path, "--fast", "--duration", "1", cwd=tmp_path)
     assert process.returncode == 3
     first, *rest = process.stderr.splitlines()
     assert re.fullmatch(
-        r"FAULT at knee, while arming: no answer from knee \(id 1 on bus legs\); knee: \d+ replies of 7 bytes from id 1: set reply=7", first)
-    assert any(re.search(r"\d+ replies of 7 bytes from id 1: set reply=7", line) for line in rest) and "never answered" not in process.stderr
+        r"FAULT at knee, while arming: no answer from knee \(id 1 on bus legs\); knee: \d+ replies of 7 bytes from "
+        r"id 1: set reply=7",
+        first,
+    )
+    assert (
+        any(re.search(r"\d+ replies of 7 bytes from id 1: set reply=7", line) for line in rest)
+        and "never answered" not in process.stderr
+    )

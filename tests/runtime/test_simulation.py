@@ -15,7 +15,7 @@ from runtime.diagram_file import load
 from runtime.simulation import Simulation
 from tests.runtime.runs import KNEE_EXO
 
-TORQUE = 2.0            # N·m
+TORQUE = 2.0  # N·m
 
 
 def robot(rate=200):
@@ -35,12 +35,14 @@ def test_without_a_plant_every_actuator_turns_a_free_inertia():
     simulation = Simulation(None, diagram, schedule)
     assert not simulation.given and sorted(simulation.buses) == ["hips", "legs"]
     program = Program(schedule, simulation.ends())
-    outcome = Executor(program, 200.0, plant=simulation.program, substeps=simulation.substeps, virtual=True).run(200, fade=0.0)
+    outcome = Executor(program, 200.0, plant=simulation.program, substeps=simulation.substeps, virtual=True).run(
+        200, fade=0.0
+    )
     assert (outcome.status, outcome.unconfirmed, outcome.unanswered) == ("ok", (), ())
     expected = TORQUE / 0.1 * (1.0 - np.exp(-1.0))
     for path, sign in (("left/knee", 1.0), ("right/knee", 1.0), ("hip", -1.0)):
         velocity = program.values[schedule.signals[f"{path}.velocity"].slot]
-        assert velocity == pytest.approx(sign * expected, rel=0.02)      # two ticks of delay, and a code of torque
+        assert velocity == pytest.approx(sign * expected, rel=0.02)  # two ticks of delay, and a code of torque
 
 
 def test_a_robot_without_devices_has_no_plant():

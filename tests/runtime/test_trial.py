@@ -11,7 +11,9 @@ from tests.runtime.runs import knee
 
 
 def git(folder, *words):
-    subprocess.run(["git", "-C", folder, "-c", "user.name=a", "-c", "user.email=a@b", *words], check=True, capture_output=True)
+    subprocess.run(
+        ["git", "-C", folder, "-c", "user.name=a", "-c", "user.email=a@b", *words], check=True, capture_output=True
+    )
 
 
 def recorded(command_line, path, *words):
@@ -42,7 +44,11 @@ def test_the_revision_of_the_diagrams_repository_is_told_and_whether_it_is_dirty
     git(tmp_path, "add", path.name)
     git(tmp_path, "commit", "-qm", "a robot")
     sidecar, told = recorded(command_line, path)
-    assert len(told["repository"]["revision"]) == 40 and told["repository"]["dirty"] is False and told["repository"]["tracked"] is True
+    assert (
+        len(told["repository"]["revision"]) == 40
+        and told["repository"]["dirty"] is False
+        and told["repository"]["tracked"] is True
+    )
     sidecar.unlink()
     path.write_text(path.read_text() + "# changed\n")
     assert recorded(command_line, path)[1]["repository"]["dirty"] is True

@@ -10,8 +10,9 @@ from graph import Device, Param
 class EmulatedCubeMars(Emulated, Device):
     """A drive in MIT mode on the in-memory bus: hears commands, gives torque, and answers each frame with its state.
 
-    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is enabled, after it is disabled and
-    while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is enabled, after it
+    is disabled and while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` plays the drive that a robot's block
+    commands.
     """
 
     reply = Param(8, "1", "bytes of its replies: 7 and 6 have no temperature and no error", choices=REPLIES, fixed=True)

@@ -11,13 +11,21 @@ from graph import Device, Memory, Param
 class Boards:
     """What the emulated boards share. Taken over one by one, behind the items of every emulated drive."""
 
-    report_rate = Param(0.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
-    torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
-    pole_pairs = Param(0, "1", "of the motor, by which its speed is reported; 0 for the table's", min=0, fixed=True, kernel=False)
+    report_rate = Param(
+        0.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True
+    )
+    torque_constant = Param(
+        0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False
+    )
+    pole_pairs = Param(
+        0, "1", "of the motor, by which its speed is reported; 0 for the table's", min=0, fixed=True, kernel=False
+    )
     scales = Memory((0.0,) * 3, "rad and rad/s of a code of its status, N·m of an ampere, at the joint")
     board = Memory((0.0,) * 2, "whether it knows force control, whether that needs to be entered")
     motion = Memory(
-        (-1.0,) + (0.0,) * 8, "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead")
+        (-1.0,) + (0.0,) * 8,
+        "kind of command, target, fastest, hardest, reference, torque, next report, echo, whether it was dead",
+    )
 
 
 def with_pole_pairs(found, pole_pairs):
@@ -28,9 +36,9 @@ def with_pole_pairs(found, pole_pairs):
 class EmulatedCubeMarsV3(Emulated, Device):
     """A V3.0 board on the in-memory bus: hears force control and servo mode, gives torque, and reports.
 
-    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is commanded, after a disable and while it
-    has a fault. It needs no enable, unless `enter`; after its power was lost it says so, and obeys the next command.
-    `EmulatedCubeMarsV3.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is commanded, after a
+    disable and while it has a fault. It needs no enable, unless `enter`; after its power was lost it says so, and obeys
+    the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` plays the drive that a robot's block commands.
     """
 
     report_rate = Boards.report_rate
@@ -49,7 +57,10 @@ class EmulatedCubeMarsV3(Emulated, Device):
             self.peak = self.found.wire_torque * self.gear_ratio
         super().configure()
         self.scales = frames.scales(
-            with_pole_pairs(self.found, self.pole_pairs), self.gear_ratio, self.torque_constant or self.found.torque_constant)
+            with_pole_pairs(self.found, self.pole_pairs),
+            self.gear_ratio,
+            self.torque_constant or self.found.torque_constant,
+        )
         self.board = (1.0, float(self.enter))
 
     def addresses(self):
@@ -57,13 +68,16 @@ class EmulatedCubeMarsV3(Emulated, Device):
 
 
 class EmulatedCubeMarsServo(Emulated, Device):
-    """A board of any generation in servo mode, on the in-memory bus: hears commands, gives torque up to its peak, and reports by itself.
+    """A board of any generation in servo mode, on the in-memory bus: hears commands, gives torque up to its peak, and
+    reports by itself.
 
-    The gains of its loops of velocity and position are ours: the vendor's are set with his tool. A V3.0 board hears force control, too.
-    `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    The gains of its loops of velocity and position are ours: the vendor's are set with his tool. A V3.0 board hears
+    force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block commands.
     """
 
-    report_rate = Param(100.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True)
+    report_rate = Param(
+        100.0, "Hz", "at which it reports; 0 where it answers each command", min=0.0, max=500.0, fixed=True
+    )
     torque_constant, pole_pairs = Boards.torque_constant, Boards.pole_pairs
     scales, board, motion = Boards.scales, Boards.board, Boards.motion
 
@@ -84,7 +98,10 @@ class EmulatedCubeMarsServo(Emulated, Device):
         super().configure()
         constant = self.torque_constant or self.found.torque_constant
         if constant is None:
-            raise ValueError(f"the torque constant of {self.found.name} is not published: give torque_constant= in N·m/A, at its output")
+            raise ValueError(
+                f"the torque constant of {self.found.name} is not published: give torque_constant= in "
+                "N·m/A, at its output"
+            )
         self.scales = frames.scales(with_pole_pairs(self.found, self.pole_pairs), self.gear_ratio, constant)
         self.board = (float(self.found.generation >= 3), 0.0)
 

@@ -1,7 +1,8 @@
-"""Extended frames of CubeMars boards, as (arbitration id, is extended, data): V3.0 boards always, V1 and V2 in servo mode.
+"""Extended frames of CubeMars boards, as (arbitration id, is extended, data): V3.0 boards always, V1 and V2 in servo
+mode.
 
-An identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual
-V1.0.18.)
+An identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Product Manual V3.0.0, section 4; AK Series
+Module Driver Manual V1.0.18.)
 """
 
 import math
@@ -9,13 +10,14 @@ import math
 from blocks.actuators.cubemars import mit
 from graph import ReplyField
 
-DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15     # kinds of commands
-STATUS, POWER_UP = 0x29, 0x2C                                                                                   # and of what a drive says
+# kinds of commands
+DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15
+STATUS, POWER_UP = 0x29, 0x2C  # and of what a drive says
 
-DEGREES = 3276.8                    # half the range of a status' position; the manual has 3200
-POSITION_CODE = math.radians(0.1)   # rad, of a status
-SPEED_CODE = 10.0                   # electrical revolutions a minute, of a status
-QUIET = 0.32                        # A, below which a drive is at rest: cext/kernels/cubemars_status.pxd
+DEGREES = 3276.8  # half the range of a status' position; the manual has 3200
+POSITION_CODE = math.radians(0.1)  # rad, of a status
+SPEED_CODE = 10.0  # electrical revolutions a minute, of a status
+QUIET = 0.32  # A, below which a drive is at rest: cext/kernels/cubemars_status.pxd
 
 FAULTS = mit.FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
 
@@ -42,12 +44,21 @@ def hears(can_id):
 def replies(can_id):
     """A status that says that the drive is at rest: with a current within ± QUIET, or with the answer to a disable."""
     status = STATUS << 8 | can_id
-    return [(status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")]
+    return [
+        (status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")
+    ]
 
 
 def velocity_field(can_id, code):
     """Where a status has the speed. code : rad/s of the joint"""
-    return ReplyField(((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),), first=16, bits=16, low=-32768 * code, high=32767 * code, signed=True)
+    return ReplyField(
+        ((STATUS << 8 | can_id, 0x1FFFFFFF, True, b""),),
+        first=16,
+        bits=16,
+        low=-32768 * code,
+        high=32767 * code,
+        signed=True,
+    )
 
 
 def in_words(code):

@@ -7,10 +7,16 @@ from cext.kernels import cubemars as kernels
 from graph import Actuator, Param
 
 
-REPLIES = (8, 7, 6)             # bytes: position, velocity and torque are in all of them, temperature and error in 8 alone
+REPLIES = (8, 7, 6)  # bytes: position, velocity and torque are in all of them, temperature and error in 8 alone
 
 FAULTS = {
-    0: "none", 1: "motor too hot", 2: "over-current", 3: "over-voltage", 4: "under-voltage", 5: "encoder", 6: "transistors too hot",
+    0: "none",
+    1: "motor too hot",
+    2: "over-current",
+    3: "over-voltage",
+    4: "under-voltage",
+    5: "encoder",
+    6: "transistors too hot",
     7: "stalled",
 }
 
@@ -18,12 +24,19 @@ FAULTS = {
 class CubeMars(StopInMitMode, Joint, Actuator):
     """A CubeMars AK actuator in MIT mode: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end. Without
-    stiffness and damping the drive gives `torque_command` alone; with them the whole law stays inside `limit` while |α| <= max_acceleration.
-    Replies of 7 or 6 bytes carry neither temperature nor error: `temperature` is NaN, and `fault` stays 0 whatever the drive's state.
+    (AK Series Module Driver Manual V1.0.18, pages 64 to 68.) Feedback is of the last tick; commands go out at its end.
+    Without stiffness and damping the drive gives `torque_command` alone; with them the whole law stays inside `limit`
+    while |α| <= max_acceleration. Replies of 7 or 6 bytes carry neither temperature nor error: `temperature` is NaN,
+    and `fault` stays 0 whatever the drive's state.
     """
 
-    reply = Param(8, "1", "bytes of the drive's replies: 8, or 7 or 6 of Katz firmware and early boards", choices=REPLIES, fixed=True)
+    reply = Param(
+        8,
+        "1",
+        "bytes of the drive's replies: 8, or 7 or 6 of Katz firmware and early boards",
+        choices=REPLIES,
+        fixed=True,
+    )
 
     hardware = (*Joint.hardware, "reply")
     find = staticmethod(models.find)
@@ -41,11 +54,17 @@ class CubeMars(StopInMitMode, Joint, Actuator):
     def rejected_in_words(self, length, frames, first_byte):
         replies = f"{frames} repl{'y' if frames == 1 else 'ies'}"
         if length == self.reply:
-            return (f"{replies} from id {self.can_id} with id {first_byte} in byte 0: the drive is configured to answer with another id, or "
-                    f"another controller commands it")
+            return (
+                f"{replies} from id {self.can_id} with id {first_byte} in byte 0: the drive is configured to "
+                "answer with another id, or "
+                f"another controller commands it"
+            )
         if length in REPLIES:
             return f"{replies} of {length} bytes from id {self.can_id}: set reply={length}"
-        return f"{frames} frame{'s' * (frames != 1)} of {length} bytes from id {self.can_id}, which no drive in MIT mode sends"
+        return (
+            f"{frames} frame{'s' * (frames != 1)} of {length} bytes from id {self.can_id}, which no drive in MIT "
+            "mode sends"
+        )
 
     def traffic(self):
         return [(8, False), (self.reply, False)]
@@ -54,7 +73,7 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         return [(self.can_id, False)]
 
     def hears(self):
-        return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]         # replies come from the drive's id, or from 0
+        return [(self.can_id, 0x7FF, False), (0, 0x7FF, False)]  # replies come from the drive's id, or from 0
 
     def replies(self):
         return [(*pattern, bytes([self.can_id])) for pattern in self.hears()]

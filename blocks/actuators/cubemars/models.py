@@ -5,9 +5,10 @@ Three different torques, easily confused:
     peak    what it gives for seconds
     wire    what the largest code on the wire means: a scale, not a rating
 
-Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a model.
-Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards V3.0 are (models_v3), and the constants
-are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated current. A drive in servo mode commands and reports the amplitude.
+Wire ranges: AK Series Module Driver Manual V1.0.18 (2026-01-19), page 66; V1.0.15 and V1.0.8 agree where they list a
+model. Ratings and torque constants: the vendor's product pages. Their amperes are taken for RMS, as those of boards
+V3.0 are (models_v3), and the constants are per such an ampere: rated torque over constant is 0.79 to 1.01 of the rated
+current. A drive in servo mode commands and reports the amplitude.
 """
 
 import math
@@ -16,13 +17,15 @@ from dataclasses import dataclass
 
 from graph.block import suggestion
 
-POSITION = 12.5         # rad, half the wire range of every model
-STIFFNESS = 500.0       # N·m/rad, from 0
-DAMPING = 5.0           # N·m·s/rad, from 0
+POSITION = 12.5  # rad, half the wire range of every model
+STIFFNESS = 500.0  # N·m/rad, from 0
+DAMPING = 5.0  # N·m·s/rad, from 0
 
 
 class Motor:
-    """What follows from the columns of a model, whatever its board: currents as amplitudes in A, None where they are not known, and `wake_shift`."""
+    """What follows from the columns of a model, whatever its board: currents as amplitudes in A, None where they are
+    not known, and `wake_shift`.
+    """
 
     @property
     def rated_current(self):
@@ -34,14 +37,16 @@ class Motor:
 
     @property
     def wake_shift(self):
-        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, whose encoder counts one turn."""
+        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, whose
+        encoder counts one turn.
+        """
         return 2.0 * math.pi / self.gear
 
 
 @dataclass(frozen=True)
 class Model(Motor):
-    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of the motor before it;
-    currents of the product page in A RMS.
+    """rated, peak, wire torque in N·m; wire velocity in rad/s; gear is the reduction; the torque constant is that of
+    the motor before it; currents of the product page in A RMS.
 
     The rest of the wire is the same for all.
     """
@@ -52,7 +57,7 @@ class Model(Motor):
     wire_torque: float
     wire_velocity: float
     gear: int
-    motor_constant: float | None            # N·m/A, of the product page's RMS amperes
+    motor_constant: float | None  # N·m/A, of the product page's RMS amperes
     rated_rms_current: float
     peak_rms_current: float
     pole_pairs: int
@@ -63,7 +68,9 @@ class Model(Motor):
 
     @property
     def torque_constant(self):
-        """N·m/A at the output, None where it is not known. Used with amplitudes, in servo mode, it gives at most √2 times the torque."""
+        """N·m/A at the output, None where it is not known. Used with amplitudes, in servo mode, it gives at most √2
+        times the torque.
+        """
         return None if self.motor_constant is None else self.motor_constant * self.gear
 
 
@@ -90,11 +97,13 @@ AMBIGUOUS = {"AK10-9": "AK10-9-V2.0", "AK60-6": "AK60-6-V1.1"}
 # Motors that are sold with a V3 board only. (CubeMars AKA Product Manual V3.0.0.)
 ONLY_V3 = ("AK60-39", "AK70-9", "AKA10-9", "AKA60-6", "AKE60-8", "AKE80-8", "AKE90-8", "AKH70-16", "AKH70-48")
 
-MISPRINTED = {"AK80-80": "AK80-64"}     # in the driver manual V1.0.8
+MISPRINTED = {"AK80-80": "AK80-64"}  # in the driver manual V1.0.8
 
 
 def find(name):
-    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if there is none."""
+    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
+    there is none.
+    """
     wanted = plain(name)
     for model in MODELS.values():
         if plain(model.name) == wanted:
@@ -102,10 +111,14 @@ def find(name):
     motor, generation = split(name)
     if generation.startswith("3") or any(plain(only) == motor for only in ONLY_V3):
         raise ValueError(
-            f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or CubeMarsServo in servo mode")
+            f"{name} has a V3.0 board, which speaks another protocol than V1 and V2: use CubeMarsV3, or "
+            "CubeMarsServo in servo mode"
+        )
     for short, full in AMBIGUOUS.items():
         if plain(short) == wanted:
-            raise ValueError(f"{short} was sold with driver boards of several generations: {tell_apart(short + '-V3.0', full)}")
+            raise ValueError(
+                f"{short} was sold with driver boards of several generations: {tell_apart(short + '-V3.0', full)}"
+            )
     hint = _same_motor(motor) or suggestion(spelt(name), MODELS)
     known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
     raise ValueError(f"{name!r} is not a CubeMars model with a MIT-mode table{known}")
@@ -114,12 +127,16 @@ def find(name):
 def tell_apart(newest, older):
     """In words, how to know which board a motor has, and what to write for it."""
     return (
-        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) for V3.0 in force "
-        f"control, CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode")
+        f"the motor's label says which, and a V3.0 board reports in extended frames. Write CubeMarsV3({newest!r}) "
+        "for V3.0 in force "
+        f"control, CubeMars({older!r}) for V1 and V2 in MIT mode, and CubeMarsServo with either name for servo mode"
+    )
 
 
 def _same_motor(motor):
-    """The suggestion for a motor that we know under another name; '' if we do not. A near spelling may be a motor of another size."""
+    """The suggestion for a motor that we know under another name; '' if we do not. A near spelling may be a motor of
+    another size.
+    """
     for printed, full in MISPRINTED.items():
         if plain(printed) == motor:
             return f"the manual that says {printed} means {full!r}"

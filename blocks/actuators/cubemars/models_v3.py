@@ -1,10 +1,12 @@
 """The CubeMars models of board generation V3.0, which speak force control.
 
-Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2. Ratings: the vendor's
-product pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2 board, are not published.
+Wire ranges and torque constants: AKA Series Product Manual V3.0.0 and AK Series Product Manual V3.2.0, section 4.2.
+Ratings: the vendor's product pages; those of AK80-8 with a V3.0 board, whose motor is another than that of the V2
+board, are not published.
 
-Two kinds of ampere: the product pages print RMS, and the manuals' constant is per ampere of amplitude (the q axis), which is what a board
-commands and reports. Rated torque over constant over √2 is 0.90 to 1.09 of the rated RMS current, 0.975 on average.
+Two kinds of ampere: the product pages print RMS, and the manuals' constant is per ampere of amplitude (the q axis),
+which is what a board commands and reports. Rated torque over constant over √2 is 0.90 to 1.09 of the rated RMS current,
+0.975 on average.
 """
 
 from dataclasses import dataclass
@@ -12,13 +14,13 @@ from dataclasses import dataclass
 from blocks.actuators.cubemars import models
 from graph.block import suggestion
 
-POSITION = 12.56        # rad, half the wire range of every model
+POSITION = 12.56  # rad, half the wire range of every model
 
 
 @dataclass(frozen=True)
 class Model(models.Motor):
-    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the constant in N·m per
-    ampere of amplitude, at the output; currents of the product page in A RMS.
+    """rated, peak, wire torque in N·m, None where it is not known; wire velocity in rad/s; gear is the reduction; the
+    constant in N·m per ampere of amplitude, at the output; currents of the product page in A RMS.
 
     `ambiguous` : the motor is sold with boards of other generations, too
     """
@@ -68,30 +70,43 @@ WITHOUT_WIRE = ("AKA10-9", "AKA60-6")
 
 
 def find(name):
-    """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other boards, too.
+    """The model of that name, without regard to case, hyphens, spaces or underscores; '-V3.0' where the motor has other
+    boards, too.
 
     ValueError where it means another generation or more than one, or there is none.
     """
     motor, generation = models.split(name)
     for model in MODELS.values():
-        if models.plain(model.motor) == motor and (generation.startswith("3") or not generation and not model.ambiguous):
+        if models.plain(model.motor) == motor and (
+            generation.startswith("3") or not generation and not model.ambiguous
+        ):
             return model
     for without in WITHOUT_WIRE:
         if models.plain(without) == motor and (not generation or generation.startswith("3")):
-            raise ValueError(f"{name}: the manual's table of wire ranges does not have it, so that nobody can say what its codes mean")
+            raise ValueError(
+                f"{name}: the manual's table of wire ranges does not have it, so that nobody can say "
+                "what its codes mean"
+            )
     same = next((model for model in MODELS.values() if models.plain(model.motor) == motor), None)
     older = next((full for full in models.MODELS if models.split(full)[0] == motor), None)
     if same is not None and not generation:
-        raise ValueError(f"{same.motor} was sold with driver boards of several generations: {models.tell_apart(same.name, older)}")
+        raise ValueError(
+            f"{same.motor} was sold with driver boards of several generations: {models.tell_apart(same.name, older)}"
+        )
     if older is not None and not generation.startswith("3"):
-        raise ValueError(f"{name} has a board of generation V1 or V2: use CubeMars({older!r}), or CubeMarsServo({older!r}) in servo mode")
+        raise ValueError(
+            f"{name} has a board of generation V1 or V2: use CubeMars({older!r}), or "
+            f"CubeMarsServo({older!r}) in servo mode"
+        )
     hint = f"did you mean {same.name!r}?" if same is not None else suggestion(models.spelt(name), MODELS)
     known = f": {hint}" if hint else f"; there are {', '.join(MODELS)}"
     raise ValueError(f"{name!r} is not a CubeMars model with a table of force control{known}")
 
 
 def find_in_servo_mode(name):
-    """The model of that name with a board of any generation, all of which have a servo mode. ValueError as of `find`."""
+    """The model of that name with a board of any generation, all of which have a servo mode. ValueError as of
+    `find`.
+    """
     motor, generation = models.split(name)
     if generation.startswith("3") or not generation and any(models.plain(only) == motor for only in models.ONLY_V3):
         return find(name)

@@ -10,52 +10,98 @@ from cext.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
 from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound
 
 KINDS = {
-    "duty": frames.DUTY, "current": frames.CURRENT, "current_brake": frames.BRAKE, "velocity": frames.SPEED, "position": frames.POSITION,
+    "duty": frames.DUTY,
+    "current": frames.CURRENT,
+    "current_brake": frames.BRAKE,
+    "velocity": frames.SPEED,
+    "position": frames.POSITION,
     "position_velocity": frames.POSITION_SPEED,
 }
-CURRENTS = ("current", "current_brake")             # modes in which the command bounds the torque
+CURRENTS = ("current", "current_brake")  # modes in which the command bounds the torque
 POSITIONS = ("position", "position_velocity")
 
-CURRENT, SPEED, POSITION = 60.0, 100_000.0, math.radians(3200.0)    # A, electrical revolutions a minute, rad of the motor
-WORD, LONG = 32767, 360_000_000                                     # largest codes: 16 bits, and 36000° of a position
+CURRENT, SPEED, POSITION = 60.0, 100_000.0, math.radians(3200.0)  # A, electrical revolutions a minute, rad of the motor
+WORD, LONG = 32767, 360_000_000  # largest codes: 16 bits, and 36000° of a position
 
 # What a mode other than current is commanded with, and what of it was sent.
 COMMANDS = {
-    "duty": (Input("1", "share of the supply's voltage, the way the joint turns"), Output("1", "duty after fade-in and rounding")),
-    "current_brake": (Input("A", "of the motor, against its motion"), Output("A", "braking current after fade-in and rounding")),
-    "velocity": (Input("rad/s", "at which the drive turns"), Output("rad/s", "velocity command after fade-in and rounding")),
+    "duty": (
+        Input("1", "share of the supply's voltage, the way the joint turns"),
+        Output("1", "duty after fade-in and rounding"),
+    ),
+    "current_brake": (
+        Input("A", "of the motor, against its motion"),
+        Output("A", "braking current after fade-in and rounding"),
+    ),
+    "velocity": (
+        Input("rad/s", "at which the drive turns"),
+        Output("rad/s", "velocity command after fade-in and rounding"),
+    ),
     "position": (Input("rad", "where the drive goes"), Output("rad", "position command after fade-in and rounding")),
 }
 
 
 class CubeMarsServo(ExtendedFrames, Actuator):
-    """A CubeMars actuator in servo mode, with a board of any generation: the drive closes a loop of duty, current, velocity or position.
+    """A CubeMars actuator in servo mode, with a board of any generation: the drive closes a loop of duty, current,
+    velocity or position.
 
-    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be set to it with the
-    vendor's tool. Each mode has one input: `duty_command`, `current_command`, `current_brake_command`, `velocity_command`, or
-    `position_command`. **Only a current bounds the torque**, to that of `limit`: at a duty, on the way to a velocity or a position the
-    drive takes whatever current its own settings allow. Commands have no reply: the drive has answered when it has reported. The safe
-    stop commands no current, and disables a V3.0 board; it is confirmed by a current of less than 0.32 A. A board V1 or V2 has no disable.
+    (AK Series Module Driver Manual V1.0.18; AKA Series Product Manual V3.0.0, section 4.) A board V1 or V2 has to be
+    set to it with the vendor's tool. Each mode has one input: `duty_command`, `current_command`,
+    `current_brake_command`, `velocity_command`, or `position_command`. **Only a current bounds the torque**, to that of
+    `limit`: at a duty, on the way to a velocity or a position the drive takes whatever current its own settings allow.
+    Commands have no reply: the drive has answered when it has reported. The safe stop commands no current, and disables
+    a V3.0 board; it is confirmed by a current of less than 0.32 A. A board V1 or V2 has no disable.
     """
 
-    model, bus, can_id, limit, invert, offset = Joint.model, Joint.bus, Joint.can_id, Joint.limit, Joint.invert, Joint.offset
+    model, bus, can_id, limit, invert, offset = (
+        Joint.model,
+        Joint.bus,
+        Joint.can_id,
+        Joint.limit,
+        Joint.invert,
+        Joint.offset,
+    )
     timeout, gear_ratio, range, max_velocity = Joint.timeout, Joint.gear_ratio, Joint.range, Joint.max_velocity
-    wake_shift, known_pose, reference, check_pose = Joint.wake_shift, Joint.known_pose, Joint.reference, Joint.check_pose
+    wake_shift, known_pose, reference, check_pose = (
+        Joint.wake_shift,
+        Joint.known_pose,
+        Joint.reference,
+        Joint.check_pose,
+    )
     mode = Param("current", "1", "how the drive is commanded", choices=tuple(KINDS), fixed=True)
-    velocity_limit = Param(2.0, "rad/s", "of the joint in the modes velocity and position_velocity", above=0.0, fixed=True, kernel=False)
-    acceleration = Param(10.0, "rad/s²", "of the joint in the mode position_velocity", above=0.0, fixed=True, kernel=False)
+    velocity_limit = Param(
+        2.0, "rad/s", "of the joint in the modes velocity and position_velocity", above=0.0, fixed=True, kernel=False
+    )
+    acceleration = Param(
+        10.0, "rad/s²", "of the joint in the mode position_velocity", above=0.0, fixed=True, kernel=False
+    )
     duty_limit = Param(0.1, "1", "in the mode duty", above=0.0, max=1.0, fixed=True, kernel=False)
-    torque_constant = Param(0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False)
+    torque_constant = Param(
+        0.0, "N·m/A", "at the actuator's output; 0 for the table's", min=0.0, fixed=True, kernel=False
+    )
     report_rate = Param(
-        100.0, "Hz", "at which the drive reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command", min=0.0,
-        max=500.0, fixed=True, kernel=False)
+        100.0,
+        "Hz",
+        "at which the drive reports, as set with the vendor's tool; 0 for a V3.0 board that answers each command",
+        min=0.0,
+        max=500.0,
+        fixed=True,
+        kernel=False,
+    )
     safe_stop = Param(
-        "disable", "1", "how a safe stop treats it: disable, or brake first, against its motion", choices=("disable", "brake"))
+        "disable",
+        "1",
+        "how a safe stop treats it: disable, or brake first, against its motion",
+        choices=("disable", "brake"),
+    )
     stop_current = Param(1.0, "A", "of the motor while it brakes", above=0.0, max=CURRENT, fixed=True, kernel=False)
     stop_time = Joint.stop_time
     rms_mode = Param(
-        "disable", "1", "what happens where its RMS torque passes the rated one; saturate and throttle take from a current alone",
-        choices=("silent", "warn", "saturate", "throttle", "disable"))
+        "disable",
+        "1",
+        "what happens where its RMS torque passes the rated one; saturate and throttle take from a current alone",
+        choices=("silent", "warn", "saturate", "throttle", "disable"),
+    )
     rms_window, warning_temperature = Joint.rms_window, Joint.warning_temperature
     derating_temperature, fault_temperature = Joint.derating_temperature, Joint.fault_temperature
 
@@ -66,17 +112,29 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
     limits = Memory((0.0,) * 3, "lowest and highest command, and the share that is left of it")
-    written = Memory((0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration")
+    written = Memory(
+        (0.0,) * 5, "kind of the command, codes of its unit, largest code, codes of speed and acceleration"
+    )
 
-    hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", "report_rate")    # not the torque constant: with another a rig could raise the current
+    # not the torque constant: with another a rig could raise the current
+    hardware = ("can_id", "invert", "offset", "range", "wake_shift", "known_pose", "reference", "report_rate")
     find = staticmethod(models_v3.find_in_servo_mode)
     decode = kernels.decode
     encode = kernels.encode
-    unanswered_frames = 1       # of the stop's two: nothing is answered, and one report may confirm it
-    watched, find_limit, given_limit, rated_torque = Joint.watched, Joint.find_limit, Joint.given_limit, Joint.rated_torque
+    unanswered_frames = 1  # of the stop's two: nothing is answered, and one report may confirm it
+    watched, find_limit, given_limit, rated_torque = (
+        Joint.watched,
+        Joint.find_limit,
+        Joint.given_limit,
+        Joint.rated_torque,
+    )
     check_reports, prepare, feedback_range = Reporting.check_reports, Reporting.prepare, Reporting.feedback_range
     check_temperatures, reach, fastest = Joint.check_temperatures, Joint.reach, Joint.fastest
-    torque_accuracy, motion_of_any_mode, feedback_ends = Joint.torque_accuracy, Joint.motion_of_any_mode, CubeMarsV3.feedback_ends
+    torque_accuracy, motion_of_any_mode, feedback_ends = (
+        Joint.torque_accuracy,
+        Joint.motion_of_any_mode,
+        CubeMarsV3.feedback_ends,
+    )
 
     def configure(self):
         self.inputs, self.outputs = type(self).inputs, type(self).outputs
@@ -84,26 +142,42 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.model = found.name
         constant = self.torque_constant or found.torque_constant
         if constant is None:
-            raise ValueError(f"the torque constant of {found.name} is not published: give torque_constant= in N·m/A, at its output")
+            raise ValueError(
+                f"the torque constant of {found.name} is not published: give torque_constant= in N·m/A, at its output"
+            )
         if found.generation < 3 and self.report_rate == 0.0:
-            raise ValueError(f"the board of {found.name} does not answer commands in servo mode: give the report_rate that it is set to")
+            raise ValueError(
+                f"the board of {found.name} does not answer commands in servo mode: give the "
+                "report_rate that it is set to"
+            )
         self.range = motion_of(self.range)
         self.check_pose()
         self.check_reports()
         self.check_temperatures()
         self.scales = frames.scales(found, self.gear_ratio, constant)
-        self.wire = (POSITION / self.gear_ratio, self.scales[1] * SPEED / frames.SPEED_CODE, 0.0, 0.0, CURRENT * self.scales[2])
+        self.wire = (
+            POSITION / self.gear_ratio,
+            self.scales[1] * SPEED / frames.SPEED_CODE,
+            0.0,
+            0.0,
+            CURRENT * self.scales[2],
+        )
         self.torque_limit = self.find_limit()
         rated = found.rated is None or self.torque_limit <= found.rated * self.gear_ratio
         motor = found.rated_current if rated else found.peak_current
         self.current_limit = min(self.torque_limit / self.scales[2], CURRENT, math.inf if motor is None else motor)
         if self.mode not in CURRENTS and self.rms_mode in ("saturate", "throttle"):
             raise ValueError(
-                f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: warn or disable")
+                f"rms_mode {self.rms_mode!r} takes from a commanded current, and mode {self.mode} commands none: "
+                "warn or disable"
+            )
         self.felt = ("limits", 2) if self.mode in CURRENTS else None
         self.damp_time = self.stop_time if self.safe_stop == "brake" else 0.0
         if self.damp_time and self.stop_current > self.current_limit:
-            raise ValueError(f"stop_current is at most the current of the limit, {self.current_limit:.4g} A, got {self.stop_current:g}")
+            raise ValueError(
+                f"stop_current is at most the current of the limit, {self.current_limit:.4g} A, got "
+                f"{self.stop_current:g}"
+            )
         self.take_one_command()
 
     def take_one_command(self):
@@ -115,15 +189,20 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             told, sent = COMMANDS[quantity]
             self.inputs = {self.command_name: told.named(self.command_name)}
             self.outputs = {
-                self.sent_name if name == "current_sent" else name: sent.named(self.sent_name) if name == "current_sent" else port
+                self.sent_name if name == "current_sent" else name: sent.named(self.sent_name)
+                if name == "current_sent"
+                else port
                 for name, port in type(self).outputs.items()
             }
         if self.mode in ("velocity", "position_velocity") and self.velocity_limit > self.wire[1]:
             raise ValueError(
-                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can be told of the joint, {self.wire[1]:g} rad/s")
+                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can be told of the joint, "
+                f"{self.wire[1]:g} rad/s"
+            )
         position = self.wire[0] - abs(self.offset)
         limit, scale, largest = {
-            "duty": (self.duty_limit, 1e5, 100_000), "current": (self.current_limit, 1e3, 60_000),
+            "duty": (self.duty_limit, 1e5, 100_000),
+            "current": (self.current_limit, 1e3, 60_000),
             "current_brake": (self.current_limit, 1e3, 60_000),
             "velocity": (self.velocity_limit, frames.SPEED_CODE / self.scales[1], SPEED),
             "position": (position, math.degrees(1e4) * self.gear_ratio, LONG),
@@ -139,12 +218,16 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         for name, code in (("velocity_limit", speed), ("acceleration", acceleration)):
             if not 0 < code <= WORD:
                 raise ValueError(
-                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what {self.found.name} can be "
-                    f"told of the joint, got {getattr(self, name):g}")
+                    f"{name} must be between {self.scales[1]:.3g} and {WORD * self.scales[1]:.3g}, which is what "
+                    f"{self.found.name} can be "
+                    f"told of the joint, got {getattr(self, name):g}"
+                )
         return float(speed), float(acceleration)
 
     def motion(self):
-        """What the run watches of its motion. A mode without a commanded current may take more than its limit, up to the peak torque."""
+        """What the run watches of its motion. A mode without a commanded current may take more than its limit, up to
+        the peak torque.
+        """
         found = self.motion_of_any_mode()
         if self.mode not in CURRENTS and self.found.peak is not None:
             found["limit"] = self.found.peak * self.gear_ratio
@@ -157,7 +240,9 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     def rating(self):
         if self.mode in CURRENTS:
             return f"current of the torque limit of {self.found.name}, and of its motor"
-        return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(self.mode, f"range of what {self.found.name} reports")
+        return {"duty": "its duty_limit", "velocity": "its velocity_limit"}.get(
+            self.mode, f"range of what {self.found.name} reports"
+        )
 
     def torque_bound(self, commands, period):
         if self.mode in CURRENTS:
@@ -168,7 +253,11 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         feedback = self.feedback_range()
         most = feedback["position"].high if self.mode in POSITIONS else self.limits[1] * (1.0 + 1e-9)
         return feedback | {
-            "fault": Interval(0.0, 255.0), "age": Interval(0.0), "rms_torque": Interval(0.0), self.sent_name: Interval(-most, most)}
+            "fault": Interval(0.0, 255.0),
+            "age": Interval(0.0),
+            "rms_torque": Interval(0.0),
+            self.sent_name: Interval(-most, most),
+        }
 
     def traffic(self):
         return [(8 if self.mode == "position_velocity" else 4, True)] + [(8, True)] * self.reports_a_tick
@@ -185,8 +274,13 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         if not self.damp_time:
             return None
         return DampedStop(
-            duration=self.damp_time, bands=((math.inf, (frames.amperes(frames.BRAKE, self.stop_current, self.can_id),)),), velocity=None,
-            acceleration=0.0, round=STOP_DAMP_ROUND * 1e-9, limit=self.stop_current * self.scales[2])
+            duration=self.damp_time,
+            bands=((math.inf, (frames.amperes(frames.BRAKE, self.stop_current, self.can_id),)),),
+            velocity=None,
+            acceleration=0.0,
+            round=STOP_DAMP_ROUND * 1e-9,
+            limit=self.stop_current * self.scales[2],
+        )
 
     def emulator(self, **parameters):
         from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo

@@ -11,14 +11,22 @@ from cext.kernels import cubemars_v3 as kernels
 from cext.thresholds import SCALE_TOLERANCE
 from graph import Actuator, Interval, Memory, Output, Param
 
-NOTHING = bytes.fromhex("0000007fff7ff7ff")     # no stiffness, no damping; position, velocity and torque in the middle of their ranges
+# no stiffness, no damping; position, velocity and torque in the middle of their ranges
+NOTHING = bytes.fromhex("0000007fff7ff7ff")
 
 
 class Reporting:
     """What the boards share that report in extended frames: feedback, and how it is read. Taken over one by one."""
 
-    report_rate = Param(0.0, "Hz", "at which the drive reports, as set with the vendor's tool; 0 where it answers each command", min=0.0,
-                        max=500.0, fixed=True, kernel=False)
+    report_rate = Param(
+        0.0,
+        "Hz",
+        "at which the drive reports, as set with the vendor's tool; 0 where it answers each command",
+        min=0.0,
+        max=500.0,
+        fixed=True,
+        kernel=False,
+    )
     torque = Output("N·m", "computed: the drive's current times the torque constant; nothing measures it")
     current = Output("A", "of the motor, the way the joint turns")
     scales = Memory((0.0,) * 3, "rad and rad/s of a code of the feedback, N·m of an ampere, at the joint")
@@ -28,8 +36,10 @@ class Reporting:
         self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
             raise ValueError(
-                f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the drive would seem "
-                f"silent")
+                f"timeout {self.timeout:g} s is shorter than two reports at report_rate {self.report_rate:g} Hz: the "
+                "drive would seem "
+                f"silent"
+            )
 
     def prepare(self, dt):
         self.reports_a_tick = max(1, math.ceil(self.report_rate * dt)) if dt is not None else 1
@@ -38,8 +48,11 @@ class Reporting:
         position, velocity = frames.DEGREES / 0.1 * self.scales[0] + abs(self.offset), 32768 * self.scales[1]
         torque = 327.68 * self.scales[2]
         return {
-            "position": Interval(-position, position), "velocity": Interval(-velocity, velocity), "torque": Interval(-torque, torque),
-            "current": Interval(-327.68, 327.68), "temperature": Interval(-128.0, 127.0),
+            "position": Interval(-position, position),
+            "velocity": Interval(-velocity, velocity),
+            "torque": Interval(-torque, torque),
+            "current": Interval(-327.68, 327.68),
+            "temperature": Interval(-128.0, 127.0),
         }
 
 
@@ -62,24 +75,34 @@ class ExtendedFrames:
 class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     """A CubeMars actuator with a V3.0 board in force control: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames, with another feedback:
-    position, velocity and current, at `report_rate`, over ± 3276.8° of the motor where commands reach ± 12.56 rad. Its torque is computed
-    from the current. With stiffness and damping the drive must report at least every second tick: both are zero where the feedback is
-    older. The safe stop is confirmed by a current of less than 0.32 A, or the drive's answer to the disable.
+    (AKA Series Product Manual V3.0.0; AK Series Product Manual V3.2.0, section 4.) As CubeMars, on extended frames,
+    with another feedback: position, velocity and current, at `report_rate`, over ± 3276.8° of the motor where commands
+    reach ± 12.56 rad. Its torque is computed from the current. With stiffness and damping the drive must report at
+    least every second tick: both are zero where the feedback is older. The safe stop is confirmed by a current of less
+    than 0.32 A, or the drive's answer to the disable.
     """
 
     report_rate, check_reports, prepare, feedback_range = (
-        Reporting.report_rate, Reporting.check_reports, Reporting.prepare, Reporting.feedback_range)
+        Reporting.report_rate,
+        Reporting.check_reports,
+        Reporting.prepare,
+        Reporting.feedback_range,
+    )
     enter = Param(
-        False, "1", "whether arming sends FF..FC, which one user's unit needed; to a board that does not know it, it commands full torque",
-        fixed=True, kernel=False)
+        False,
+        "1",
+        "whether arming sends FF..FC, which one user's unit needed; to a board that does not know it, it "
+        "commands full torque",
+        fixed=True,
+        kernel=False,
+    )
     torque, current, scales, notice = Reporting.torque, Reporting.current, Reporting.scales, Reporting.notice
 
     hardware = (*Joint.hardware, "report_rate", "enter")
     find = staticmethod(models_v3.find)
     decode = kernels.decode
     encode = kernels.encode
-    unanswered_frames = 1       # of the stop's two: drives that report by themselves answer neither
+    unanswered_frames = 1  # of the stop's two: drives that report by themselves answer neither
 
     def configure(self):
         super().configure()
@@ -87,7 +110,9 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         self.scales = frames.scales(self.found, self.gear_ratio, self.found.torque_constant)
 
     def motion(self):
-        """Also compare the torque, computed from the current, with the law that was sent: that checks the torque constant."""
+        """Also compare the torque, computed from the current, with the law that was sent: that checks the torque
+        constant.
+        """
         return replace(super().motion(), velocity_code=self.scales[1], torque_tolerance=1e-2 * SCALE_TOLERANCE)
 
     def feedback_ends(self):

@@ -1,10 +1,11 @@
-"""Asking a RobStride drive or a CyberGear in the private protocol how it is, without arming it, and the frames that set it up.
+"""Asking a RobStride drive or a CyberGear in the private protocol how it is, without arming it, and the frames that set
+it up.
 
-    get id (type 0), read (type 17)     change nothing
-    stop (type 4)                       answered with temperature and faults; leaves every drive as one should be that nobody controls
+    get id (type 0), read (type 17)     change nothing stop (type 4)                       answered with temperature and
+    faults; leaves every drive as one should be that nobody controls
 
-The host's id is 0xFD. Those up to 15 are no choice: `get id` from host 0 is, bit for bit, the command of a duty cycle to a CubeMars in
-servo mode.
+The host's id is 0xFD. Those up to 15 are no choice: `get id` from host 0 is, bit for bit, the command of a duty cycle
+to a CubeMars in servo mode.
 
 (RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.)
 """
@@ -16,9 +17,9 @@ from blocks.actuators.robstride import frames
 
 ROBSTRIDE, CYBERGEAR, EITHER = "RobStride", "CyberGear", "RobStride or CyberGear"
 HOST = 0xFD
-NEWCOMER = 0xFE                 # target of the answer to `get id`
+NEWCOMER = 0xFE  # target of the answer to `get id`
 VERSION = bytes([0x00, 0xC4])
-POSITION = 12.57                # rad, half the wire range of all but the CyberGear and old firmware
+POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
 RESET, CALIBRATION, RUN = range(3)
 MODES = {RESET: "stopped", CALIBRATION: "calibrating", RUN: "running"}
 PROTOCOLS = {"private": 0, "canopen": 1, "mit": 2}
@@ -98,10 +99,18 @@ def feedback(identifier, extended, data, can_id, model=None, host=HOST):
     meanings = frames.meanings(model is not None and model.is_cybergear)
     half = model.wire_position if model is not None else POSITION
     found = Answer(
-        EITHER, can_id, position=symmetric(position, half, 16), temperature=temperature / 10.0,
-        fault=frames.in_words(identifier >> 16 & 0x3F, meanings), enabled=identifier >> 22 & 3 == RUN)
+        EITHER,
+        can_id,
+        position=symmetric(position, half, 16),
+        temperature=temperature / 10.0,
+        fault=frames.in_words(identifier >> 16 & 0x3F, meanings),
+        enabled=identifier >> 22 & 3 == RUN,
+    )
     if model is not None:
-        found.velocity, found.torque = symmetric(velocity, model.wire_velocity, 16), symmetric(torque, model.wire_torque, 16)
+        found.velocity, found.torque = (
+            symmetric(velocity, model.wire_velocity, 16),
+            symmetric(torque, model.wire_torque, 16),
+        )
     return found
 
 

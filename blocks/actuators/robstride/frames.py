@@ -5,24 +5,47 @@ RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1
 
 import struct
 
-OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24    # types
-GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25           # of setting up; 22 is another thing to a CyberGear: its baud rate
+OPERATION, FEEDBACK, ENABLE, STOP, SET_ZERO, READ, WRITE, REPORT_FAULTS, REPORT = 1, 2, 3, 4, 6, 17, 18, 21, 24  # types
+GET_ID, SET_ID, SAVE, PROTOCOL = 0, 7, 22, 25  # of setting up; 22 is another thing to a CyberGear: its baud rate
 
 RUN_MODE, IQ_REF, SPD_REF, LIMIT_TORQUE = 0x7005, 0x7006, 0x700A, 0x700B
-LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = 0x7016, 0x7017, 0x7018, 0x7022, 0x7024, 0x7025, 0x7028
-WHOLE = {RUN_MODE: "<Bxxx", 0x7026: "<Hxx", CAN_TIMEOUT: "<I", 0x7029: "<Bxxx"}       # the others are floats
+LOC_REF, LIMIT_SPD, LIMIT_CUR, ACC_RAD, VEL_MAX, ACC_SET, CAN_TIMEOUT = (
+    0x7016,
+    0x7017,
+    0x7018,
+    0x7022,
+    0x7024,
+    0x7025,
+    0x7028,
+)
+WHOLE = {RUN_MODE: "<Bxxx", 0x7026: "<Hxx", CAN_TIMEOUT: "<I", 0x7029: "<Bxxx"}  # the others are floats
 WHOLE_OF_CYBERGEAR = {0x701D: "<hxx"}
-TIMEOUT_COUNTS = 20000                              # of CAN_TIMEOUT, a second
+TIMEOUT_COUNTS = 20000  # of CAN_TIMEOUT, a second
 
 # The output `fault`: six bits of the feedback, one of ours, and from bit 8 on the 32 of a fault report.
 FAULTS = {
-    0: "under-voltage", 1: "over-current or driver", 2: "over-temperature", 3: "magnetic encoder", 4: "stalled or overloaded",
-    5: "not calibrated", 6: "has stopped by itself", 7: "time-out is not the one that was written", 8: "motor too hot", 9: "driver chip", 10: "under-voltage", 11: "over-voltage",
-    12: "current of phase B", 13: "current of phase C", 15: "encoder not calibrated", 16: "hardware identification",
-    17: "position at the start", 22: "stalled", 24: "current of phase A",
+    0: "under-voltage",
+    1: "over-current or driver",
+    2: "over-temperature",
+    3: "magnetic encoder",
+    4: "stalled or overloaded",
+    5: "not calibrated",
+    6: "has stopped by itself",
+    7: "time-out is not the one that was written",
+    8: "motor too hot",
+    9: "driver chip",
+    10: "under-voltage",
+    11: "over-voltage",
+    12: "current of phase B",
+    13: "current of phase C",
+    15: "encoder not calibrated",
+    16: "hardware identification",
+    17: "position at the start",
+    22: "stalled",
+    24: "current of phase A",
 }
 NO_TIMEOUT = 1 << 7
-REPORTED = 8                                        # where the fault report begins
+REPORTED = 8  # where the fault report begins
 FAULTS_OF_CYBERGEAR = FAULTS | {4: "Hall sensor", **dict.fromkeys(range(16, 24), "overloaded")}
 
 
@@ -67,7 +90,10 @@ def word_in_words(fault):
 def in_words(fault, meanings=FAULTS):
     """The same, with the bits: 'over-voltage (bit 3 of the fault report), bit 9 of the fault report'; '' for none."""
     return ", ".join(
-        f"{meanings[bit]} ({bit_in_words(bit)})" if bit in meanings else bit_in_words(bit) for bit in range(40) if int(fault) >> bit & 1)
+        f"{meanings[bit]} ({bit_in_words(bit)})" if bit in meanings else bit_in_words(bit)
+        for bit in range(40)
+        if int(fault) >> bit & 1
+    )
 
 
 def bit_in_words(bit):

@@ -11,10 +11,10 @@ from cext.kernels import robstride_mit as kernels
 from graph import Actuator, Device, Interval, Memory, Param
 
 CLEAR_FAULT = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
-FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"        # asks for them
-READ_AGAIN = 1.0                                    # s, when faults are read again
-READ, WRITE = 0x300, 0x400                          # of parameters, with the drive's id
-OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"     # of the modes: MIT 0, position 1, velocity 2
+FAULTS = b"\xff\xff\xff\xff\xff\xff\x00\xfb"  # asks for them
+READ_AGAIN = 1.0  # s, when faults are read again
+READ, WRITE = 0x300, 0x400  # of parameters, with the drive's id
+OPERATION = b"\xff\xff\xff\xff\xff\xff\x00\xfc"  # of the modes: MIT 0, position 1, velocity 2
 
 
 def find(name):
@@ -28,18 +28,27 @@ def find(name):
 class RobStrideMIT(StopInMitMode, Joint, Actuator):
     """A RobStride actuator set to its MIT protocol: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two costs: nothing reports whether the drive is
-    enabled, and its replies carry no faults. They are read at arming and once a second, in a tick that carries the question instead of a
-    command: the drive holds its last command one period longer. Arming also writes `can_timeout` and the torque limit into the drive and reads
-    the time-out back; it is refused where the drive returns another time-out or none, as firmware older than models.MIT_FIRMWARE does.
+    (RobStride user manuals of 2026-04-28, section 6.) As RobStride in operation control, with two costs: nothing
+    reports whether the drive is enabled, and its replies carry no faults. They are read at arming and once a second, in
+    a tick that carries the question instead of a command: the drive holds its last command one period longer. Arming
+    also writes `can_timeout` and the torque limit into the drive and reads the time-out back; it is refused where the
+    drive returns another time-out or none, as firmware older than models.MIT_FIRMWARE does.
     """
 
     can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
     host_id = Param(0xFD, "1", "id that the drive answers from", min=0, max=255, fixed=True)
     can_timeout = Param(
-        0.1, "s", "silence after which the drive stops by itself; 0 for never, and for firmware without it", min=0.0, max=5.0, fixed=True)
+        0.1,
+        "s",
+        "silence after which the drive stops by itself; 0 for never, and for firmware without it",
+        min=0.0,
+        max=5.0,
+        fixed=True,
+    )
 
-    talk = Memory((0.0,) * 10, "time-out read back, faults as last read, and what is awaited: cext/kernels/robstride_mit.pyx")
+    talk = Memory(
+        (0.0,) * 10, "time-out read back, faults as last read, and what is awaited: cext/kernels/robstride_mit.pyx"
+    )
 
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(find)
@@ -53,7 +62,18 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         self.own_timeout = self.can_timeout if self.can_timeout > 0.0 else None
         self.ready = "talk" if self.own_timeout is not None else None
         limit = int.from_bytes(self.torque_bytes(), "little")
-        self.talk = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)), float(limit), 0.0, 0.0, READ_AGAIN, 0.0, 0.0, 0.0)
+        self.talk = (
+            0.0,
+            0.0,
+            float(frames.timeout_counts(self.can_timeout)),
+            float(limit),
+            0.0,
+            0.0,
+            READ_AGAIN,
+            0.0,
+            0.0,
+            0.0,
+        )
 
     def torque_bytes(self):
         """Return the torque limit at the motor, N·m, as four bytes to write: a second layer, which no proof counts."""
@@ -62,8 +82,10 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def prepare(self, dt):
         if dt is not None and 0.0 < self.can_timeout < 3.0 * dt:
             raise ValueError(
-                f"can_timeout {self.can_timeout:g} s is shorter than three ticks of {dt:g} s: the drive would stop by itself between two "
-                f"commands")
+                f"can_timeout {self.can_timeout:g} s is shorter than three ticks of {dt:g} s: the drive would stop "
+                "by itself between two "
+                f"commands"
+            )
 
     def output_range(self, **commands):
         return super().output_range() | {"temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**33)}
@@ -74,7 +96,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def hears(self):
         """What the drive sends, and what any controller sends to it."""
         return [(self.host_id, 0x7FF, False), (self.can_id, 0x7FF, False)] + [
-            (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)]
+            (kind | self.can_id, 0x7FF, False) for kind in (READ, WRITE)
+        ]
 
     def replies(self):
         return [(self.host_id, 0x7FF, False, bytes([self.can_id]))]
@@ -82,15 +105,21 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     def enable_frames(self):
         """Stopped, given its time-out and torque limit, asked for both time-out and faults, and enabled."""
         return [
-            *[(self.can_id, False, data) for data in (DISABLE, OPERATION)], *self.write_frames(), *self.read_frames(),
-            *[(self.can_id, False, FAULTS)] * bool(self.ready), (self.can_id, False, ENABLE)]
+            *[(self.can_id, False, data) for data in (DISABLE, OPERATION)],
+            *self.write_frames(),
+            *self.read_frames(),
+            *[(self.can_id, False, FAULTS)] * bool(self.ready),
+            (self.can_id, False, ENABLE),
+        ]
 
     def write_frames(self):
         if not self.ready:
             return []
         counts = frames.timeout_counts(self.can_timeout).to_bytes(4, "little")
-        return [(WRITE | self.can_id, False, struct.pack("<HH", index, 0) + value)
-                for index, value in ((frames.CAN_TIMEOUT, counts), (frames.LIMIT_TORQUE, self.torque_bytes()))]
+        return [
+            (WRITE | self.can_id, False, struct.pack("<HH", index, 0) + value)
+            for index, value in ((frames.CAN_TIMEOUT, counts), (frames.LIMIT_TORQUE, self.torque_bytes()))
+        ]
 
     def read_frames(self):
         return [(READ | self.can_id, False, struct.pack("<Hxxxxxx", frames.CAN_TIMEOUT))] if self.ready else []
@@ -104,11 +133,17 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
         return ", ".join(words)
 
     def unready_in_words(self):
-        return f"it answers, but not the read of its time-out (0x{READ | self.can_id:03X}, parameter 0x7028); {self.remedy()}"
+        return (
+            f"it answers, but not the read of its time-out (0x{READ | self.can_id:03X}, parameter 0x7028); "
+            f"{self.remedy()}"
+        )
 
     def remedy(self):
-        return (f"can_timeout is {self.can_timeout:g} s: {self.found.name} has it in MIT mode from firmware {models.MIT_FIRMWARE[self.found.name]} "
-                f"on. Update the firmware, or set can_timeout=0 and rely on the guardian alone")
+        return (
+            f"can_timeout is {self.can_timeout:g} s: {self.found.name} has it in MIT mode from firmware "
+            f"{models.MIT_FIRMWARE[self.found.name]} "
+            f"on. Update the firmware, or set can_timeout=0 and rely on the guardian alone"
+        )
 
     def emulator(self, **parameters):
         return EmulatedRobStrideMIT.of(self, **{"host_id": self.host_id} | parameters)
@@ -117,8 +152,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
 class EmulatedRobStrideMIT(Emulated, Device):
     """A RobStride drive set to its MIT protocol, on the in-memory bus.
 
-    `fault` is the word of faults that it returns when it is asked; a fault disables it and stays until it is cleared. It stops by itself
-    after the time-out that was written.
+    `fault` is the word of faults that it returns when it is asked; a fault disables it and stays until it is cleared.
+    It stops by itself after the time-out that was written.
     """
 
     can_id = Param(127, "1", "its id", min=1, max=127, fixed=True)

@@ -5,8 +5,9 @@ Three different torques, easily confused:
     peak    what it gives for seconds
     wire    what the largest code on the wire means: a scale, not a rating
 
-RobStride user manuals of 2026-04-28; CyberGear manual. Where sources disagree the manual's tables of codes hold: its text has positions of
-± 4π rad, its code of ± 12.57; and stiffness and damping of RS03, RS04 and RS06 reach 5000 and 100, not 500 and 5.
+RobStride user manuals of 2026-04-28; CyberGear manual. Where sources disagree the manual's tables of codes hold: its
+text has positions of ± 4π rad, its code of ± 12.57; and stiffness and damping of RS03, RS04 and RS06 reach 5000 and
+100, not 500 and 5.
 """
 
 import math
@@ -16,14 +17,14 @@ from dataclasses import dataclass
 from graph.block import suggestion
 from graph.interval import Interval
 
-TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)           # °C that feedback can tell, rounded as the kernels round
+TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C that feedback can tell, rounded as the kernels round
 
 
 @dataclass(frozen=True)
 class Model:
-    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad; currents in A, the
-    amplitude (the manual's A pk); the constant in N·m per A RMS; speed without load in revolutions a minute; gear is the reduction;
-    too hot in °C.
+    """rated, peak, wire torque in N·m, wire velocity in rad/s, wire stiffness in N·m/rad, wire damping in N·m·s/rad;
+    currents in A, the amplitude (the manual's A pk); the constant in N·m per A RMS; speed without load in revolutions a
+    minute; gear is the reduction; too hot in °C.
     """
 
     name: str
@@ -39,8 +40,8 @@ class Model:
     peak_current: float
     no_load: float
     too_hot: float
-    wire_position: float = 12.57        # rad
-    own_timeout: bool = True            # whether the drive can stop by itself when it hears nothing
+    wire_position: float = 12.57  # rad
+    own_timeout: bool = True  # whether the drive can stop by itself when it hears nothing
 
     @property
     def torque_constant(self):
@@ -49,9 +50,11 @@ class Model:
 
     @property
     def wake_shift(self):
-        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its encoder sits there.
+        """rad at the output by a multiple of which a power cycle can shift the reading: a turn of the motor, if its
+        encoder sits there.
 
-        Assumed, not verified: the manual's `zero_sta` speaks of a position within one turn at the start, and not on which side of the gear.
+        Assumed, not verified: the manual's `zero_sta` speaks of a position within one turn at the start, and not on
+        which side of the gear.
         """
         return 2.0 * math.pi / self.gear
 
@@ -72,13 +75,36 @@ MODELS = {
         Model("RS05", 1.6, 5.5, 5.5, 50.0, 500.0, 5.0, 7.75, 0.94, 2.4, 11.0, 480.0, 135.0),
         Model("RS06", 11.0, 36.0, 36.0, 50.0, 5000.0, 100.0, 9.0, 1.09, 14.3, 57.0, 480.0, 145.0),
         Model("EL05", 1.8, 6.0, 6.0, 50.0, 500.0, 5.0, 9.0, 0.94, 2.6, 11.0, 430.0, 135.0),
-        Model("CyberGear", 4.0, 12.0, 12.0, 30.0, 500.0, 5.0, 7.75, 0.87, 6.5, 23.0, 296.0, 80.0, wire_position=12.5, own_timeout=False),
+        Model(
+            "CyberGear",
+            4.0,
+            12.0,
+            12.0,
+            30.0,
+            500.0,
+            5.0,
+            7.75,
+            0.87,
+            6.5,
+            23.0,
+            296.0,
+            80.0,
+            wire_position=12.5,
+            own_timeout=False,
+        ),
     )
 }
 
-# The oldest firmware that reads and writes parameters in MIT mode, and with it the time-out. (RobStride user manuals of 2026-04-28, section 6.)
+# The oldest firmware that reads and writes parameters in MIT mode, and with it the time-out. (RobStride user manuals of
+# 2026-04-28, section 6.)
 MIT_FIRMWARE = {
-    "RS00": "0.0.3.27", "RS01": "0.1.3.14", "RS02": "0.2.3.32", "RS03": "0.3.1.41", "RS04": "0.4.1.29", "RS05": "0.5.0.13", "RS06": "0.6.0.11",
+    "RS00": "0.0.3.27",
+    "RS01": "0.1.3.14",
+    "RS02": "0.2.3.32",
+    "RS03": "0.3.1.41",
+    "RS04": "0.4.1.29",
+    "RS05": "0.5.0.13",
+    "RS06": "0.6.0.11",
     "EL05": "1.0.5.0.4",
 }
 
@@ -87,7 +113,9 @@ ALSO = {"EduLite05": "EL05", **{f"RobStride{name[2:]}": name for name in MODELS 
 
 
 def find(name):
-    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if there is none."""
+    """The model of that name, without regard to case, hyphens, spaces or underscores. ValueError with a suggestion if
+    there is none.
+    """
     wanted = re.sub(r"^(XIAOMI|ROBSTRIDE)(?=\D)", "", _plain(name))
     for spelling, full in ({full: full for full in MODELS} | ALSO).items():
         if _plain(spelling) == wanted:

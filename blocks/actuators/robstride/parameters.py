@@ -1,7 +1,7 @@
 """Parameters of RobStride drives and of the CyberGear, by name: what is read with type 17 and written with type 18.
 
-RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 4.1.12. What is written is forgotten with the power, unless
-it is saved, which only a RobStride can.
+RobStride user manuals of 2026-04-28, section 4.1.14; CyberGear manual, section 4.1.12. What is written is forgotten
+with the power, unless it is saved, which only a RobStride can.
 """
 
 import struct
@@ -76,4 +76,6 @@ def find(name):
         if known.lower() == name.lower():
             return parameter
     hint = suggestion(name, PARAMETERS)
-    raise ValueError(f"there is no parameter {name!r}" + (f"; {hint}" if hint else f"; there are {', '.join(PARAMETERS)}"))
+    raise ValueError(
+        f"there is no parameter {name!r}" + (f"; {hint}" if hint else f"; there are {', '.join(PARAMETERS)}")
+    )

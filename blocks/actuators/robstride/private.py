@@ -18,7 +18,8 @@ COMMANDS = {
     "current": Input("A", "in the motor, peak of a phase, the way the joint turns"),
 }
 SENT = {
-    "position": Output("rad", "position command after quantisation"), "velocity": Output("rad/s", "velocity command after quantisation"),
+    "position": Output("rad", "position command after quantisation"),
+    "velocity": Output("rad/s", "velocity command after quantisation"),
     "current": Output("A", "current command after fade-in and quantisation"),
 }
 
@@ -26,27 +27,38 @@ SENT = {
 class RobStride(Joint, Actuator):
     """A RobStride actuator or a CyberGear: τ = K (θ₀ − θ) + B (ω₀ − ω) + τ_ff, closed in the drive.
 
-    (RobStride user manuals of 2026-04-28, section 4.) Feedback is of the last tick; commands go out at its end. Without stiffness and
-    damping the drive gives `torque_command` alone. So in operation control; in the modes position, csp (cyclic position), velocity and
-    current the drive has one input, `position_command`, `velocity_command` or `current_command`, and its current is limited to that of
-    the torque `limit`. Modes and limits are written while it is stopped, and are forgotten with its power. The drive stops by itself
-    when it has received nothing for `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and is refused where the
-    drive returns another one or none. Faults are never cleared from here.
+    (RobStride user manuals of 2026-04-28, section 4.) Feedback is of the last tick; commands go out at its end. Without
+    stiffness and damping the drive gives `torque_command` alone. So in operation control; in the modes position, csp
+    (cyclic position), velocity and current the drive has one input, `position_command`, `velocity_command` or
+    `current_command`, and its current is limited to that of the torque `limit`. Modes and limits are written while it
+    is stopped, and are forgotten with its power. The drive stops by itself when it has received nothing for
+    `can_timeout`; the CyberGear cannot. Arming writes that time-out, reads it back, and is refused where the drive
+    returns another one or none. Faults are never cleared from here.
     """
 
     can_id = Param(127, "1", "id set in the drive", min=1, max=127, fixed=True)
     host_id = Param(0xFD, "1", "id that the drive answers to", min=0, max=255, fixed=True)
-    can_timeout = Param(0.1, "s", "silence after which the drive stops by itself; 0 for never", min=0.0, max=5.0, fixed=True)
-    active_reporting = Param(False, "1", "whether the drive shall also report every 10 ms without being asked", fixed=True)
+    can_timeout = Param(
+        0.1, "s", "silence after which the drive stops by itself; 0 for never", min=0.0, max=5.0, fixed=True
+    )
+    active_reporting = Param(
+        False, "1", "whether the drive shall also report every 10 ms without being asked", fixed=True
+    )
     velocity_limit = Param(2.0, "rad/s", "of the joint in the modes position, csp and velocity", above=0.0, fixed=True)
-    acceleration = Param(10.0, "rad/s²", "of the joint in the modes position and velocity; not of the CyberGear", above=0.0, fixed=True)
+    acceleration = Param(
+        10.0, "rad/s²", "of the joint in the modes position and velocity; not of the CyberGear", above=0.0, fixed=True
+    )
     mode = Param("operation", "1", "how the drive is commanded", choices=tuple(RUN_MODES), fixed=True)
 
     warning = Output("1", "the drive's warnings, bit by bit as it last reported them", dtype=int)
     state = Memory((0.0,) * 3, "seen running, replies since it is not, faults that it has reported")
-    written = Memory((0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit")
+    written = Memory(
+        (0.0,) * 5, "index of the command, its scale, whether the offset moves it, index and value of the current limit"
+    )
 
-    timeout_read = Memory((0.0,) * 3, "whether the drive has returned its time-out, how often another one, counts that were written")
+    timeout_read = Memory(
+        (0.0,) * 3, "whether the drive has returned its time-out, how often another one, counts that were written"
+    )
 
     hardware = (*Joint.hardware, "host_id")
     find = staticmethod(models.find)
@@ -69,11 +81,17 @@ class RobStride(Joint, Actuator):
         self.timeout_read = (0.0, 0.0, float(frames.timeout_counts(self.can_timeout)))
         self.ready = "timeout_read" if self.own_timeout is not None else None
         self.motor_torque = self.torque_limit / self.gear_ratio
-        most = self.found.rated_current if self.torque_limit <= self.found.rated * self.gear_ratio else self.found.peak_current
+        most = (
+            self.found.rated_current
+            if self.torque_limit <= self.found.rated * self.gear_ratio
+            else self.found.peak_current
+        )
         self.current_limit = min(self.motor_torque / self.found.torque_constant, most)
         if self.mode != "operation":
             if self.damp_time:
-                raise ValueError(f"safe_stop='damp' needs operation control: in mode {self.mode} the drive has no damping to command")
+                raise ValueError(
+                    f"safe_stop='damp' needs operation control: in mode {self.mode} the drive has no damping to command"
+                )
             self.take_one_command()
 
     def take_one_command(self):
@@ -81,11 +99,15 @@ class RobStride(Joint, Actuator):
         quantity = "position" if self.mode in POSITION_MODES else self.mode
         if quantity != "current" and self.velocity_limit > self.wire[1]:
             raise ValueError(
-                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can say of the joint, {self.wire[1]:g} rad/s")
+                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can say of the joint, "
+                f"{self.wire[1]:g} rad/s"
+            )
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.inputs = {self.command_name: COMMANDS[quantity].named(self.command_name)}
         self.outputs = {
-            name if name != "torque_sent" else self.sent_name: port if name != "torque_sent" else SENT[quantity].named(self.sent_name)
+            name if name != "torque_sent" else self.sent_name: port
+            if name != "torque_sent"
+            else SENT[quantity].named(self.sent_name)
             for name, port in type(self).outputs.items()
         }
         self.sent_outputs = (self.sent_name,)
@@ -94,22 +116,34 @@ class RobStride(Joint, Actuator):
         self.limits, self.felt = (limit, 1.0), ("limits", 1)
         limited = (0.0, 0.0) if quantity == "current" else (frames.LIMIT_CUR, self.current_limit)
         index = {"position": frames.LOC_REF, "velocity": frames.SPD_REF, "current": frames.IQ_REF}[quantity]
-        self.written = (index, 1.0 if quantity == "current" else self.gear_ratio, float(quantity == "position"), *limited)
+        self.written = (
+            index,
+            1.0 if quantity == "current" else self.gear_ratio,
+            float(quantity == "position"),
+            *limited,
+        )
 
     def motion(self):
-        """What the run watches of its motion: with a position or a velocity commanded, not whether its torque is the one that was meant."""
+        """What the run watches of its motion: with a position or a velocity commanded, not whether its torque is the
+        one that was meant.
+        """
         if self.mode == "operation":
             return super().motion()
         current = "current_sent" if self.mode == "current" else None
         return Motion(
-            **self.motion_of_any_mode(), current=current, current_scale=self.found.torque_constant * self.gear_ratio,
-            torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE)
+            **self.motion_of_any_mode(),
+            current=current,
+            current_scale=self.found.torque_constant * self.gear_ratio,
+            torque_tolerance=1e-2 * SCALE_TOLERANCE_WIRE_TORQUE,
+        )
 
     def prepare(self, dt):
         if dt is not None and 0.0 < self.can_timeout < 2.0 * dt and self.found.own_timeout:
             raise ValueError(
-                f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop by itself between two "
-                f"commands")
+                f"can_timeout {self.can_timeout:g} s is shorter than two ticks of {dt:g} s: the drive would stop by "
+                "itself between two "
+                f"commands"
+            )
 
     def command_limits(self):
         if self.mode == "operation":
@@ -129,14 +163,20 @@ class RobStride(Joint, Actuator):
         if self.mode == "current":
             return TorqueBound("proved", self.torque_limit)
         return TorqueBound(
-            "drive", self.torque_limit, f"by the drive's own current limit of {self.current_limit:.3g} A, which nothing here verifies")
+            "drive",
+            self.torque_limit,
+            f"by the drive's own current limit of {self.current_limit:.3g} A, which nothing here verifies",
+        )
 
     def output_range(self, **commands):
         ranges = super().output_range() | {
-            "temperature": TEMPERATURE, "fault": Interval(0.0, 2.0**40), "warning": Interval(0.0, 2.0**32)}
+            "temperature": TEMPERATURE,
+            "fault": Interval(0.0, 2.0**40),
+            "warning": Interval(0.0, 2.0**32),
+        }
         if self.mode != "operation":
             sent = ranges.pop("torque_sent")
-            sent = self.limits[0] * (1.0 + 1e-6)                    # rounded to single precision, offset and all
+            sent = self.limits[0] * (1.0 + 1e-6)  # rounded to single precision, offset and all
             ranges[self.sent_name] = Interval(-sent - abs(self.offset) * 1e-6, sent + abs(self.offset) * 1e-6)
         return ranges
 
@@ -171,7 +211,9 @@ class RobStride(Joint, Actuator):
             faster = frames.VEL_MAX if self.mode == "position" and not found.is_cybergear else frames.LIMIT_SPD
             told.append(self.write(faster, self.velocity_limit * ratio))
         if self.mode in ("position", "velocity") and not found.is_cybergear:
-            told.append(self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio))
+            told.append(
+                self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio)
+            )
         told += self.zero_frames() if self.mode != "operation" else []
         if self.active_reporting:
             told.append(frames.reports(True, self.can_id, self.host_id))
@@ -191,13 +233,22 @@ class RobStride(Joint, Actuator):
         return [*stopped, frames.reports(False, self.can_id, self.host_id)] if self.active_reporting else stopped
 
     def damped_stop(self):
-        reports = tuple((kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"") for kind in (frames.FEEDBACK, frames.REPORT))
+        reports = tuple(
+            (kind << 24 | self.can_id << 8 | self.host_id, 0x1F00FFFF, True, b"")
+            for kind in (frames.FEEDBACK, frames.REPORT)
+        )
         velocity = ReplyField(reports, first=16, bits=16, low=-self.wire[1], high=self.wire[1])
         return damped_stop(self, self.damping_frames, velocity)
 
     def damping_frames(self, damping):
         code = int(damping / self.wire[3] * 0xFFFF)
-        return [(frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id, True, bytes.fromhex("7fff7fff0000") + code.to_bytes(2, "big"))]
+        return [
+            (
+                frames.OPERATION << 24 | 0x7FFF << 8 | self.can_id,
+                True,
+                bytes.fromhex("7fff7fff0000") + code.to_bytes(2, "big"),
+            )
+        ]
 
     def fault_in_words(self, code):
         words = frames.in_words(code, frames.meanings(self.found.is_cybergear))
@@ -209,7 +260,10 @@ class RobStride(Joint, Actuator):
         return tuple(f"{family} warning: {frames.warning_in_words(bit, meanings)}" for bit in range(32))
 
     def remedy(self):
-        return f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely on the guardian alone"
+        return (
+            f"can_timeout is {self.can_timeout:g} s: update the drive's firmware, or set can_timeout=0 and rely "
+            "on the guardian alone"
+        )
 
     def unready_in_words(self):
         return f"it answers, but not the read of its time-out (type 17, parameter 0x7028); {self.remedy()}"

@@ -9,11 +9,13 @@ from cext.kernels import invensense as kernels
 from cext.kernels import quiet
 from graph import Input, Memory, Param
 
-FIELD = (20.0, 0.0, -44.0)      # µT, as in the middle of Europe: north and down
+FIELD = (20.0, 0.0, -44.0)  # µT, as in the middle of Europe: north and down
 
 
 class _Emulated(I2cDevice):
-    """Ports, parameters and faults of an IMU that is not there. It answers at the rates at which it would be asked; at rest by default."""
+    """Ports, parameters and faults of an IMU that is not there. It answers at the rates at which it would be asked; at
+    rest by default.
+    """
 
     address = InvenSense.parameters["address"]
     rate = InvenSense.parameters["rate"]
@@ -33,12 +35,14 @@ class _Emulated(I2cDevice):
 
     identity = Memory(0.0, "place and address")
     scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
-    periods = Memory((0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one")
+    periods = Memory(
+        (0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one"
+    )
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
     state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
 
     decode = quiet.deaf
-    sensor = InvenSense         # that it plays
+    sensor = InvenSense  # that it plays
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
     known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips
 
@@ -56,12 +60,16 @@ class _Emulated(I2cDevice):
 
 
 class EmulatedMPU9250(_Emulated):
-    """An MPU-9250 that is not there: it answers the bytes of its registers at the rate at which it would be read. At rest by default.
+    """An MPU-9250 that is not there: it answers the bytes of its registers at the rate at which it would be read. At
+    rest by default.
 
-    `EmulatedMPU9250.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy one.
+    `EmulatedMPU9250.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy
+    one.
     """
 
-    adjustment = Param(tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True)
+    adjustment = Param(
+        tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True
+    )
 
     bypass = MPU9250.parameters["bypass"]
 
@@ -77,9 +85,11 @@ class EmulatedMPU9250(_Emulated):
 
 
 class EmulatedICM20948(_Emulated):
-    """An ICM-20948 that is not there: it answers the bytes of its registers at the rate at which it would be read. At rest by default.
+    """An ICM-20948 that is not there: it answers the bytes of its registers at the rate at which it would be read. At
+    rest by default.
 
-    `EmulatedICM20948.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy one.
+    `EmulatedICM20948.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy
+    one.
     """
 
     encode = kernels.icm_answers

@@ -5,24 +5,24 @@ from blocks.imus.invensense.ports import ACCEL_RANGES, GYRO_RANGES, InvenSense
 from cext.kernels import invensense as kernels
 from graph import Param
 
-BANK = 0x7F                                                     # which of four banks of registers the others are in, << 4
-WHO_AM_I, USER_CONTROL, POWER, POWER_2, INTERRUPT_PINS, BURST = 0x00, 0x03, 0x06, 0x07, 0x0F, 0x2D              # bank 0
-GYRO_DIVIDER, GYRO_CONFIG, ACCEL_DIVIDER, ACCEL_CONFIG = 0x00, 0x01, 0x10, 0x14                                 # bank 2
+BANK = 0x7F  # which of four banks of registers the others are in, << 4
+WHO_AM_I, USER_CONTROL, POWER, POWER_2, INTERRUPT_PINS, BURST = 0x00, 0x03, 0x06, 0x07, 0x0F, 0x2D  # bank 0
+GYRO_DIVIDER, GYRO_CONFIG, ACCEL_DIVIDER, ACCEL_CONFIG = 0x00, 0x01, 0x10, 0x14  # bank 2
 RESET, AUTOMATIC_CLOCK, BYPASS = 0x80, 0x01, 0x02
-LOW_PASSES = {197: 0, 152: 1, 120: 2, 51: 3, 24: 4, 12: 5, 6: 6}       # Hz of the gyroscope, code of both filters
-INTERNAL_RATE = 1125.0                                          # Hz, with one of these filters
+LOW_PASSES = {197: 0, 152: 1, 120: 2, 51: 3, 24: 4, 12: 5, 6: 6}  # Hz of the gyroscope, code of both filters
+INTERNAL_RATE = 1125.0  # Hz, with one of these filters
 FILTERED = 0x01
 
 MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL_2, MAG_CONTROL_3 = 0x01, 0x10, 0x31, 0x32
 MAG_100_HZ, MAG_RESET = 0x08, 0x01
-MAG_BYTES = 9                                                   # ST1, three axes, one that says nothing, ST2
+MAG_BYTES = 9  # ST1, three axes, one that says nothing, ST2
 
 
 class ICM20948(InvenSense):
     """An ICM-20948 on I2C: accelerometer, gyroscope, and the magnetometer AK09916, 0.15 µT a code.   (DS-000189 1.5)
 
-    Its magnetometer points the other way in y and z; `mag` has the accelerometer's axes. Two on one piece of bus, 0x68 and 0x69, have
-    their magnetometers at the same address: put one behind a multiplexer, or read it without.
+    Its magnetometer points the other way in y and z; `mag` has the accelerometer's axes. Two on one piece of bus, 0x68
+    and 0x69, have their magnetometers at the same address: put one behind a multiplexer, or read it without.
     """
 
     low_pass = Param(51, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
@@ -42,15 +42,26 @@ class ICM20948(InvenSense):
         code = LOW_PASSES[self.low_pass] << 3 | FILTERED
         divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
         values = (
-            (BANK, 0x00, 0.0), (POWER, RESET, 0.1), (POWER, AUTOMATIC_CLOCK, 0.05), (POWER_2, 0x00, 0.0), (USER_CONTROL, 0x00, 0.0),
+            (BANK, 0x00, 0.0),
+            (POWER, RESET, 0.1),
+            (POWER, AUTOMATIC_CLOCK, 0.05),
+            (POWER_2, 0x00, 0.0),
+            (USER_CONTROL, 0x00, 0.0),
             (INTERRUPT_PINS, BYPASS, 0.001),
-            (BANK, 0x20, 0.0), (GYRO_DIVIDER, divider, 0.0), (GYRO_CONFIG, code | GYRO_RANGES.index(self.gyro_range) << 1, 0.0),
-            (ACCEL_DIVIDER, 0x00, 0.0), (ACCEL_DIVIDER + 1, divider, 0.0),
-            (ACCEL_CONFIG, code | ACCEL_RANGES.index(self.accel_range) << 1, 0.0), (BANK, 0x00, 0.0))
+            (BANK, 0x20, 0.0),
+            (GYRO_DIVIDER, divider, 0.0),
+            (GYRO_CONFIG, code | GYRO_RANGES.index(self.gyro_range) << 1, 0.0),
+            (ACCEL_DIVIDER, 0x00, 0.0),
+            (ACCEL_DIVIDER + 1, divider, 0.0),
+            (ACCEL_CONFIG, code | ACCEL_RANGES.index(self.accel_range) << 1, 0.0),
+            (BANK, 0x00, 0.0),
+        )
         writes = [Write(register, bytes((value,)), wait) for register, value, wait in values]
         if self.magnetometer:
-            writes += [Write(MAG_CONTROL_3, bytes((MAG_RESET,)), 0.01, self.mag_address),
-                       Write(MAG_CONTROL_2, bytes((MAG_100_HZ,)), 0.001, self.mag_address)]
+            writes += [
+                Write(MAG_CONTROL_3, bytes((MAG_RESET,)), 0.01, self.mag_address),
+                Write(MAG_CONTROL_2, bytes((MAG_100_HZ,)), 0.001, self.mag_address),
+            ]
         return tuple(writes)
 
     def learn(self, read, write):
@@ -58,16 +69,20 @@ class ICM20948(InvenSense):
             return
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x09:
-            raise ValueError(f"its magnetometer says {found:#04x}, and an AK09916 says 0x09: magnetometer=False reads it without")
+            raise ValueError(
+                f"its magnetometer says {found:#04x}, and an AK09916 says 0x09: magnetometer=False reads it without"
+            )
 
     def check(self):
-        return POWER, bytes((AUTOMATIC_CLOCK,))                         # a chip that has lost its settings sleeps
+        return POWER, bytes((AUTOMATIC_CLOCK,))  # a chip that has lost its settings sleeps
 
     def rounds(self):
         inertial = Round(1.0 / self.rate, (Transfer(0, (Read(BURST, 14),)),))
         if not self.magnetometer:
             return (inertial,)
-        return inertial, Round(1.0 / self.mag_rate, (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), address=self.mag_address),))
+        return inertial, Round(
+            1.0 / self.mag_rate, (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), address=self.mag_address),)
+        )
 
     def emulator(self, **parameters):
         from blocks.imus.invensense.emulator import EmulatedICM20948

@@ -5,35 +5,52 @@ from blocks.imus.invensense.ports import ACCEL_RANGES, GYRO_RANGES, InvenSense
 from cext.kernels import invensense as kernels
 from graph import Param
 
-SAMPLE_RATE_DIVIDER, CONFIG, INTERRUPT_PINS, BURST, USER_CONTROL, POWER, WHO_AM_I = 0x19, 0x1A, 0x37, 0x3B, 0x6A, 0x6B, 0x75
+SAMPLE_RATE_DIVIDER, CONFIG, INTERRUPT_PINS, BURST, USER_CONTROL, POWER, WHO_AM_I = (
+    0x19,
+    0x1A,
+    0x37,
+    0x3B,
+    0x6A,
+    0x6B,
+    0x75,
+)
 RESET, AUTOMATIC_CLOCK, BYPASS = 0x80, 0x01, 0x02
-MASTER, MASTER_CONTROL, SLAVE = 0x20, 0x24, 0x25            # a bit of USER_CONTROL; of the bus inside; address, register, control of whom it asks
+# a bit of USER_CONTROL; of the bus inside; address, register, control of whom it asks
+MASTER, MASTER_CONTROL, SLAVE = 0x20, 0x24, 0x25
 KHZ_400, READS, ENABLED = 0x0D, 0x80, 0x80
-LOW_PASSES = {184: 1, 92: 2, 41: 3, 20: 4, 10: 5, 5: 6}     # Hz of the gyroscope, code of both filters; the accelerometer's are near them
-INTERNAL_RATE = 1000.0                                      # Hz, with one of these filters
+# Hz of the gyroscope, code of both filters; the accelerometer's are near them
+LOW_PASSES = {184: 1, 92: 2, 41: 3, 20: 4, 10: 5, 5: 6}
+INTERNAL_RATE = 1000.0  # Hz, with one of these filters
 
 MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL, MAG_CONTROL_2, MAG_ADJUSTMENT = 0x00, 0x02, 0x0A, 0x0B, 0x10
 MAG_POWER_DOWN, MAG_FUSES, MAG_100_HZ_16_BITS, MAG_RESET = 0x00, 0x0F, 0x16, 0x01
-MAG_BYTES = 8                                               # ST1, three axes, ST2
+MAG_BYTES = 8  # ST1, three axes, ST2
 UNADJUSTED = b"\x80\x80\x80"
 
 
 class MPU9250(InvenSense):
-    """An MPU-9250 or MPU-9255 on I2C: accelerometer, gyroscope, and the magnetometer AK8963 with its factory adjustment.
+    """An MPU-9250 or MPU-9255 on I2C: accelerometer, gyroscope, and the magnetometer AK8963 with its factory
+    adjustment.
 
-    mag = raw · 4912/32760 · ((ASA − 128)/256 + 1) µT, turned into the accelerometer's axes. (RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02)
-    Two on one piece of bus, 0x68 and 0x69, have their magnetometers at one address: with `bypass=False` each reads its own by itself.
+    mag = raw · 4912/32760 · ((ASA − 128)/256 + 1) µT, turned into the accelerometer's axes. (RM-MPU-9250A-00 1.6,
+    AK8963 MS1356-E-02) Two on one piece of bus, 0x68 and 0x69, have their magnetometers at one address: with
+    `bypass=False` each reads its own by itself.
     """
 
     low_pass = Param(41, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
 
     bypass = Param(
-        True, "1", "whether its magnetometer is asked past it; else it asks by itself, as two on one piece of bus need", fixed=True, kernel=False)
+        True,
+        "1",
+        "whether its magnetometer is asked past it; else it asks by itself, as two on one piece of bus need",
+        fixed=True,
+        kernel=False,
+    )
 
     kind = "MPU-9250"
     decode = kernels.mpu_decode
     mag_scale = 4912.0 / 32760.0
-    adjustment = UNADJUSTED     # of the magnetometer, once it has been asked
+    adjustment = UNADJUSTED  # of the magnetometer, once it has been asked
 
     def chips(self):
         return InvenSense.chips(self) if self.bypass else (self.address,)
@@ -45,21 +62,29 @@ class MPU9250(InvenSense):
     def settings(self):
         """Registers from SAMPLE_RATE_DIVIDER on: divider, low-pass, gyroscope, accelerometer, its low-pass."""
         code = LOW_PASSES[self.low_pass]
-        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))     # it measures at least as often as it is read
-        return bytes((divider, code, GYRO_RANGES.index(self.gyro_range) << 3, ACCEL_RANGES.index(self.accel_range) << 3, code))
+        divider = max(0, min(255, int(INTERNAL_RATE / self.rate) - 1))  # it measures at least as often as it is read
+        return bytes(
+            (divider, code, GYRO_RANGES.index(self.gyro_range) << 3, ACCEL_RANGES.index(self.accel_range) << 3, code)
+        )
 
     def identities(self):
         return (Identity(WHO_AM_I, {0x71: "MPU-9250", 0x73: "MPU-9255"}),)
 
     def set_up(self):
         writes = [
-            Write(POWER, bytes((RESET,)), wait=0.1), Write(POWER, bytes((AUTOMATIC_CLOCK,)), wait=0.05),
+            Write(POWER, bytes((RESET,)), wait=0.1),
+            Write(POWER, bytes((AUTOMATIC_CLOCK,)), wait=0.05),
             *(Write(SAMPLE_RATE_DIVIDER + place, bytes((value,))) for place, value in enumerate(self.settings())),
-            Write(USER_CONTROL, b"\x00"), Write(INTERRUPT_PINS, bytes((BYPASS,)), wait=0.001),
+            Write(USER_CONTROL, b"\x00"),
+            Write(INTERRUPT_PINS, bytes((BYPASS,)), wait=0.001),
         ]
         if self.magnetometer:
-            writes += [self.mag_write(MAG_CONTROL_2, MAG_RESET, 0.01), self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001),
-                       self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001), *self.asks_by_itself()]
+            writes += [
+                self.mag_write(MAG_CONTROL_2, MAG_RESET, 0.01),
+                self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001),
+                self.mag_write(MAG_CONTROL, MAG_100_HZ_16_BITS, 0.001),
+                *self.asks_by_itself(),
+            ]
         return tuple(writes)
 
     def asks_by_itself(self):
@@ -67,8 +92,13 @@ class MPU9250(InvenSense):
         if self.bypass:
             return ()
         values = (
-            (INTERRUPT_PINS, 0x00), (USER_CONTROL, MASTER), (MASTER_CONTROL, KHZ_400), (SLAVE, READS | self.mag_address),
-            (SLAVE + 1, MAG_STATUS), (SLAVE + 2, ENABLED | MAG_BYTES))
+            (INTERRUPT_PINS, 0x00),
+            (USER_CONTROL, MASTER),
+            (MASTER_CONTROL, KHZ_400),
+            (SLAVE, READS | self.mag_address),
+            (SLAVE + 1, MAG_STATUS),
+            (SLAVE + 2, ENABLED | MAG_BYTES),
+        )
         return tuple(Write(register, bytes((value,))) for register, value in values)
 
     def mag_write(self, register, value, wait):
@@ -83,7 +113,9 @@ class MPU9250(InvenSense):
             write(Write(INTERRUPT_PINS, bytes((BYPASS,)), 0.001))
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x48:
-            raise ValueError(f"its magnetometer says {found:#04x}, and an AK8963 says 0x48: magnetometer=False reads it without")
+            raise ValueError(
+                f"its magnetometer says {found:#04x}, and an AK8963 says 0x48: magnetometer=False reads it without"
+            )
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
         write(self.mag_write(MAG_CONTROL, MAG_FUSES, 0.001))
         self.adjustment = bytes(read(MAG_ADJUSTMENT, 3, self.mag_address))
@@ -101,7 +133,9 @@ class MPU9250(InvenSense):
         if not self.bypass:
             return (Round(inertial.period, (Transfer(2, (Read(BURST, 14 + MAG_BYTES),), appended=self.adjustment),)),)
         return inertial, Round(
-            1.0 / self.mag_rate, (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), appended=self.adjustment, address=self.mag_address),))
+            1.0 / self.mag_rate,
+            (Transfer(1, (Read(MAG_STATUS, MAG_BYTES),), appended=self.adjustment, address=self.mag_address),),
+        )
 
     def emulator(self, **parameters):
         from blocks.imus.invensense.emulator import EmulatedMPU9250

@@ -9,22 +9,35 @@ from blocks.i2c import I2cDevice
 from blocks.imus.calibration import Calibration
 from graph import Interval, Memory, Output, Param
 
-FULL = 32768.0                  # codes of the range
-ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)       # g and °/s; the place is the code
-MAG_RATE = 100.0                # Hz, the fastest of both magnetometers
+FULL = 32768.0  # codes of the range
+ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the place is the code
+MAG_RATE = 100.0  # Hz, the fastest of both magnetometers
 
 
 class InvenSense(I2cDevice):
-    """Ports and parameters of an IMU with a burst of accelerometer, gyroscope and temperature, and a magnetometer beside it."""
+    """Ports and parameters of an IMU with a burst of accelerometer, gyroscope and temperature, and a magnetometer
+    beside it.
+    """
 
     abstract = True
-    address = Param(0x68, "1", "its address: 0x69 where its pin AD0 is high", min=0x08, max=0x77, fixed=True, kernel=False)
-    rate = Param(200.0, "Hz", "at which it is read; the magnetometer at 100 Hz at most", above=0.0, max=1000.0, fixed=True, kernel=False)
+    address = Param(
+        0x68, "1", "its address: 0x69 where its pin AD0 is high", min=0x08, max=0x77, fixed=True, kernel=False
+    )
+    rate = Param(
+        200.0,
+        "Hz",
+        "at which it is read; the magnetometer at 100 Hz at most",
+        above=0.0,
+        max=1000.0,
+        fixed=True,
+        kernel=False,
+    )
     accel_range = Param(8, "1", "g that it measures at most", choices=ACCEL_RANGES, fixed=True, kernel=False)
     gyro_range = Param(1000, "1", "°/s that it measures at most", choices=GYRO_RANGES, fixed=True, kernel=False)
     magnetometer = Param(True, "1", "whether its magnetometer is read", fixed=True, kernel=False)
     calibration = Param(
-        "", "1", "TOML file that `calibrate` has written for this sensor; empty for none", dtype=str, file=True)
+        "", "1", "TOML file that `calibrate` has written for this sensor; empty for none", dtype=str, file=True
+    )
 
     accel = Output("m/s²", "specific force: +g upwards at rest", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
@@ -33,7 +46,9 @@ class InvenSense(I2cDevice):
     age = Output("s", "since accel and gyro were measured")
     mag_age = Output("s", "from the magnetometer's newest measurement to that of accel and gyro")
     mag_overflow = Output("1", "whether the field is too strong; mag keeps its last value", dtype=bool)
-    repeated = Output("1", "answers in a row that were the same as the one before, to the last bit: a sensor that is stuck", dtype=int)
+    repeated = Output(
+        "1", "answers in a row that were the same as the one before, to the last bit: a sensor that is stuck", dtype=int
+    )
     errors = Output("1", "transfers that have failed since the run began", dtype=int)
 
     identity = Memory(0.0, "place and address")
@@ -46,7 +61,7 @@ class InvenSense(I2cDevice):
     hardware = (*I2cDevice.hardware, "calibration")
     known_addresses = (0x68, 0x69)
     mag_address = 0x0C
-    mag_scale = 0.0             # µT of a code
+    mag_scale = 0.0  # µT of a code
 
     def configure(self):
         super().configure()
@@ -74,8 +89,15 @@ class InvenSense(I2cDevice):
 
         accel = reach(self.accel_map, FULL * self.scales[0])
         gyro = FULL * self.scales[1] + max(map(abs, self.gyro_bias))
-        mag = reach(self.mag_map, 1.5 * FULL * self.mag_scale)             # an adjustment is 1.5 at most
+        mag = reach(self.mag_map, 1.5 * FULL * self.mag_scale)  # an adjustment is 1.5 at most
         return {
-            "accel": Interval(-accel, accel), "gyro": Interval(-gyro, gyro), "mag": Interval(-mag, mag),
-            "temperature": Interval(-78.0, 120.0), "age": Interval(0.0), "mag_age": Interval(0.0), "mag_overflow": Interval(0.0, 1.0),
-            "repeated": Interval(0.0), "errors": Interval(0.0)}
+            "accel": Interval(-accel, accel),
+            "gyro": Interval(-gyro, gyro),
+            "mag": Interval(-mag, mag),
+            "temperature": Interval(-78.0, 120.0),
+            "age": Interval(0.0),
+            "mag_age": Interval(0.0),
+            "mag_overflow": Interval(0.0, 1.0),
+            "repeated": Interval(0.0),
+            "errors": Interval(0.0),
+        }

@@ -3,7 +3,7 @@
 import struct
 from dataclasses import dataclass
 
-TEXT = 16                       # characters of each, right-justified
+TEXT = 16  # characters of each, right-justified
 
 
 @dataclass(frozen=True)

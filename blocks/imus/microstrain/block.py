@@ -8,43 +8,82 @@ from blocks.serial_lines import speed_of
 from cext.kernels import mip as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
-PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)       # roles of a field, in cext/kernels/mip.pyx
-ENVELOPE, SHORTEST_TIME = 6, 10                 # bytes of a packet around its fields, and of the field with its time
-LONGEST_START = 0.8             # s; arming waits one for an answer
+PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)  # roles of a field, in cext/kernels/mip.pyx
+ENVELOPE, SHORTEST_TIME = 6, 10  # bytes of a packet around its fields, and of the field with its time
+LONGEST_START = 0.8  # s; arming waits one for an answer
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
 
 
 class MicroStrain(StreamDevice):
-    """MicroStrain inertial sensor (3DM-GX5, CX5, CV5, CV7, GV7 and their kin) over serial, in MIP, found by its serial number.
+    """MicroStrain inertial sensor (3DM-GX5, CX5, CV5, CV7, GV7 and their kin) over serial, in MIP, found by its serial
+    number.
 
-    `quaternion`, `euler` and `rotation` say how the sensor is turned against where it was tared, before that against the earth as the sensor has it
-    (x north, y east, z down); `rotation` takes vectors from the sensor's axes to those. `raw_quaternion` and `raw_euler` are as the sensor tells them.
-    What it was not asked for, has not told yet, or itself calls invalid is NaN. The clock of the sensor is mapped to the computer's by the
-    least delay of every second (cext/kernels/clock_map.pxd).
+    `quaternion`, `euler` and `rotation` say how the sensor is turned against where it was tared, before that against
+    the earth as the sensor has it (x north, y east, z down); `rotation` takes vectors from the sensor's axes to those.
+    `raw_quaternion` and `raw_euler` are as the sensor tells them. What it was not asked for, has not told yet, or
+    itself calls invalid is NaN. The clock of the sensor is mapped to the computer's by the least delay of every second
+    (cext/kernels/clock_map.pxd).
     """
 
     serial = Param("", "1", "last digits of its serial number, wherever it is plugged in", dtype=str)
     port = Param("", "1", "path of its port, instead of a serial number", dtype=str)
-    baudrate = Param(115200, "1", "bit/s of a port that is a real serial line; USB does not care", min=9600, max=4_000_000, fixed=True, kernel=False)
-    rate = Param(200.0, "Hz", "of its samples: its base rate divided by a whole number", above=0.0, max=1000.0, fixed=True)
-    channels = Param(STANDARD, "1", f"what it is asked for: {', '.join(COMMON)}, quaternion, euler; outputs of their own have {', '.join(EXTRA)}",
-                     dtype=tuple)
-    attitude = Param("filter", "1", "what tells quaternion and euler: the estimation filter, or the complementary filter beside the sensors",
-                     dtype=str, choices=("filter", "sensor"))
-    heading = Param("", "1", "what the filter takes its heading from; as the sensor is set by default", dtype=str,
-                    choices=("", "none", "magnetometer"))
-    low_pass = Param(0.0, "Hz", "cut-off of the filters of accel, gyro and mag; 0 as the sensor is set", min=0.0, max=1000.0, fixed=True)
-    tare_at_start = Param(False, "1", "whether its first samples say where it is tared; while they do, nothing is armed", fixed=True)
+    baudrate = Param(
+        115200,
+        "1",
+        "bit/s of a port that is a real serial line; USB does not care",
+        min=9600,
+        max=4_000_000,
+        fixed=True,
+        kernel=False,
+    )
+    rate = Param(
+        200.0, "Hz", "of its samples: its base rate divided by a whole number", above=0.0, max=1000.0, fixed=True
+    )
+    channels = Param(
+        STANDARD,
+        "1",
+        f"what it is asked for: {', '.join(COMMON)}, quaternion, euler; outputs of their own have {', '.join(EXTRA)}",
+        dtype=tuple,
+    )
+    attitude = Param(
+        "filter",
+        "1",
+        "what tells quaternion and euler: the estimation filter, or the complementary filter beside the sensors",
+        dtype=str,
+        choices=("filter", "sensor"),
+    )
+    heading = Param(
+        "",
+        "1",
+        "what the filter takes its heading from; as the sensor is set by default",
+        dtype=str,
+        choices=("", "none", "magnetometer"),
+    )
+    low_pass = Param(
+        0.0,
+        "Hz",
+        "cut-off of the filters of accel, gyro and mag; 0 as the sensor is set",
+        min=0.0,
+        max=1000.0,
+        fixed=True,
+    )
+    tare_at_start = Param(
+        False, "1", "whether its first samples say where it is tared; while they do, nothing is armed", fixed=True
+    )
     tare_time = Param(0.5, "s", "over which a tare takes the mean", min=0.0, max=60.0, fixed=True)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
 
-    tare = Input("1", "where it rises, the mean attitude of the next `tare_time` becomes none", default=False, dtype=bool)
+    tare = Input(
+        "1", "where it rises, the mean attitude of the next `tare_time` becomes none", default=False, dtype=bool
+    )
 
     accel = Output("m/s²", "specific force", shape=(3,))
     gyro = Output("rad/s", "angular rate", shape=(3,))
     mag = Output("µT", "magnetic field", shape=(3,))
     quaternion = Output("1", "attitude since the tare, w first", shape=(4,))
-    euler = Output("rad", "roll, pitch, yaw of the same", shape=(3,), range=(-math.pi, math.pi), circle=(-math.pi, math.pi))
+    euler = Output(
+        "rad", "roll, pitch, yaw of the same", shape=(3,), range=(-math.pi, math.pi), circle=(-math.pi, math.pi)
+    )
     rotation = Output("1", "matrix of the same", shape=(3, 3))
     raw_quaternion = Output("1", "attitude as it tells it, w first", shape=(4,))
     raw_euler = Output("rad", "roll, pitch, yaw as it tells them", shape=(3,), circle=(-math.pi, math.pi))
@@ -81,12 +120,23 @@ class MicroStrain(StreamDevice):
         if strangers or not self.channels:
             raise ValueError(f"channels are among {', '.join(known)}, got {strangers[0] if strangers else 'none'!r}")
         if self.tare_at_start and self.timeout > 0.0 and self.tare_time > LONGEST_START:
-            raise ValueError(f"a tare at the start has to be over while the robot is armed: tare_time is {LONGEST_START:g} s at most, got {self.tare_time:g}")
+            raise ValueError(
+                "a tare at the start has to be over while the robot is armed: tare_time is "
+                f"{LONGEST_START:g} s at most, got {self.tare_time:g}"
+            )
         self.fields = wanted(self.channels, self.attitude)
-        extra = [field for field in self.fields if field.name in EXTRA and field.name not in CHANNELS[self.attitude].values()]
-        self.outputs = {**type(self).outputs, **{
-            field.name: Output(field.unit, "as it tells it", shape=(field.values,) if field.values > 1 else ()).named(field.name)
-            for field in extra}}
+        extra = [
+            field for field in self.fields if field.name in EXTRA and field.name not in CHANNELS[self.attitude].values()
+        ]
+        self.outputs = {
+            **type(self).outputs,
+            **{
+                field.name: Output(
+                    field.unit, "as it tells it", shape=(field.values,) if field.values > 1 else ()
+                ).named(field.name)
+                for field in extra
+            },
+        }
         self.tabulate()
         primary = 0 if any(field.set == SENSOR for field in self.fields) else 1
         self.settings = (self.rate, self.tare_time, float(self.tare_at_start), float(primary))
@@ -94,17 +144,34 @@ class MicroStrain(StreamDevice):
     def tabulate(self):
         """The table that the kernel reads: see cext/kernels/mip.pyx."""
         items = {name: 1 + place for place, name in enumerate(self.outputs)}
-        meant = {**COMMON, "raw_quaternion": CHANNELS[self.attitude]["quaternion"], "raw_euler": CHANNELS[self.attitude]["euler"]}
-        goes = {field: items[name] for name, field in meant.items()} | {name: items[name] for name in items if name in EXTRA}
-        roles = {CHANNELS[self.attitude]["quaternion"]: ATTITUDE, CHANNELS[self.attitude]["euler"]: ANGLES, **dict.fromkeys(TIMES, CLOCK)}
+        meant = {
+            **COMMON,
+            "raw_quaternion": CHANNELS[self.attitude]["quaternion"],
+            "raw_euler": CHANNELS[self.attitude]["euler"],
+        }
+        goes = {field: items[name] for name, field in meant.items()} | {
+            name: items[name] for name in items if name in EXTRA
+        }
+        roles = {
+            CHANNELS[self.attitude]["quaternion"]: ATTITUDE,
+            CHANNELS[self.attitude]["euler"]: ANGLES,
+            **dict.fromkeys(TIMES, CLOCK),
+        }
         rows, index = [], [0.0] * 768
         asked = {field.name for field in self.fields}
         for field in FIELDS:
             if field.name not in asked and field.name not in TIMES:
                 continue
-            first = 2 if field.name == "temperatures" else 0        # the mean stands behind least and most
-            rows += [float(roles.get(field.name, PLAIN)), float(field.kind), float(1 if first else field.values), field.scale,
-                     float(goes.get(field.name, -1)), float(field.flagged), 4.0 * first]
+            first = 2 if field.name == "temperatures" else 0  # the mean stands behind least and most
+            rows += [
+                float(roles.get(field.name, PLAIN)),
+                float(field.kind),
+                float(1 if first else field.values),
+                field.scale,
+                float(goes.get(field.name, -1)),
+                float(field.flagged),
+                4.0 * first,
+            ]
             for part, descriptor_set in enumerate((SENSOR, FILTER, None)):
                 if field.set in (descriptor_set, SHARED):
                     index[256 * part + field.descriptor] = len(rows) / 7
@@ -116,8 +183,12 @@ class MicroStrain(StreamDevice):
     def sends(self):
         """A packet of each set, with the shortest time that it may have."""
         sizes = [
-            ENVELOPE + SHORTEST_TIME + sum(2 + struct.calcsize(f">{field.layout}") for field in self.fields if field.set in (own, SHARED))
-            for own in (SENSOR, FILTER) if any(field.set == own for field in self.fields)]
+            ENVELOPE
+            + SHORTEST_TIME
+            + sum(2 + struct.calcsize(f">{field.layout}") for field in self.fields if field.set in (own, SHARED))
+            for own in (SENSOR, FILTER)
+            if any(field.set == own for field in self.fields)
+        ]
         return [(self.rate, size) for size in sizes]
 
     def line_speed(self):

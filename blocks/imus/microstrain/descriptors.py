@@ -1,15 +1,16 @@
-"""What the fields of MIP's data packets hold: the one table that the block, the emulator, the set-up and the tools read.
+"""What the fields of MIP's data packets hold: the one table that the block, the emulator, the set-up and the tools
+read.
 
-Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3DM-GX5. Often mistaken: 80 10 and 80 11 are the stabilised
-vectors; the time since power-on of newer devices is D5.
+Source: MicroStrain's MIP SDK 4.0 and the data communications protocol of the 3DM-GX5. Often mistaken: 80 10 and 80 11
+are the stabilised vectors; the time since power-on of newer devices is D5.
 """
 
 import struct
 from dataclasses import dataclass
 
-SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100      # sets; a shared field may stand in any
-STANDARD_GRAVITY = 9.80665      # m/s²
-KINDS = {"f": 0, "d": 1, "B": 2, "H": 3, "I": 4, "Q": 5}        # of a value, as cext/kernels/mip.pyx numbers them
+SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100  # sets; a shared field may stand in any
+STANDARD_GRAVITY = 9.80665  # m/s²
+KINDS = {"f": 0, "d": 1, "B": 2, "H": 3, "I": 4, "Q": 5}  # of a value, as cext/kernels/mip.pyx numbers them
 SIZES = {"f": 4, "d": 8, "B": 1, "H": 2, "I": 4, "Q": 8}
 
 
@@ -88,7 +89,7 @@ FIELDS = (
 )
 BY_NAME = {field.name: field for field in FIELDS}
 BY_KEY = {(field.set, field.descriptor): field for field in FIELDS}
-TIMES = ("reference_time", "gps_time", "sensor_time", "filter_time")        # that tell when a sample was taken
+TIMES = ("reference_time", "gps_time", "sensor_time", "filter_time")  # that tell when a sample was taken
 
 # What a block's channel is on the wire, by where its attitude comes from.
 CHANNELS = {

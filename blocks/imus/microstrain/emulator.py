@@ -5,16 +5,18 @@ from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDAR
 from cext.kernels import mip_sensor as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
 
-MOST = 16                       # fields of a format, of cext/kernels/mip_sensor.pyx
-INFO = 16                       # characters of each text in the device information
+MOST = 16  # fields of a format, of cext/kernels/mip_sensor.pyx
+INFO = 16  # characters of each text in the device information
 
 
 class EmulatedMicroStrain(Device):
-    """A MicroStrain sensor on an in-memory line or behind a descriptor: hears the commands of MIP, and answers and streams byte for byte.
+    """A MicroStrain sensor on an in-memory line or behind a descriptor: hears the commands of MIP, and answers and
+    streams byte for byte.
 
-    `EmulatedMicroStrain.of(robot["left/shank_imu"])` plays the sensor of a robot's block: it streams from the start as that would have set it up. With
-    streaming=False it waits to be set up, as one does that has just been plugged in. A line that is disconnected tells so, and after its return
-    the sensor is as it was saved. Every input of a fault at zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
+    `EmulatedMicroStrain.of(robot["left/shank_imu"])` plays the sensor of a robot's block: it streams from the start as
+    that would have set it up. With streaming=False it waits to be set up, as one does that has just been plugged in. A
+    line that is disconnected tells so, and after its return the sensor is as it was saved. Every input of a fault at
+    zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
     """
 
     bus = Param("imu", "1", "logical name of its line", dtype=str)
@@ -24,7 +26,9 @@ class EmulatedMicroStrain(Device):
     channels = Param(("accel", "gyro", "mag", "quaternion", "temperature"), "1", "as for the sensor", dtype=tuple)
     attitude = Param("filter", "1", "as for the sensor", dtype=str, choices=("filter", "sensor"))
     streaming_at_start = Param(True, "1", "whether it streams before it is told to", fixed=True)
-    clock_error = Param(0.0, "1", "by how much its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True)
+    clock_error = Param(
+        0.0, "1", "by how much its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True
+    )
     clock_start = Param(1000.0, "s", "what its clock says at the start", min=0.0, fixed=True)
     seed = Param(1, "1", "of what gets lost and spoilt", min=1, max=1_000_000, fixed=True)
 
@@ -78,11 +82,22 @@ class EmulatedMicroStrain(Device):
 
     def saved(self, descriptor_set, decimation):
         """The format of one set as it is at power on, and whether it streams."""
-        time = 0xD5 if self.found.newer else BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
+        time = (
+            0xD5
+            if self.found.newer
+            else BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
+        )
         fields = [field.descriptor for field in wanted(self.channels, self.attitude) if field.set == descriptor_set]
         fields = [descriptor for descriptor in fields if descriptor_set << 8 | descriptor in self.found.known]
-        numbers = [float(number) for descriptor in ([time, *fields] if fields else []) for number in (descriptor, decimation)]
-        return (len(numbers) / 2, *numbers, *[0.0] * (2 * MOST - len(numbers)), float(bool(fields) and self.streaming_at_start))
+        numbers = [
+            float(number) for descriptor in ([time, *fields] if fields else []) for number in (descriptor, decimation)
+        ]
+        return (
+            len(numbers) / 2,
+            *numbers,
+            *[0.0] * (2 * MOST - len(numbers)),
+            float(bool(fields) and self.streaming_at_start),
+        )
 
     def output_range(self, **inputs):
         return {"streaming": Interval(0.0, 1.0), "heading": Interval(0.0, 255.0), "sent": Interval(0.0)}

@@ -1,11 +1,13 @@
-"""MIP in Python: packets made and read one at a time, for the set-up and the tools. A run reads them natively (cext/kernels/mip.pyx)."""
+"""MIP in Python: packets made and read one at a time, for the set-up and the tools. A run reads them natively
+(cext/kernels/mip.pyx).
+"""
 
 import struct
 
 from blocks.imus.microstrain.descriptors import field_of
 
 SYNC = b"\x75\x65"
-BASE, COMMAND_3DM, COMMAND_FILTER = 0x01, 0x0C, 0x0D                # sets of commands
+BASE, COMMAND_3DM, COMMAND_FILTER = 0x01, 0x0C, 0x0D  # sets of commands
 PING, IDLE, INFO, DESCRIPTORS, RESUME, MORE_DESCRIPTORS, ACKNOWLEDGE = 0x01, 0x02, 0x03, 0x04, 0x06, 0x07, 0xF1
 WRITE, READ = 1, 2
 

@@ -17,7 +17,9 @@ MAGNETOMETER = (0x8006, 0x8010)
 
 @dataclass(frozen=True)
 class Model:
-    """name, number; newer : generation; base_rate in Hz, of both sets; known : commands and data, set and descriptor in one number"""
+    """name, number; newer : generation; base_rate in Hz, of both sets; known : commands and data, set and descriptor in
+    one number
+    """
 
     name: str
     number: str
@@ -27,11 +29,19 @@ class Model:
 
 
 MODELS = {
-    model.name: model for model in (
-        Model("3DM-GX5-25", "6253-4220", False, 1000.0, (*OLDER, *SENSOR, *MAGNETOMETER, 0x8011, 0x8012, *FILTER, 0x8211)),
+    model.name: model
+    for model in (
+        Model(
+            "3DM-GX5-25", "6253-4220", False, 1000.0, (*OLDER, *SENSOR, *MAGNETOMETER, 0x8011, 0x8012, *FILTER, 0x8211)
+        ),
         Model("3DM-CV5-10", "6259-4220", False, 1000.0, (*OLDER, *SENSOR, 0x8012, *FILTER, 0x8211)),
-        Model("3DM-CV7-AHRS", "6286-9956", True, 1000.0,
-              (*NEWER, *SENSOR, *MAGNETOMETER, 0x80D3, 0x80D4, 0x80D5, *FILTER, 0x82D3, 0x82D4, 0x82D5)),
+        Model(
+            "3DM-CV7-AHRS",
+            "6286-9956",
+            True,
+            1000.0,
+            (*NEWER, *SENSOR, *MAGNETOMETER, 0x80D3, 0x80D4, 0x80D5, *FILTER, 0x82D3, 0x82D4, 0x82D5),
+        ),
     )
 }
 

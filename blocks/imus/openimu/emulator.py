@@ -8,16 +8,20 @@ G = 9.80665
 
 
 class EmulatedOpenImu(Device):
-    """An OpenIMU on the in-memory bus: it takes settings, tells them when it is asked, and sends what its firmware would, truncated as there.
+    """An OpenIMU on the in-memory bus: it takes settings, tells them when it is asked, and sends what its firmware
+    would, truncated as there.
 
-    Its inputs are in the axes printed on its case (x forward, y right, z down); unwired, it lies still and level. It begins as it is sold:
-    100 Hz, angular rate, acceleration and magnetic field, in axes that do not fit together. Filters and orientation are kept, and have no
-    effect. `EmulatedOpenImu.of(robot["shank_imu"])` plays the unit of a robot's block.
+    Its inputs are in the axes printed on its case (x forward, y right, z down); unwired, it lies still and level. It
+    begins as it is sold: 100 Hz, angular rate, acceleration and magnetic field, in axes that do not fit together.
+    Filters and orientation are kept, and have no effect. `EmulatedOpenImu.of(robot["shank_imu"])` plays the unit of a
+    robot's block.
     """
 
     bus = Param("can", "1", "logical name of its CAN bus", dtype=str)
     address = Param(128, "1", "its source address", min=128, max=247, fixed=True)
-    model = Param("300RI", "1", "which one it is; the 335RI has no magnetometer, and rounds", choices=("300RI", "335RI"))
+    model = Param(
+        "300RI", "1", "which one it is; the 335RI has no magnetometer, and rounds", choices=("300RI", "335RI")
+    )
     rounds = Param(False, "1", "whether codes are rounded rather than truncated: as its model does", fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -G))
@@ -29,7 +33,10 @@ class EmulatedOpenImu(Device):
     dropped = Input("1", "share of the frames to and from it that get lost, 0 to 1", default=0.0)
     power_lost = Input("1", "it is dead; when power is back it is as it was sold", default=False, dtype=bool)
     stored = Memory((0.0,) * 6, "divider, packets, behaviour, orientation, filters at power on")
-    state = Memory((0.0,) * 11, "the same now; answers owed, time of the next packets, luck of frames, whether it is dead, serial number")
+    state = Memory(
+        (0.0,) * 11,
+        "the same now; answers owed, time of the next packets, luck of frames, whether it is dead, serial number",
+    )
 
     kernel = kernels.unit
     decode = kernels.unit_decode

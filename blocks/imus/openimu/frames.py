@@ -1,25 +1,32 @@
 """Frames of an OpenIMU: parameter groups of SAE J1939, how a unit is set up, and how it is asked what it is set to.
 
-An identifier is priority << 26 | group << 8 | source address. Ours come from address 0xF9, a service tool's, so that they end in a byte
-that is no drive's id. Settings begin with the address that they are for. (Aceinna OpenIMU300RI and 335RI, CAN messages; SAE J1939-21.)
+An identifier is priority << 26 | group << 8 | source address. Ours come from address 0xF9, a service tool's, so that
+they end in a byte that is no drive's id. Settings begin with the address that they are for. (Aceinna OpenIMU300RI and
+335RI, CAN messages; SAE J1939-21.)
 """
 
 OURS, EVERYBODY = 0xF9, 0xFF
 REQUEST, CLAIM = 0xEA00, 0xEE00
 SLOPE, ANGULAR_RATE, ACCELERATION, MAGNETIC_FIELD = 61481, 61482, 61485, 65386
-SLOPE_1, FINE_RATE, FINE_ACCELERATION = 61459, 65387, 65389                     # of the 335RI
+SLOPE_1, FINE_RATE, FINE_ACCELERATION = 61459, 65387, 65389  # of the 335RI
 PACKET_RATE, PACKET_TYPE, FILTERS, ORIENTATION, BEHAVIOUR = 65365, 65366, 65367, 65368, 65369
 
-FASTEST = 100.0                                         # Hz
+FASTEST = 100.0  # Hz
 RATES = {FASTEST / divider: divider for divider in (1, 2, 4, 5, 10, 20, 25, 50)}
-FILTER_FREQUENCIES = (0, 2, 5, 10, 25, 40, 50)          # Hz; 0 is none
+FILTER_FREQUENCIES = (0, 2, 5, 10, 25, 40, 50)  # Hz; 0 is none
 SENDS_SLOPE, SENDS_RATE, SENDS_ACCELERATION, SENDS_FIELD = 1, 2, 4, 8
-SENDS_FINE_RATE, SENDS_FINE_ACCELERATION, SENDS_SLOPE_1 = 8, 16, 32             # of the 335RI
+SENDS_FINE_RATE, SENDS_FINE_ACCELERATION, SENDS_SLOPE_1 = 8, 16, 32  # of the 335RI
 
-RUNS_ALGORITHM, USES_FIELD, NEW_REQUEST, SWAPS_PITCH_AND_ROLL, ACCELERATION_IN_NWU = 0x8000, 0x4000, 0x0200, 0x0008, 0x0040
+RUNS_ALGORITHM, USES_FIELD, NEW_REQUEST, SWAPS_PITCH_AND_ROLL, ACCELERATION_IN_NWU = (
+    0x8000,
+    0x4000,
+    0x0200,
+    0x0008,
+    0x0040,
+)
 STOCK = RUNS_ALGORITHM | USES_FIELD | NEW_REQUEST | SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU
 RIGHT_HANDED = RUNS_ALGORITHM | USES_FIELD | NEW_REQUEST
-MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU      # what takes acceleration and angular rate out of one frame
+MIXES = SWAPS_PITCH_AND_ROLL | ACCELERATION_IN_NWU  # what takes acceleration and angular rate out of one frame
 
 
 def setting(group, *data):
@@ -33,7 +40,7 @@ def request(group, order="little"):
 
 def behaviour(address, model):
     """Its axes: acceleration, angular rate and magnetic field in the frame that is printed on the case."""
-    if model == "335RI":                                # bits to set, bits to take away, no new address
+    if model == "335RI":  # bits to set, bits to take away, no new address
         return setting(BEHAVIOUR, address, 0, 0, MIXES & 0xFF, MIXES >> 8, 0)
     return setting(BEHAVIOUR, address, RIGHT_HANDED & 0xFF, RIGHT_HANDED >> 8)
 

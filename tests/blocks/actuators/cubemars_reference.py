@@ -1,4 +1,5 @@
-"""CubeMars boards in extended frames, the slow way: exact fractions and strings of bits, from the layouts in the manuals.
+"""CubeMars boards in extended frames, the slow way: exact fractions and strings of bits, from the layouts in the
+manuals.
 
 AKA Series Product Manual V3.0.0, section 4; AK Series Module Driver Manual V1.0.18. An identifier is (kind << 8) | id.
 """
@@ -9,18 +10,29 @@ from fractions import Fraction
 from tests.blocks.actuators.reference import code, value
 from tests.blocks.actuators.wire import EXTENDED
 
-FORCE = (("stiffness", 12), ("damping", 12), ("position", 16), ("velocity", 12), ("torque", 12))       # in the order of the wire
+# in the order of the wire
+FORCE = (("stiffness", 12), ("damping", 12), ("position", 16), ("velocity", 12), ("torque", 12))
 BITS = dict(FORCE)
 STATUS = 0x29
-UNITS = {"duty": 100_000, "current": 1000, "current_brake": 1000, "velocity": 1, "position": 10_000, "position_velocity": 10_000}
+UNITS = {
+    "duty": 100_000,
+    "current": 1000,
+    "current_brake": 1000,
+    "velocity": 1,
+    "position": 10_000,
+    "position_velocity": 10_000,
+}
 KINDS = {"duty": 0, "current": 1, "current_brake": 2, "velocity": 3, "position": 4, "position_velocity": 6}
 
 
 def ranges(model):
     """(low, high) of each field of force control."""
     return {
-        "position": (-12.56, 12.56), "velocity": (-model.wire_velocity, model.wire_velocity), "stiffness": (0.0, 500.0),
-        "damping": (0.0, 5.0), "torque": (-model.wire_torque, model.wire_torque),
+        "position": (-12.56, 12.56),
+        "velocity": (-model.wire_velocity, model.wire_velocity),
+        "stiffness": (0.0, 500.0),
+        "damping": (0.0, 5.0),
+        "torque": (-model.wire_torque, model.wire_torque),
     }
 
 
@@ -67,8 +79,12 @@ def read_status(model, constant, data, *, sign=1, offset=0.0, ratio=1.0):
     position, velocity, current = (int.from_bytes(data[i : i + 2], "big", signed=True) for i in (0, 2, 4))
     current = sign * current / 100
     return (
-        sign * math.radians(position / 10) / ratio - offset, sign * float(velocity * 10 / turns(model)) / ratio, current,
-        current * constant * ratio, int.from_bytes(data[6:7], "big", signed=True))
+        sign * math.radians(position / 10) / ratio - offset,
+        sign * float(velocity * 10 / turns(model)) / ratio,
+        current,
+        current * constant * ratio,
+        int.from_bytes(data[6:7], "big", signed=True),
+    )
 
 
 def servo_code(mode, model, x, *, sign=1, offset=0.0, ratio=1.0):

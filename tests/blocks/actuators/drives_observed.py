@@ -1,4 +1,6 @@
-"""A drive of each protocol whose law is closed in the drive, with the observer that plays it. Figures from the vendors' manuals."""
+"""A drive of each protocol whose law is closed in the drive, with the observer that plays it. Figures from the vendors'
+manuals.
+"""
 
 from blocks.actuators import CubeMars, CubeMarsV3, RobStride, RobStrideMIT
 from tests.blocks.actuators.observer import ForceControl, Mit, Observed, Private
@@ -9,8 +11,11 @@ RS03_MIT = Mit(12.57, 20.0, 60.0, host=0xFD, rest=b"\x01\x2c", stiffness=5000.0,
 RS02 = Private(12.57, 44.0, 17.0)
 
 KINDS = {
-    "AK80-9": (CubeMars, "AK80-9", AK80_9), "AK10-9": (CubeMars, "AK10-9-V2.0", AK10_9), "AK10-9 V3.0": (CubeMarsV3, "AK10-9-V3.0", AK10_9_V3),
-    "RS03 MIT": (RobStrideMIT, "RS03", RS03_MIT), "RS02": (RobStride, "RS02", RS02),
+    "AK80-9": (CubeMars, "AK80-9", AK80_9),
+    "AK10-9": (CubeMars, "AK10-9-V2.0", AK10_9),
+    "AK10-9 V3.0": (CubeMarsV3, "AK10-9-V3.0", AK10_9_V3),
+    "RS03 MIT": (RobStrideMIT, "RS03", RS03_MIT),
+    "RS02": (RobStride, "RS02", RS02),
 }
 MOUNTED = {"invert": True, "offset": -0.4, "gear_ratio": 1.5}
 

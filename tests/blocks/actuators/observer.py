@@ -1,7 +1,9 @@
-"""An observer on the bus that plays a drive from its protocol sheet alone, in whole numbers, and notes every torque that the drive gives.
+"""An observer on the bus that plays a drive from its protocol sheet alone, in whole numbers, and notes every torque
+that the drive gives.
 
-Nothing of it is taken from this project but the block that is observed: its decode hears the observer's replies, its encode makes the frames. The
-law is evaluated at `SUBSTEPS` instants of each period, at the true state. All figures of the sheet are of the motor; what comes back is at the joint.
+Nothing of it is taken from this project but the block that is observed: its decode hears the observer's replies, its
+encode makes the frames. The law is evaluated at `SUBSTEPS` instants of each period, at the true state. All figures of
+the sheet are of the motor; what comes back is at the joint.
 """
 
 import numpy as np
@@ -9,7 +11,7 @@ import numpy as np
 from tests.blocks.actuators.wire import EXTENDED, Wired
 
 SUBSTEPS = 20
-PERIOD_SLOT = 3                 # cext/abi.pxd
+PERIOD_SLOT = 3  # cext/abi.pxd
 
 
 def code(x, low, high, bits):
@@ -22,10 +24,18 @@ def value(code, low, high, bits):
 
 
 class Sheet:
-    """What a protocol sheet says of one model. half : of position, velocity and torque; top : of stiffness and damping"""
+    """What a protocol sheet says of one model. half : of position, velocity and torque; top : of stiffness and
+    damping
+    """
 
     def __init__(self, position, velocity, torque, stiffness=500.0, damping=5.0):
-        self.position, self.velocity, self.torque, self.stiffness, self.damping = position, velocity, torque, stiffness, damping
+        self.position, self.velocity, self.torque, self.stiffness, self.damping = (
+            position,
+            velocity,
+            torque,
+            stiffness,
+            damping,
+        )
 
     @property
     def torque_code(self):
@@ -36,11 +46,16 @@ class Sheet:
         half = {"p": self.position, "v": self.velocity, "t": self.torque}
         top = {"kp": self.stiffness, "kd": self.damping}
         bits = {name: 16 if name == "p" else self.bits for name in codes}
-        return [value(codes[n], -half[n] if n in half else 0.0, half.get(n) or top[n], bits[n]) for n in ("p", "v", "kp", "kd", "t")]
+        return [
+            value(codes[n], -half[n] if n in half else 0.0, half.get(n) or top[n], bits[n])
+            for n in ("p", "v", "kp", "kd", "t")
+        ]
 
 
 class Mit(Sheet):
-    """Standard frames, p16 v12 kp12 kd12 t12; reply: id p16 v12 t12 and two bytes more. host : id of the replies, the drive's own where None"""
+    """Standard frames, p16 v12 kp12 kd12 t12; reply: id p16 v12 t12 and two bytes more. host : id of the replies, the
+    drive's own where None
+    """
 
     bits = 12
 
@@ -54,12 +69,18 @@ class Mit(Sheet):
         return self.fields(p=n >> 48, v=n >> 36 & 0xFFF, kp=n >> 24 & 0xFFF, kd=n >> 12 & 0xFFF, t=n & 0xFFF)
 
     def reply(self, can_id, position, velocity):
-        motion = (code(position, -self.position, self.position, 16) << 24 | code(velocity, -self.velocity, self.velocity, 12) << 12 | 0x7FF)
+        motion = (
+            code(position, -self.position, self.position, 16) << 24
+            | code(velocity, -self.velocity, self.velocity, 12) << 12
+            | 0x7FF
+        )
         return can_id if self.host is None else self.host, bytes([can_id]) + motion.to_bytes(5, "big") + self.rest
 
 
 class ForceControl(Sheet):
-    """CubeMars V3.0: kp12 kd12 p16 v12 t12 in extended frames; the status has 0.1°, 10 electrical revolutions a minute and 0.01 A."""
+    """CubeMars V3.0: kp12 kd12 p16 v12 t12 in extended frames; the status has 0.1°, 10 electrical revolutions a minute
+    and 0.01 A.
+    """
 
     bits = 12
 
@@ -74,7 +95,9 @@ class ForceControl(Sheet):
 
     def reply(self, can_id, position, velocity):
         words = [int(np.degrees(position) * 10.0), int(velocity * self.electrical / 10.0), 0]
-        return EXTENDED | 0x29 << 8 | can_id, b"".join(word.to_bytes(2, "big", signed=True) for word in words) + b"\x1e\x00"
+        return EXTENDED | 0x29 << 8 | can_id, b"".join(
+            word.to_bytes(2, "big", signed=True) for word in words
+        ) + b"\x1e\x00"
 
 
 class Private(Sheet):
@@ -88,7 +111,12 @@ class Private(Sheet):
         return self.fields(p=p, v=v, kp=kp, kd=kd, t=identifier >> 8 & 0xFFFF)
 
     def reply(self, can_id, position, velocity):
-        motion = [code(position, -self.position, self.position, 16), code(velocity, -self.velocity, self.velocity, 16), 0x7FFF, 300]
+        motion = [
+            code(position, -self.position, self.position, 16),
+            code(velocity, -self.velocity, self.velocity, 16),
+            0x7FFF,
+            300,
+        ]
         return EXTENDED | 2 << 24 | 2 << 22 | can_id << 8 | 0xFD, b"".join(word.to_bytes(2, "big") for word in motion)
 
 
@@ -107,7 +135,9 @@ class Observed:
         self.limit, self.torque_code = block.torque_limit, sheet.torque_code * self.ratio
 
     def again(self, rate=None, limit=None, acceleration=None):
-        """Another one in its first state; without compiling, also with another rate, limit in N·m and max_acceleration."""
+        """Another one in its first state; without compiling, also with another rate, limit in N·m and
+        max_acceleration.
+        """
         new = object.__new__(type(self))
         vars(new).update(vars(self), wired=Wired.again(self.wired), period=1.0 / rate if rate else self.period)
         new.wired.arena[PERIOD_SLOT] = new.period
@@ -130,11 +160,19 @@ class Observed:
         [(identifier, data)] = self.wired.say(**{f"{name}_command": value for name, value in commands.items()})
         position, velocity, stiffness, damping, torque = self.sheet.command(identifier, data)
         scale, square = self.sign / self.ratio, self.ratio**2
-        return np.array([
-            scale * position - self.offset, scale * velocity, square * stiffness, square * damping, self.sign * self.ratio * torque])
+        return np.array(
+            [
+                scale * position - self.offset,
+                scale * velocity,
+                square * stiffness,
+                square * damping,
+                self.sign * self.ratio * torque,
+            ]
+        )
 
     def follow(self, motion, seconds, commands, age=1.0, late=0.0, random=None):
-        """Torque of the drive with an imposed motion: (instants, torques, |α|, whole laws), all of shape (ticks, SUBSTEPS).
+        """Torque of the drive with an imposed motion: (instants, torques, |α|, whole laws), all of shape (ticks,
+        SUBSTEPS).
 
         motion(t) : position, velocity, acceleration; commands(t) : a dict
         age, late : of the feedback, and by which frames come late, in periods; with `random`, at most so much
@@ -155,7 +193,11 @@ class Observed:
             t = times[tick] = begin + (end - begin) * share
             position, velocity, _ = motion(t)
             torques[tick] = torque_of(law, position, velocity)
-            wanted[tick] = torque_of([asked.get(n, 0.0) for n in ("position", "velocity", "stiffness", "damping", "torque")], position, velocity)
+            wanted[tick] = torque_of(
+                [asked.get(n, 0.0) for n in ("position", "velocity", "stiffness", "damping", "torque")],
+                position,
+                velocity,
+            )
         return times, torques, np.abs(motion(times)[2]), wanted
 
     def move(self, inertia, seconds, commands, position=0.0, velocity=0.0, friction=0.0):
@@ -178,13 +220,14 @@ class Observed:
 
 
 def worst(law, position, velocity, age, period, acceleration):
-    """The largest torque of a law over the time for which it holds, with the acceleration at either bound or nothing. No other motion has more:
-    what an acceleration adds at any instant, K times the time left plus B, has one sign.
+    """The largest torque of a law over the time for which it holds, with the acceleration at either bound or nothing.
+    No other motion has more: what an acceleration adds at any instant, K times the time left plus B, has one sign.
     """
     after = np.linspace(age, age + 2.0 * period, 17)
     return max(
         np.abs(torque_of(law, position + velocity * after + 0.5 * a * after**2, velocity + a * after)).max()
-        for a in (-acceleration, 0.0, acceleration))
+        for a in (-acceleration, 0.0, acceleration)
+    )
 
 
 def torque_of(law, position, velocity):

@@ -1,7 +1,9 @@
-"""MIT mode of CubeMars AK, boards V1 and V2, the slow way: exact fractions and strings of bits, from the layout in the manual.
+"""MIT mode of CubeMars AK, boards V1 and V2, the slow way: exact fractions and strings of bits, from the layout in the
+manual.
 
-AK Series Module Driver Manual V1.0.18, pages 64 to 68. Of the three quantisations in the wild this is the one of MIT's firmware, which
-does not wrap at the top: code = ⌊(x − low) (2ⁿ − 1) / (high − low)⌋, clamped to 0 and 2ⁿ − 1. Everybody decodes with 2ⁿ − 1.
+AK Series Module Driver Manual V1.0.18, pages 64 to 68. Of the three quantisations in the wild this is the one of MIT's
+firmware, which does not wrap at the top: code = ⌊(x − low) (2ⁿ − 1) / (high − low)⌋, clamped to 0 and 2ⁿ − 1. Everybody
+decodes with 2ⁿ − 1.
 """
 
 import math
@@ -14,7 +16,10 @@ BITS = dict(FIELDS)
 def ranges(velocity, torque):
     """(low, high) of each field, given half of the model's range of velocity, in rad/s, and torque, in N·m."""
     return {
-        "position": (-12.5, 12.5), "velocity": (-velocity, velocity), "stiffness": (0.0, 500.0), "damping": (0.0, 5.0),
+        "position": (-12.5, 12.5),
+        "velocity": (-velocity, velocity),
+        "stiffness": (0.0, 500.0),
+        "damping": (0.0, 5.0),
         "torque": (-torque, torque),
     }
 
@@ -64,12 +69,18 @@ def reply(limits, can_id, position, velocity, torque, temperature, error):
 
 
 def held_reply(limits, can_id, position, data, temperature=30.0, error=0):
-    """The reply to a frame of a drive whose joint is held still: it gives the torque of its law, none after a frame of seven FF."""
+    """The reply to a frame of a drive whose joint is held still: it gives the torque of its law, none after a frame of
+    seven FF.
+    """
     torque = 0.0
     if data[:7] != bytes(7 * [0xFF]):
         asked = read_command(limits, data)
-        torque = asked["stiffness"] * (asked["position"] - position) + asked["damping"] * asked["velocity"] + asked["torque"]
-    return reply(limits, can_id, position, 0.0, min(max(torque, limits["torque"][0]), limits["torque"][1]), temperature, error)
+        torque = (
+            asked["stiffness"] * (asked["position"] - position) + asked["damping"] * asked["velocity"] + asked["torque"]
+        )
+    return reply(
+        limits, can_id, position, 0.0, min(max(torque, limits["torque"][0]), limits["torque"][1]), temperature, error
+    )
 
 
 def read_reply(limits, data):

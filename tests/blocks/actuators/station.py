@@ -5,7 +5,8 @@ from graph import Block, Interval, Output, Param
 
 
 class Station(Block):
-    """A third party on the bus: at each tick it notes what it has heard, and sends `script[tick]`, a list of (identifier, data).
+    """A third party on the bus: at each tick it notes what it has heard, and sends `script[tick]`, a list of
+    (identifier, data).
 
     `end` is given before the run; `heard` is a list of (tick, identifier, is extended, data).
     """
@@ -49,7 +50,11 @@ class Promise(Gain):
 def wire(drive, script):
     """Every command of a drive from a script, which promises to stay inside the drive's limits, and may lie."""
     limits = drive.command_limits()
-    drive(**{
-        f"{name}_command": Promise(low=limits[f"{name}_command"].low, high=limits[f"{name}_command"].high)(getattr(script, name))
-        for name in script.outputs
-    })
+    drive(
+        **{
+            f"{name}_command": Promise(low=limits[f"{name}_command"].low, high=limits[f"{name}_command"].high)(
+                getattr(script, name)
+            )
+            for name in script.outputs
+        }
+    )

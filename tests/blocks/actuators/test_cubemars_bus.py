@@ -56,7 +56,8 @@ def random_commands(count, seed=1):
 
 
 def test_the_bus_carries_one_frame_a_tick_with_the_bytes_of_the_reference_then_zero_torque_and_disable():
-    commands = [{**command, "stiffness": 0.0, "damping": 0.0} for command in random_commands(200)]      # a spring would be held inside the limit
+    # a spring would be held inside the limit
+    commands = [{**command, "stiffness": 0.0, "damping": 0.0} for command in random_commands(200)]
     recording, station = alone(200, list(enumerate(commands)), can_id=7)
     assert recording.outcome.status == "ok"
     frames = station.heard + [(200, *frame) for frame in station.rest[:1]]
@@ -67,8 +68,11 @@ def test_the_bus_carries_one_frame_a_tick_with_the_bytes_of_the_reference_then_z
 
 
 def test_torque_sent_is_what_the_frame_says_also_while_it_fades_in():
-    for gains in (0.0, 1.0):            # with a spring or a damper the limit may have them sent as torque
-        commands = [{**drawn, "stiffness": gains * drawn["stiffness"], "damping": gains * drawn["damping"]} for drawn in random_commands(100)]
+    for gains in (0.0, 1.0):  # with a spring or a damper the limit may have them sent as torque
+        commands = [
+            {**drawn, "stiffness": gains * drawn["stiffness"], "damping": gains * drawn["damping"]}
+            for drawn in random_commands(100)
+        ]
         recording, station = alone(100, list(enumerate(commands)), fade=0.25)
         frames = station.heard + [(100, *station.rest[0])]
         sent = [reference.read_command(AK80_9, data)["torque"] for _, _, _, data in frames]
@@ -82,15 +86,30 @@ def test_torque_sent_is_what_the_frame_says_also_while_it_fades_in():
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_command_that_is_not_finite_ends_the_run_before_its_frame(field, bad):
     recording, station = alone(20, {5: {field: bad}})
-    assert recording.outcome.status == "not finite" and recording.outcome.culprit == "drive" and recording.outcome.tick == 5
-    assert [frame[0] for frame in station.heard] == [1, 2, 3, 4, 5] and {frame[3] for frame in station.heard} == {NOTHING}
-    assert [data for _, _, data in station.rest[:2]] == [NOTHING, DISABLE] and {data for _, _, data in station.rest} == {NOTHING, DISABLE}
+    assert (
+        recording.outcome.status == "not finite"
+        and recording.outcome.culprit == "drive"
+        and recording.outcome.tick == 5
+    )
+    assert [frame[0] for frame in station.heard] == [1, 2, 3, 4, 5] and {frame[3] for frame in station.heard} == {
+        NOTHING
+    }
+    assert [data for _, _, data in station.rest[:2]] == [NOTHING, DISABLE] and {
+        data for _, _, data in station.rest
+    } == {NOTHING, DISABLE}
 
 
 def test_a_block_that_lied_about_its_range_ends_the_run_before_its_frame():
     recording, station = alone(20, {5: {"torque": 18.0001}})
-    assert recording.outcome.status == "out of limits" and recording.outcome.culprit == "drive" and recording.outcome.tick == 5
-    assert {frame[3] for frame in station.heard} == {NOTHING} and {data for _, _, data in station.rest} == {NOTHING, DISABLE}
+    assert (
+        recording.outcome.status == "out of limits"
+        and recording.outcome.culprit == "drive"
+        and recording.outcome.tick == 5
+    )
+    assert {frame[3] for frame in station.heard} == {NOTHING} and {data for _, _, data in station.rest} == {
+        NOTHING,
+        DISABLE,
+    }
 
 
 BETWEEN = {
@@ -161,7 +180,7 @@ def test_frames_that_are_no_reply_change_nothing_and_are_counted(what):
     assert before == after and abs(after["position"] - 1.25) < 25.0 / 65535 and after["temperature"] == 41.0
     assert recording["drive.fault"].max() == 0
     frames = recording.statistics["frames"]
-    assert frames["received"] == 4                      # the answer to arming, the reply, and the two
+    assert frames["received"] == 4  # the answer to arming, the reply, and the two
     assert (frames["foreign"], frames["malformed"]) == ((2, 0) if what in NOT_FOR_US else (0, 2))
     assert recording["drive.age"][11] == pytest.approx(8 / 200), "what is no reply does not make the feedback young"
 
@@ -170,7 +189,12 @@ def test_frames_that_are_no_reply_change_nothing_and_are_counted(what):
 def test_a_reply_may_come_from_id_0_or_from_the_drives_own(identifier):
     recording, _ = alone(6, script={2: [(identifier, answer(42, **HEARD))]}, can_id=42)
     assert abs(recording["drive.position"][2]) < 25.0 / 65535 and recording["drive.age"][2] > 0.0
-    for name, step in (("position", 25.0 / 65535), ("velocity", 100.0 / 4095), ("torque", 36.0 / 4095), ("temperature", 1e-9)):
+    for name, step in (
+        ("position", 25.0 / 65535),
+        ("velocity", 100.0 / 4095),
+        ("torque", 36.0 / 4095),
+        ("temperature", 1e-9),
+    ):
         assert abs(recording[f"drive.{name}"][3] - HEARD[name]) < step
     assert recording.statistics["frames"]["foreign"] == recording.statistics["frames"]["malformed"] == 0
 
@@ -186,7 +210,9 @@ def test_feedback_is_mirrored_and_moved_as_the_joint_is_mounted(invert, offset):
 
 
 def test_two_drives_on_one_bus_never_mix():
-    """Replies of both in every order, from their own ids and from 0: each block hears its own motor, always the newest."""
+    """Replies of both in every order, from their own ids and from 0: each block hears its own motor, always the
+    newest.
+    """
     random = np.random.default_rng(2)
     script, newest = {}, {3: [], 4: []}
     for tick in range(100):
@@ -194,14 +220,24 @@ def test_two_drives_on_one_bus_never_mix():
         for _ in range(random.integers(1, 5)):
             can_id = int(random.choice([3, 4]))
             position = float(random.uniform(0.0, 12.0)) * (1 if can_id == 3 else -1)
-            frames.append((int(random.choice([0, can_id])), answer(can_id, position=position, torque=can_id * (1 if can_id == 3 else -1)), can_id, position))
+            frames.append(
+                (
+                    int(random.choice([0, can_id])),
+                    answer(can_id, position=position, torque=can_id * (1 if can_id == 3 else -1)),
+                    can_id,
+                    position,
+                )
+            )
         script[tick] = [frame[:2] for frame in frames]
         for can_id in newest:
             mine = [position for *_, owner, position in frames if owner == can_id]
             newest[can_id].append(mine[-1] if mine else newest[can_id][-1] if newest[can_id] else 0.0)
     with Diagram("two", rate=200) as diagram:
         station = Station()
-        drives = {can_id: CubeMars("AK80-9", can_id=can_id, name=f"drive{can_id}", timeout=0.0, invert=can_id == 4) for can_id in newest}
+        drives = {
+            can_id: CubeMars("AK80-9", can_id=can_id, name=f"drive{can_id}", timeout=0.0, invert=can_id == 4)
+            for can_id in newest
+        }
         for can_id, drive in drives.items():
             drive(torque_command=float(can_id), position_command=can_id / 10)
     station.script = script
@@ -219,7 +255,10 @@ def test_two_drives_on_one_bus_never_mix():
     assert [frame[1] for frame in station.heard] == [3, 4] * 100
     for _, can_id, _, data in station.heard:
         understood, sign = reference.read_command(AK80_9, data), -1.0 if can_id == 4 else 1.0
-        assert abs(understood["torque"] - sign * can_id) < 36.0 / 4095 and abs(understood["position"] - sign * can_id / 10) < 25.0 / 65535
+        assert (
+            abs(understood["torque"] - sign * can_id) < 36.0 / 4095
+            and abs(understood["position"] - sign * can_id / 10) < 25.0 / 65535
+        )
 
 
 def test_the_same_id_on_two_buses_is_two_drives():
@@ -235,13 +274,20 @@ def test_the_same_id_on_two_buses_is_two_drives():
             station.end.send(1, answer(1))
 
     recording = run(diagram, 6, before=before)
-    assert abs(recording["left.position"][3] - 1.0) < 25.0 / 65535 and abs(recording["right.position"][3] + 1.0) < 25.0 / 65535
+    assert (
+        abs(recording["left.position"][3] - 1.0) < 25.0 / 65535
+        and abs(recording["right.position"][3] + 1.0) < 25.0 / 65535
+    )
 
 
 def test_a_fault_in_the_error_byte_ends_the_run_in_the_safe_stop():
     for code in range(1, 8):
         recording, station = alone(20, script={4: [(1, answer(1, error=code))]})
-        assert (recording.outcome.status, recording.outcome.culprit, recording.outcome.tick) == ("device fault", "drive", 5)
+        assert (recording.outcome.status, recording.outcome.culprit, recording.outcome.tick) == (
+            "device fault",
+            "drive",
+            5,
+        )
         assert {data for _, _, data in station.rest[-2:]} == {NOTHING, DISABLE} and len(station.heard) == 4
 
 

@@ -15,9 +15,9 @@ from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import Wired
 from tests.blocks.running import run
 
-POSITION_STEP = 25.0 / 65535                # rad, one code
+POSITION_STEP = 25.0 / 65535  # rad, one code
 RATE, SUBSTEPS = 500, 20
-INERTIA = 0.05                              # kg·m²
+INERTIA = 0.05  # kg·m²
 
 
 def joint(robot, *, inertia=INERTIA, damping=0.0, start=0.0, path="drive"):
@@ -33,10 +33,14 @@ def joint(robot, *, inertia=INERTIA, damping=0.0, start=0.0, path="drive"):
 def understood(invert=False, offset=0.0, **commands):
     """What an AK80-9 makes of constant commands, as seen from the joint: truncated to codes at the motor."""
     drive = Wired(CubeMars, "AK80-9", limit="peak", invert=invert, offset=offset)
-    (_, data), = drive.say(**commands)
+    ((_, data),) = drive.say(**commands)
     heard, sign = reference.read_command(reference.ranges(50.0, 18.0), data), -1.0 if invert else 1.0
     return {
-        **heard, "position": sign * heard["position"] - offset, "velocity": sign * heard["velocity"], "torque": sign * heard["torque"]}
+        **heard,
+        "position": sign * heard["position"] - offset,
+        "velocity": sign * heard["velocity"],
+        "torque": sign * heard["torque"],
+    }
 
 
 def second_order(t, target, stiffness, damping, inertia):
@@ -45,13 +49,16 @@ def second_order(t, target, stiffness, damping, inertia):
     ratio = damping / (2.0 * math.sqrt(stiffness * inertia))
     assert ratio < 1.0
     damped = natural * math.sqrt(1.0 - ratio**2)
-    return target * (1.0 - np.exp(-ratio * natural * t) * (np.cos(damped * t) + ratio * natural / damped * np.sin(damped * t)))
+    return target * (
+        1.0 - np.exp(-ratio * natural * t) * (np.cos(damped * t) + ratio * natural / damped * np.sin(damped * t))
+    )
 
 
 @pytest.mark.parametrize("invert, offset", [(False, 0.0), (True, 0.0), (False, 0.6), (True, -0.6)])
 @pytest.mark.parametrize("stiffness, damping", [(20.0, 0.2), (60.0, 1.5), (20.0, 0.0)])
 def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(invert, offset, stiffness, damping):
-    """Within one code of position and 1 % of the step: Euler's error over 1 s at 10 kHz is ω dt / 2, 0.2 % a radian of phase at most.
+    """Within one code of position and 1 % of the step: Euler's error over 1 s at 10 kHz is ω dt / 2, 0.2 % a radian of
+    phase at most.
 
     The answer to the command of tick k is heard at tick k + 1, and is of the instant k.
     """
@@ -66,9 +73,14 @@ def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(invert, o
     wanted = second_order(t, target, heard["stiffness"], heard["damping"], INERTIA)
     error = recording["drive.position"][1:] - wanted
     assert np.abs(error).max() < 2 * POSITION_STEP + 0.01 * target
-    # The drive's own torque, from the same law: within a code of torque, and one of position and velocity times the gains.
+    # The drive's own torque, from the same law: within a code of torque, and one of position and velocity times the
+    # gains.
     position, velocity, torque = (recording[f"drive.{name}"][1:] for name in ("position", "velocity", "torque"))
-    law = heard["stiffness"] * (heard["position"] - position) + heard["damping"] * (heard["velocity"] - velocity) + heard["torque"]
+    law = (
+        heard["stiffness"] * (heard["position"] - position)
+        + heard["damping"] * (heard["velocity"] - velocity)
+        + heard["torque"]
+    )
     codes = 36.0 / 4095 + heard["stiffness"] * POSITION_STEP + heard["damping"] * 100.0 / 4095
     assert np.abs(torque - law).max() < codes + 1e-9
 
@@ -88,7 +100,9 @@ def test_a_constant_torque_on_a_free_inertia_accelerates_it_evenly():
 
 
 def test_the_torque_of_a_joint_never_passes_the_peak_of_its_motor():
-    """A stiff loop far from its target asks 250 N·m; it gets its limit, 18 N·m less rounding; the joint's speed stays within that."""
+    """A stiff loop far from its target asks 250 N·m; it gets its limit, 18 N·m less rounding; the joint's speed stays
+    within that.
+    """
     with Diagram("far", rate=RATE) as robot:
         drive = CubeMars("AK80-9", limit="peak", name="drive")
         drive(position_command=1.0, stiffness_command=250.0, damping_command=5.0)
@@ -99,7 +113,9 @@ def test_the_torque_of_a_joint_never_passes_the_peak_of_its_motor():
 
 
 def test_a_spring_in_the_drive_neither_makes_nor_loses_energy():
-    """Twenty swings of an undamped loop: K (θ₀ − θ)² / 2 + I ω² / 2 stays within 3 %; the codes of velocity alone are 1 %."""
+    """Twenty swings of an undamped loop: K (θ₀ − θ)² / 2 + I ω² / 2 stays within 3 %; the codes of velocity alone are 1
+    %.
+    """
     with Diagram("swing", rate=RATE) as robot:
         drive = CubeMars("AK80-9", limit="peak", name="drive")
         drive(position_command=0.3, stiffness_command=50.0)
@@ -129,7 +145,9 @@ def test_the_work_of_the_drive_is_what_the_limb_holds_and_what_friction_took():
 
 
 def test_an_impedance_in_the_diagram_closes_the_same_loop_one_tick_later():
-    """Feedback of the last tick and torque held over a tick are a delay of 1.5 ticks, which takes K · 1.5 T of the damping."""
+    """Feedback of the last tick and torque held over a tick are a delay of 1.5 ticks, which takes K · 1.5 T of the
+    damping.
+    """
     stiffness, damping, target = 20.0, 1.0, 0.2
     with Diagram("impedance", rate=RATE) as robot:
         drive = CubeMars("AK80-9", name="drive")

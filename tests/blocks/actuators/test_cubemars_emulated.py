@@ -25,7 +25,9 @@ def emulated(model="AK80-9", **parameters):
 
 
 def command(model="AK80-9", **fields):
-    return reference.command(RANGES[model], **{**dict.fromkeys(("position", "velocity", "stiffness", "damping", "torque"), 0.0), **fields})
+    return reference.command(
+        RANGES[model], **{**dict.fromkeys(("position", "velocity", "stiffness", "damping", "torque"), 0.0), **fields}
+    )
 
 
 def torque(wired, **state):
@@ -50,18 +52,23 @@ def test_every_frame_has_one_answer(spoken):
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(MODELS)), can_id=st.integers(1, 255), temperature=st.integers(-40, 215),
-    error=st.integers(0, 255))
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    can_id=st.integers(1, 255),
+    temperature=st.integers(-40, 215),
+    error=st.integers(0, 255),
+)
 @settings(max_examples=300, deadline=None)
 def test_its_answer_is_the_references_byte_for_byte(data, model, can_id, temperature, error):
     ranges, wired = RANGES[model], emulated(model, can_id=can_id)
     given = {name: data.draw(st.floats(*ranges[name]), label=name) for name in ("position", "velocity")}
     wired.hear(can_id, NOTHING)
-    (identifier, sent), = wired.say(**given, temperature=temperature, fault=error)
+    ((identifier, sent),) = wired.say(**given, temperature=temperature, fault=error)
     wanted = reference.reply(ranges, can_id, **given, torque=0.0, temperature=temperature, error=error)
     nearly = any(
         abs(exact - round(exact)) < 1e-9
-        for exact in (reference.exact_code(given[name], *ranges[name], reference.BITS[name]) for name in given))
+        for exact in (reference.exact_code(given[name], *ranges[name], reference.BITS[name]) for name in given)
+    )
     assert identifier == can_id and (sent == wanted or nearly), (sent.hex(), wanted.hex())
 
 
@@ -70,7 +77,9 @@ def test_what_it_cannot_express_it_answers_with_the_end_of_the_range(model):
     wired = emulated(model)
     for share, code in ((-1.5, "0000"), (1.5, "ffff")):
         wired.hear(1, NOTHING)
-        (_, data), = wired.say(position=share * 12.5, velocity=share * MODELS[model].wire_velocity, temperature=share * 1000.0)
+        ((_, data),) = wired.say(
+            position=share * 12.5, velocity=share * MODELS[model].wire_velocity, temperature=share * 1000.0
+        )
         assert data[1:3].hex() == code and data[3:5].hex()[:3] == code[:3] and data[6] == (0 if share < 0.0 else 255)
 
 
@@ -123,11 +132,13 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(model, invert, offse
     position, velocity = data.draw(st.floats(-12.0, 12.0)), data.draw(st.floats(-40.0, 40.0))
     wired.hear(1, ENABLE)
     if sent[:7] == ENABLE[:7] and 0xFC <= sent[7] <= 0xFE:
-        return                                      # the one command that a drive takes for another
+        return  # the one command that a drive takes for another
     wired.hear(1, sent)
     terms = (
-        heard["stiffness"] * (heard["position"] - sign * (position + offset)), heard["damping"] * (heard["velocity"] - sign * velocity),
-        heard["torque"])
+        heard["stiffness"] * (heard["position"] - sign * (position + offset)),
+        heard["damping"] * (heard["velocity"] - sign * velocity),
+        heard["torque"],
+    )
     peak = MODELS[model].peak
     wanted = sign * min(max(sum(terms), -peak), peak)
     assert abs(torque(wired, position=position, velocity=velocity) - wanted) <= 1e-9 * sum(map(abs, terms))
@@ -151,15 +162,24 @@ def test_set_zero_makes_the_present_position_zero_for_commands_and_answers():
     wired.hear(1, SET_ZERO)
     wired.say()
     wired.hear(1, command(position=1.0, stiffness=10.0))
-    assert abs(torque(wired, position=2.0) - 10.0) < 0.2                    # one code of stiffness is 0.12
-    (_, data), = wired.say(position=2.5)
+    assert abs(torque(wired, position=2.0) - 10.0) < 0.2  # one code of stiffness is 0.12
+    ((_, data),) = wired.say(position=2.5)
     assert abs(reference.read_reply(RANGES["AK80-9"], data)[1] - 0.5) < 25.0 / 65535
 
 
-@pytest.mark.parametrize("identifier, data, answer", [
-    (2, ENABLE, FOREIGN), (0, ENABLE, FOREIGN), (1 | EXTENDED, ENABLE, FOREIGN), (1 | REMOTE, ENABLE, FOREIGN), (0x101, ENABLE, FOREIGN),
-    (1, ENABLE[:7], MALFORMED), (1, b"", MALFORMED), (1, ENABLE + b"\0", MALFORMED),
-])
+@pytest.mark.parametrize(
+    "identifier, data, answer",
+    [
+        (2, ENABLE, FOREIGN),
+        (0, ENABLE, FOREIGN),
+        (1 | EXTENDED, ENABLE, FOREIGN),
+        (1 | REMOTE, ENABLE, FOREIGN),
+        (0x101, ENABLE, FOREIGN),
+        (1, ENABLE[:7], MALFORMED),
+        (1, b"", MALFORMED),
+        (1, ENABLE + b"\0", MALFORMED),
+    ],
+)
 def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(identifier, data, answer):
     wired = emulated()
     before = wired.arena.copy()

@@ -1,4 +1,6 @@
-"""The emulated boards in extended frames: what they hear, what torque they give, when they report, and what, byte for byte."""
+"""The emulated boards in extended frames: what they hear, what torque they give, when they report, and what, byte for
+byte.
+"""
 
 import math
 import struct
@@ -17,7 +19,7 @@ from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE
 
 STILL = {"position": 0.0, "velocity": 0.0, "temperature": 30.0, "fault": 0}
 V3, MIT = "AK80-9-V3.0", "AK80-9"
-DT = 2                                              # slot of cext/abi.pxd
+DT = 2  # slot of cext/abi.pxd
 
 kept = {}
 
@@ -41,7 +43,9 @@ def told(wired, kind, data):
 
 def force(model=V3, **fields):
     return reference.force(
-        reference.ranges(MODELS[model]), **{**dict.fromkeys(("position", "velocity", "stiffness", "damping", "torque"), 0.0), **fields})
+        reference.ranges(MODELS[model]),
+        **{**dict.fromkeys(("position", "velocity", "stiffness", "damping", "torque"), 0.0), **fields},
+    )
 
 
 def torque(wired, **state):
@@ -50,10 +54,17 @@ def torque(wired, **state):
 
 
 @given(
-    model=st.sampled_from(sorted(MODELS)), position=st.floats(-100.0, 100.0), velocity=st.floats(-300.0, 300.0),
-    temperature=st.integers(-200, 200), error=st.integers(0, 255), invert=st.booleans())
+    model=st.sampled_from(sorted(MODELS)),
+    position=st.floats(-100.0, 100.0),
+    velocity=st.floats(-300.0, 300.0),
+    temperature=st.integers(-200, 200),
+    error=st.integers(0, 255),
+    invert=st.booleans(),
+)
 @settings(max_examples=300, deadline=None)
-def test_its_report_is_the_references_byte_for_byte_and_ends_at_the_end_of_the_range(model, position, velocity, temperature, error, invert):
+def test_its_report_is_the_references_byte_for_byte_and_ends_at_the_end_of_the_range(
+    model, position, velocity, temperature, error, invert
+):
     wired, found = board(model=model, invert=invert), MODELS[model]
     told(wired, 8, force(model))
     [(identifier, data)] = wired.say(position=position, velocity=velocity, temperature=temperature, fault=error)
@@ -118,7 +129,12 @@ def test_a_disable_takes_the_torque_and_is_confirmed_in_the_next_report_alone():
     assert [data[7] for _, data in wired.say()] == [0]
 
 
-@given(data=st.data(), model=st.sampled_from(sorted(MODELS)), position=st.floats(-12.0, 12.0), velocity=st.floats(-20.0, 20.0))
+@given(
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    position=st.floats(-12.0, 12.0),
+    velocity=st.floats(-20.0, 20.0),
+)
 @settings(max_examples=200, deadline=None)
 def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(data, model, position, velocity):
     wired, ranges = board(model=model), reference.ranges(MODELS[model])
@@ -126,12 +142,20 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(data, model, positio
     sent = reference.force(ranges, **fields)
     heard = reference.read_force(ranges, sent)
     told(wired, 8, sent)
-    terms = heard["stiffness"] * (heard["position"] - position), heard["damping"] * (heard["velocity"] - velocity), heard["torque"]
+    terms = (
+        heard["stiffness"] * (heard["position"] - position),
+        heard["damping"] * (heard["velocity"] - velocity),
+        heard["torque"],
+    )
     peak = wired["peak"]
-    assert abs(torque(wired, position=position, velocity=velocity) - min(max(sum(terms), -peak), peak)) <= 1e-9 * sum(map(abs, terms))
+    assert abs(torque(wired, position=position, velocity=velocity) - min(max(sum(terms), -peak), peak)) <= 1e-9 * sum(
+        map(abs, terms)
+    )
 
 
-@pytest.mark.parametrize("kind, model", [(EmulatedCubeMarsV3, V3), (EmulatedCubeMarsServo, MIT), (EmulatedCubeMarsServo, V3)])
+@pytest.mark.parametrize(
+    "kind, model", [(EmulatedCubeMarsV3, V3), (EmulatedCubeMarsServo, MIT), (EmulatedCubeMarsServo, V3)]
+)
 def test_servo_mode_gives_the_torque_of_its_commands(kind, model):
     wired = board(kind, model)
     constant = MODELS[model].torque_constant if model == V3 else models.MODELS[model].torque_constant
@@ -143,9 +167,15 @@ def test_servo_mode_gives_the_torque_of_its_commands(kind, model):
     assert torque(wired, velocity=0.0) == 0.0
     told(wired, 3, struct.pack(">i", 5000))
     turns = 30.0 / math.pi * 9 * 21
-    assert torque(wired, velocity=5000 / turns) == pytest.approx(0.0, abs=1e-9) and torque(wired, velocity=4900 / turns) > 0.0
+    assert (
+        torque(wired, velocity=5000 / turns) == pytest.approx(0.0, abs=1e-9)
+        and torque(wired, velocity=4900 / turns) > 0.0
+    )
     told(wired, 4, struct.pack(">i", 900_000))
-    assert torque(wired, position=math.pi / 2, velocity=0.0) == pytest.approx(0.0, abs=1e-9) and torque(wired, position=1.57) > 0.0
+    assert (
+        torque(wired, position=math.pi / 2, velocity=0.0) == pytest.approx(0.0, abs=1e-9)
+        and torque(wired, position=1.57) > 0.0
+    )
     told(wired, 0, struct.pack(">i", 50_000))
     assert torque(wired, velocity=0.0) > 0.0 and torque(wired, velocity=60.0) < 0.0
     told(wired, 1, bytes(4))
@@ -155,10 +185,11 @@ def test_servo_mode_gives_the_torque_of_its_commands(kind, model):
 def test_a_speed_limit_on_the_way_is_in_tens():
     wired = board()
     turns = 30.0 / math.pi * 9 * 21
-    told(wired, 6, struct.pack(">ihh", 3_600_000, 100, 1000))               # 1000 and 10 000 electrical revolutions a minute (a second)
+    # 1000 and 10 000 electrical revolutions a minute (a second)
+    told(wired, 6, struct.pack(">ihh", 3_600_000, 100, 1000))
     for _ in range(200):
         wired.step(velocity=0.0)
-    assert wired["torque"] == pytest.approx(5.0 * 1000 / turns)             # gain times what is left of the speed
+    assert wired["torque"] == pytest.approx(5.0 * 1000 / turns)  # gain times what is left of the speed
     wired = board()
     told(wired, 6, struct.pack(">ihh", 3_600_000, 100, 1000))
     wired.step(velocity=0.0)
@@ -207,12 +238,18 @@ def test_it_may_answer_with_another_id_late_or_not_at_all():
     assert len(wired.say()) == 1
 
 
-@pytest.mark.parametrize("identifier, data, answer", [
-    (reference.identifier(8, 8), bytes(8), FOREIGN), (0x807, bytes(8), FOREIGN), (EXTENDED | REMOTE | 0x807, bytes(8), FOREIGN),
-    *((reference.identifier(kind, 7), bytes(8), FOREIGN) for kind in (7, 16, 0x29)),
-    (reference.identifier(8, 7), bytes(7), MALFORMED), (reference.identifier(15, 7), bytes(8), MALFORMED),
-    *((reference.identifier(kind, 7), bytes(length), MALFORMED) for kind, length in ((1, 8), (5, 4), (6, 4))),
-])
+@pytest.mark.parametrize(
+    "identifier, data, answer",
+    [
+        (reference.identifier(8, 8), bytes(8), FOREIGN),
+        (0x807, bytes(8), FOREIGN),
+        (EXTENDED | REMOTE | 0x807, bytes(8), FOREIGN),
+        *((reference.identifier(kind, 7), bytes(8), FOREIGN) for kind in (7, 16, 0x29)),
+        (reference.identifier(8, 7), bytes(7), MALFORMED),
+        (reference.identifier(15, 7), bytes(8), MALFORMED),
+        *((reference.identifier(kind, 7), bytes(length), MALFORMED) for kind, length in ((1, 8), (5, 4), (6, 4))),
+    ],
+)
 def test_frames_that_are_not_for_it_or_broken_change_nothing(identifier, data, answer):
     wired = board()
     before = wired.arena.copy()

@@ -1,4 +1,6 @@
-"""CubeMars boards in extended frames on the bus: arming, closed loops, what confirms the safe stop, and everything that can be wrong."""
+"""CubeMars boards in extended frames on the bus: arming, closed loops, what confirms the safe stop, and everything that
+can be wrong.
+"""
 
 import math
 import re
@@ -23,10 +25,18 @@ from tests.cext.rigs import Rig
 
 RATE, SUBSTEPS, INERTIA = 500, 20, 0.05
 RATES = [0.0, 500.0]
-MOUNTINGS = [("AK80-9-V3.0", {}), ("AK10-9-V3.0", {"invert": True}), ("AK70-9", {"invert": True, "offset": -0.4, "gear_ratio": 3.0})]
+MOUNTINGS = [
+    ("AK80-9-V3.0", {}),
+    ("AK10-9-V3.0", {"invert": True}),
+    ("AK70-9", {"invert": True, "offset": -0.4, "gear_ratio": 3.0}),
+]
 COMMANDS = {
-    "duty": ("duty_command", 0.05), "current": ("current_command", 1.0), "current_brake": ("current_brake_command", 1.0),
-    "velocity": ("velocity_command", 1.5), "position": ("position_command", 0.5), "position_velocity": ("position_command", 0.5),
+    "duty": ("duty_command", 0.05),
+    "current": ("current_command", 1.0),
+    "current_brake": ("current_brake_command", 1.0),
+    "velocity": ("velocity_command", 1.5),
+    "position": ("position_command", 0.5),
+    "position_velocity": ("position_command", 0.5),
 }
 
 
@@ -38,16 +48,23 @@ def in_order(recording):
 
 # Closed loops
 
+
 @pytest.mark.parametrize("model, mounting", MOUNTINGS)
 @pytest.mark.parametrize("report_rate", RATES)
 def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(model, mounting, report_rate):
-    """Within 2 % of the step, and a code of the report, 0.1°: codes of stiffness and damping, and Euler's error at 10 kHz."""
+    """Within 2 % of the step, and a code of the report, 0.1°: codes of stiffness and damping, and Euler's error at 10
+    kHz.
+    """
     target, stiffness, damping = 0.2, 20.0, 0.4
     commands = {"position_command": target, "stiffness_command": stiffness, "damping_command": damping}
     recording, drive = played(CubeMarsV3, model, commands=commands, limit="peak", report_rate=report_rate, **mounting)
     in_order(recording)
     wanted = second_order(recording.time[:-1], target, stiffness, damping, INERTIA)
-    slack = 0.02 * target + 2 * drive.scales[0] + target * (drive.wire[2] / 4095 / stiffness + drive.wire[3] / 4095 / damping)
+    slack = (
+        0.02 * target
+        + 2 * drive.scales[0]
+        + target * (drive.wire[2] / 4095 / stiffness + drive.wire[3] / 4095 / damping)
+    )
     assert np.abs(recording["drive.position"][1:] - wanted).max() < slack
 
 
@@ -56,7 +73,7 @@ def test_a_torque_accelerates_a_free_inertia_evenly_and_comes_back_as_a_current(
     recording, drive = played(CubeMarsV3, model, 150, {"torque_command": 2.0}, max_velocity=100.0, **mounting)
     in_order(recording)
     t, step = recording.time[:-1], 1.0 / (RATE * SUBSTEPS)
-    given = 2.0 * drive.wire[4] / 4095 + 0.01 * drive.scales[2]             # a code of torque, and one of current
+    given = 2.0 * drive.wire[4] / 4095 + 0.01 * drive.scales[2]  # a code of torque, and one of current
     assert np.abs(recording["drive.torque"][2:] - 2.0).max() < given
     assert np.abs(recording["drive.torque"] - recording["drive.current"] * drive.scales[2]).max() < 1e-9
     slack = given * t[-1] ** 2 / 2 / INERTIA + 40 * t[-1] * step + drive.scales[0]
@@ -69,18 +86,33 @@ def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_
         drive(position_command=Sine(amplitude=1.5, frequency=2.0)(), stiffness_command=200.0, damping_command=2.0)
     rig = Rig(robot, joint(robot))
     assert rig.run(1000).status == "ok" and rig["drive.limited"][-1] > 100
-    assert 3.0 < np.abs(rig["drive.torque"]).max() <= 4.0 * 1.1     # within a period velocity changes, unknown to the bound
+    # within a period velocity changes, unknown to the bound
+    assert 3.0 < np.abs(rig["drive.torque"]).max() <= 4.0 * 1.1
 
 
-@pytest.mark.parametrize("model, mounting", [*MOUNTINGS, ("AK80-64", {"offset": 0.3}), ("AK70-10", {"invert": True, "gear_ratio": 2.0})])
+@pytest.mark.parametrize(
+    "model, mounting", [*MOUNTINGS, ("AK80-64", {"offset": 0.3}), ("AK70-10", {"invert": True, "gear_ratio": 2.0})]
+)
 @pytest.mark.parametrize("mode", COMMANDS)
 def test_every_mode_of_servo_mode_does_what_it_is_told(mode, model, mounting):
     name, command = COMMANDS[mode]
-    ticks = 60 if mode == "current" else 2 * RATE       # a free joint under a current is soon faster than any drive can report
+    # a free joint under a current is soon faster than any drive can report
+    ticks = 60 if mode == "current" else 2 * RATE
     recording, drive = played(
-        CubeMarsServo, model, ticks, {name: command}, mode=mode, report_rate=500.0, velocity_limit=2.0, max_velocity=1e4, **mounting)
+        CubeMarsServo,
+        model,
+        ticks,
+        {name: command},
+        mode=mode,
+        report_rate=500.0,
+        velocity_limit=2.0,
+        max_velocity=1e4,
+        **mounting,
+    )
     in_order(recording)
-    position, velocity, torque, current = (recording[f"drive.{out}"] for out in ("position", "velocity", "torque", "current"))
+    position, velocity, torque, current = (
+        recording[f"drive.{out}"] for out in ("position", "velocity", "torque", "current")
+    )
     if mode == "current":
         assert np.abs(current[5:] - 1.0).max() <= 0.01 and np.abs(torque - current * drive.scales[2]).max() < 1e-9
         t = recording.time[20]
@@ -94,12 +126,17 @@ def test_every_mode_of_servo_mode_does_what_it_is_told(mode, model, mounting):
     else:
         assert position[-1] == pytest.approx(0.5, abs=2 * drive.scales[0] + 1e-3)
         if mode == "position_velocity":
-            assert velocity.max() < 2.0 * 1.02 and np.diff(velocity[1:]).max() * RATE < 10.0 * 1.3 + 2 * drive.scales[1] * RATE
+            assert (
+                velocity.max() < 2.0 * 1.02
+                and np.diff(velocity[1:]).max() * RATE < 10.0 * 1.3 + 2 * drive.scales[1] * RATE
+            )
 
 
 @pytest.mark.parametrize("brake, stands", [(0.0, False), (2.0, True)])
 def test_a_brake_takes_the_speed_of_a_joint_and_holds_it_against_what_it_can(brake, stands):
-    """A spring of 5 N·m/rad, bent by 0.5 rad, against 1.89 N·m: it swings with 5 rad/s, or creeps as the emulated brake gives way."""
+    """A spring of 5 N·m/rad, bent by 0.5 rad, against 1.89 N·m: it swings with 5 rad/s, or creeps as the emulated brake
+    gives way.
+    """
     with Diagram("robot", rate=RATE) as robot:
         drive = CubeMarsServo("AK80-9", name="drive", mode="current_brake", report_rate=500.0)
         drive(current_brake_command=brake)
@@ -115,13 +152,18 @@ def test_a_brake_takes_the_speed_of_a_joint_and_holds_it_against_what_it_can(bra
 
 # Arming and the safe stop
 
+
 def flagged(frames):
     return [(identifier | (EXTENDED if extended else 0), data) for identifier, extended, data in frames]
 
 
 CASES = [
-    (CubeMarsV3, "AK80-9-V3.0", {}), (CubeMarsV3, "AK80-9-V3.0", {"enter": True}), (CubeMarsV3, "AK80-9-V3.0", {"report_rate": 100.0}),
-    (CubeMarsV3, "AK80-9-V3.0", {"safe_stop": "damp", "stop_time": 0.1}), (CubeMarsServo, "AK80-9", {}), (CubeMarsServo, "AK80-9-V3.0", {}),
+    (CubeMarsV3, "AK80-9-V3.0", {}),
+    (CubeMarsV3, "AK80-9-V3.0", {"enter": True}),
+    (CubeMarsV3, "AK80-9-V3.0", {"report_rate": 100.0}),
+    (CubeMarsV3, "AK80-9-V3.0", {"safe_stop": "damp", "stop_time": 0.1}),
+    (CubeMarsServo, "AK80-9", {}),
+    (CubeMarsServo, "AK80-9-V3.0", {}),
     (CubeMarsServo, "AK80-9-V3.0", {"report_rate": 0.0}),
     (CubeMarsServo, "AK80-9", {"safe_stop": "brake", "stop_time": 0.1, "mode": "velocity"}),
 ]
@@ -164,7 +206,10 @@ def test_damping_is_that_of_the_joint_and_nothing_else():
         drive = CubeMarsV3("AK60-6-V3.0", safe_stop="damp", stop_damping=2.0, gear_ratio=ratio)
         [(_, _, data)] = drive.damped_stop().bands[0][1]
         understood = reference.read_force(reference.ranges(drive.found), data)
-        assert understood["damping"] * ratio**2 == pytest.approx(2.0, abs=5.0 / 4095 * ratio**2) and understood["stiffness"] == 0.0
+        assert (
+            understood["damping"] * ratio**2 == pytest.approx(2.0, abs=5.0 / 4095 * ratio**2)
+            and understood["stiffness"] == 0.0
+        )
         assert all(abs(understood[name]) < 2 * limit / 4095 for name, limit in (("velocity", 60.0), ("torque", 12.0)))
 
 
@@ -185,10 +230,14 @@ class Chatter(Block):
 
 
 @pytest.mark.parametrize("kind, model", [(CubeMarsV3, "AK80-9-V3.0"), (CubeMarsServo, "AK80-9")])
-@pytest.mark.parametrize("current, error, confirmed", [
-    (0, 0, True), (31, 0, True), (-32, 0, True), (32, 0, False), (-33, 0, False), (900, 0, False), (900, 0x77, True)])
+@pytest.mark.parametrize(
+    "current, error, confirmed",
+    [(0, 0, True), (31, 0, True), (-32, 0, True), (32, 0, False), (-33, 0, False), (900, 0, False), (900, 0x77, True)],
+)
 def test_only_a_drive_at_rest_confirms_the_safe_stop(kind, model, current, error, confirmed):
-    """All of them have answered arming, and none is silent; the one that still draws a current is told again and again for 200 ms."""
+    """All of them have answered arming, and none is silent; the one that still draws a current is told again and again
+    for 200 ms.
+    """
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, name="drive")
         drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": 0.0})
@@ -199,7 +248,11 @@ def test_only_a_drive_at_rest_confirms_the_safe_stop(kind, model, current, error
     outcome = robot_rig.run(20)
     assert outcome.unanswered == () and outcome.unconfirmed == (() if confirmed else ("drive",))
     assert outcome.status == ("device fault" if error == 0x77 else "ok")
-    rounds = sum(frame.sent and frame.id == EXTENDED | 15 << 8 | 1 for frame in robot_rig.frames) if kind is CubeMarsV3 else None
+    rounds = (
+        sum(frame.sent and frame.id == EXTENDED | 15 << 8 | 1 for frame in robot_rig.frames)
+        if kind is CubeMarsV3
+        else None
+    )
     assert rounds is None or (rounds == 1 if confirmed else rounds >= 40)
 
 
@@ -221,17 +274,22 @@ def with_chatter(robot, plant, chatter):
     return rig
 
 
-@pytest.mark.parametrize("current, error", [(c, e) for c in range(-40, 41) for e in (0, 3, 0x77)] + [(9000, 0), (-9000, 0), (9000, 0x77)])
+@pytest.mark.parametrize(
+    "current, error", [(c, e) for c in range(-40, 41) for e in (0, 3, 0x77)] + [(9000, 0), (-9000, 0), (9000, 0x77)]
+)
 def test_the_guardian_takes_for_a_confirmation_what_the_loop_does(current, error):
     """The patterns of `replies` against the kernel's rule: a current within ± 0.32 A, or the answer to a disable."""
     identifier, data = reference.status(1, position=-20000, current=current, error=error)
     taken = [
-        pattern for wanted, mask, extended, pattern in CubeMarsV3("AK70-9").replies()
-        if extended and (identifier & 0x1FFFFFFF) & mask == wanted & mask and re.match(pattern, data.hex())]
+        pattern
+        for wanted, mask, extended, pattern in CubeMarsV3("AK70-9").replies()
+        if extended and (identifier & 0x1FFFFFFF) & mask == wanted & mask and re.match(pattern, data.hex())
+    ]
     assert bool(taken) == (-32 <= current < 32 or error == 0x77)
 
 
 # What can be wrong
+
 
 @pytest.mark.parametrize("kind, model", [(CubeMarsV3, "AK80-9-V3.0"), (CubeMarsServo, "AK80-9")])
 def test_a_drive_that_does_not_report_is_not_armed(kind, model):
@@ -243,9 +301,11 @@ def test_a_drive_that_does_not_report_is_not_armed(kind, model):
 
 
 FAULTS = [
-    ({"fault": lambda: Code(3)()}, "device fault"), ({"silent": lambda: During(0.2)()}, "silent"),
+    ({"fault": lambda: Code(3)()}, "device fault"),
+    ({"silent": lambda: During(0.2)()}, "silent"),
     ({"power_lost": lambda: During(0.2)()}, "silent"),
-    ({"power_lost": lambda: During(0.2, 0.25)()}, "device fault"), ({"dropped": lambda: Lost()()}, "silent"),
+    ({"power_lost": lambda: During(0.2, 0.25)()}, "device fault"),
+    ({"dropped": lambda: Lost()()}, "silent"),
 ]
 
 
@@ -272,18 +332,28 @@ class Lost(Block):
 
 
 @pytest.mark.parametrize("wires, status", FAULTS)
-@pytest.mark.parametrize("kind, model, parameters", [
-    (CubeMarsV3, "AK80-9-V3.0", {}), (CubeMarsV3, "AK80-9-V3.0", {"report_rate": 200.0}), (CubeMarsServo, "AK80-9", {}),
-    (CubeMarsServo, "AK80-9-V3.0", {"mode": "velocity"})])
+@pytest.mark.parametrize(
+    "kind, model, parameters",
+    [
+        (CubeMarsV3, "AK80-9-V3.0", {}),
+        (CubeMarsV3, "AK80-9-V3.0", {"report_rate": 200.0}),
+        (CubeMarsServo, "AK80-9", {}),
+        (CubeMarsServo, "AK80-9-V3.0", {"mode": "velocity"}),
+    ],
+)
 def test_a_drive_with_a_fault_ends_the_run(kind, model, parameters, wires, status):
     name = "torque_command" if kind is CubeMarsV3 else f"{parameters.get('mode', 'current')}_command"
     recording, drive = played(kind, model, 500, {name: 0.3}, plant=wires, **parameters)
-    assert (recording.outcome.status, recording.outcome.culprit) == (status, "drive") and 0.19 < recording.time[-1] < 0.32
+    assert (recording.outcome.status, recording.outcome.culprit) == (status, "drive") and 0.19 < recording.time[
+        -1
+    ] < 0.32
 
 
 @pytest.mark.parametrize("report_rate", [0.0, 200.0])
 def test_a_drive_whose_power_comes_back_says_so_and_is_disabled(report_rate):
-    """It would obey the next command: it needs no enable. What it says of its power ends the run, in the tick that hears it."""
+    """It would obey the next command: it needs no enable. What it says of its power ends the run, in the tick that
+    hears it.
+    """
     with Diagram("robot", rate=200) as robot:
         drive = CubeMarsV3("AK80-9-V3.0", name="drive", report_rate=report_rate)
         drive(torque_command=1.0)
@@ -351,8 +421,10 @@ def test_a_command_of_somebody_else_is_a_fault_whatever_it_commands(kind, model,
     assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "drive", 21)
 
 
-@pytest.mark.parametrize("frame", [
-    (reference.identifier(8, 2), bytes(8)), (1, bytes(8)), reference.status(2), (EXTENDED | 0x01000801, bytes(8))])
+@pytest.mark.parametrize(
+    "frame",
+    [(reference.identifier(8, 2), bytes(8)), (1, bytes(8)), reference.status(2), (EXTENDED | 0x01000801, bytes(8))],
+)
 def test_what_commands_nobody_here_is_none(frame):
     assert strange(CubeMarsV3, "AK80-9-V3.0", frame).status == "ok"
 
@@ -371,8 +443,12 @@ def test_two_drives_of_one_id_do_not_share_a_bus_and_others_do():
         two(3, 3)
     rig = two(3, 4)
     assert rig.run(50, fade=0.0).status == "ok" and rig.statistics()["frames"]["foreign"] == 0
-    assert rig["one.position"][-1] == pytest.approx(0.0, abs=1e-3) and rig["other.position"][-1] == pytest.approx(1.0, abs=2e-3)
-    assert rig["one.torque"][-1] == pytest.approx(0.5, abs=0.02) and rig["other.current"][-1] == pytest.approx(-1.0, abs=0.011)
+    assert rig["one.position"][-1] == pytest.approx(0.0, abs=1e-3) and rig["other.position"][-1] == pytest.approx(
+        1.0, abs=2e-3
+    )
+    assert rig["one.torque"][-1] == pytest.approx(0.5, abs=0.02) and rig["other.current"][-1] == pytest.approx(
+        -1.0, abs=0.011
+    )
 
 
 class Asks(Block):
@@ -401,14 +477,17 @@ def test_a_run_that_waits_behind_a_fault_may_be_armed_again(report_rate):
         Rearm(name="again")(Asks()())
     rig = Rig(robot, joint_of(robot["drive"]))
     outcome = rig.run(150, fade=0.0, rearm=[rig.schedule.inputs["again"]["request"]])
-    assert (outcome.status, outcome.tick) == ("ok", 149) and [fault.status for fault in outcome.faults] == ["not finite"]
+    assert (outcome.status, outcome.tick) == ("ok", 149) and [fault.status for fault in outcome.faults] == [
+        "not finite"
+    ]
     assert any(frame.data[7:] == b"\x77" for frame in rig.frames if not frame.sent)
     assert rig["drive.torque"][-1] == pytest.approx(0.5, abs=0.02)
-    told = rig.tick[rig["drive.fault"] != 0]                    # of the stop itself, which was still commanded when it began
+    told = rig.tick[rig["drive.fault"] != 0]  # of the stop itself, which was still commanded when it began
     assert len(told) == 0 or told.max() < 44
 
 
 # The emulated boards
+
 
 @pytest.mark.parametrize("kind, model", [(EmulatedCubeMarsV3, "AK80-9-V3.0"), (EmulatedCubeMarsServo, "AK80-9")])
 def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):

@@ -14,7 +14,14 @@ from tests.shared import specifications
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_is_found_however_its_name_is_typed(name):
-    for spelling in (name, name.lower(), name.replace("-", " "), name.replace("-", "_"), name.replace("-", ""), f" {name} "):
+    for spelling in (
+        name,
+        name.lower(),
+        name.replace("-", " "),
+        name.replace("-", "_"),
+        name.replace("-", ""),
+        f" {name} ",
+    ):
         assert find(spelling) is MODELS[name]
         assert CubeMars(spelling).model == name
 
@@ -22,24 +29,50 @@ def test_every_model_is_found_however_its_name_is_typed(name):
 @pytest.mark.parametrize("short, full", AMBIGUOUS.items())
 def test_a_name_of_two_generations_is_refused_and_both_are_named(short, full):
     for spelling in (short, short.lower()):
-        with pytest.raises(DiagramError, match=rf"several generations.*CubeMarsV3\('{short}-V3\.0'\).*CubeMars\('{full}'\).*CubeMarsServo"):
+        with pytest.raises(
+            DiagramError,
+            match=rf"several generations.*CubeMarsV3\('{short}-V3\.0'\).*CubeMars\('{full}'\).*CubeMarsServo",
+        ):
             CubeMars(spelling)
 
 
-@pytest.mark.parametrize("name", [
-    "AK80-9 V3.0", "AK80-9-V3", "ak80-9_v3.0", "AK10-9 V3.0", "AK60-6 V3.0", "AK10-9-V3.2", "AK70-9", "AK60-39", "AK60-39 V3.0", "AKA10-9",
-    "AKE60-8", "akh70-48",
-])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "AK80-9 V3.0",
+        "AK80-9-V3",
+        "ak80-9_v3.0",
+        "AK10-9 V3.0",
+        "AK60-6 V3.0",
+        "AK10-9-V3.2",
+        "AK70-9",
+        "AK60-39",
+        "AK60-39 V3.0",
+        "AKA10-9",
+        "AKE60-8",
+        "akh70-48",
+    ],
+)
 def test_boards_of_the_third_generation_are_refused_by_name(name):
     for block in (CubeMars, EmulatedCubeMars):
         with pytest.raises(DiagramError, match="another protocol than V1 and V2: use CubeMarsV3"):
             block(name)
 
 
-@pytest.mark.parametrize("name, wanted", [
-    ("AK80-90", "AK80-9"), ("AK-80-09", "AK80-9"), ("AK10-9-V2", "AK10-9-V2.0"), ("AK10-9 V1.1", "AK10-9-V2.0"), ("AK80-9-V2.0", "AK80-9"),
-    ("AK80-6 V1", "AK80-6"), ("AK60-6 V1", "AK60-6-V1.1"), ("AK80-80", "AK80-64"), ("AK70-1O", "AK70-10"),
-])
+@pytest.mark.parametrize(
+    "name, wanted",
+    [
+        ("AK80-90", "AK80-9"),
+        ("AK-80-09", "AK80-9"),
+        ("AK10-9-V2", "AK10-9-V2.0"),
+        ("AK10-9 V1.1", "AK10-9-V2.0"),
+        ("AK80-9-V2.0", "AK80-9"),
+        ("AK80-6 V1", "AK80-6"),
+        ("AK60-6 V1", "AK60-6-V1.1"),
+        ("AK80-80", "AK80-64"),
+        ("AK70-1O", "AK70-10"),
+    ],
+)
 def test_a_misspelt_model_is_refused_with_a_suggestion_of_the_same_motor(name, wanted):
     with pytest.raises(DiagramError, match=rf"'{name}' is not a CubeMars model.*'{wanted}'"):
         CubeMars(name)
@@ -86,26 +119,45 @@ def test_the_limit_is_rated_peak_or_a_torque_up_to_the_peak(name):
     assert CubeMars(name).command_limits() == CubeMars(name, limit="rated").command_limits()
 
 
-@pytest.mark.parametrize("limit, said", [
-    (math.nextafter(18.0, 19.0), "at most the peak torque of AK80-9, 18 N·m"), (65.0, "at most the peak torque"), (0.0, "above 0"),
-    (-9.0, "above 0"), (math.nan, "got nan"), (math.inf, "at most the peak torque"), ("Rated", "'rated', 'peak' or a torque"),
-    ("9", "'rated', 'peak'"),
-    (True, "'rated', 'peak' or a torque"), ([9.0], "'rated', 'peak' or a torque"), ("", "'rated', 'peak'"),
-])
+@pytest.mark.parametrize(
+    "limit, said",
+    [
+        (math.nextafter(18.0, 19.0), "at most the peak torque of AK80-9, 18 N·m"),
+        (65.0, "at most the peak torque"),
+        (0.0, "above 0"),
+        (-9.0, "above 0"),
+        (math.nan, "got nan"),
+        (math.inf, "at most the peak torque"),
+        ("Rated", "'rated', 'peak' or a torque"),
+        ("9", "'rated', 'peak'"),
+        (True, "'rated', 'peak' or a torque"),
+        ([9.0], "'rated', 'peak' or a torque"),
+        ("", "'rated', 'peak'"),
+    ],
+)
 def test_a_limit_that_is_none_is_refused(limit, said):
     with pytest.raises(DiagramError, match=f"limit must be .*{said}"):
         CubeMars("AK80-9", limit=limit)
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"can_id": 0}, "can_id: must be at least 1, got 0"), ({"can_id": 256}, "can_id: must be at most 255, got 256"),
-    ({"can_id": 1.5}, "can_id: expected a whole number"), ({"can_id": "one"}, "can_id: expected a number"),
-    ({"invert": 1}, "invert: expected True or False"), ({"offset": 12.6}, "offset: must be at most 12.5 rad, got 12.6"),
-    ({"offset": -13.0}, "offset: must be at least -12.5 rad"), ({"offset": math.nan}, "offset: NaN"),
-    ({"offset": -math.inf}, "offset: must be"),
-    ({"timeout": -0.1}, "timeout: must be at least 0.0 s"), ({"bus": 0}, "bus: expected text"), ({"model": 80}, "model: expected text"),
-    ({"can": 1}, "has no parameter 'can'"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"can_id": 0}, "can_id: must be at least 1, got 0"),
+        ({"can_id": 256}, "can_id: must be at most 255, got 256"),
+        ({"can_id": 1.5}, "can_id: expected a whole number"),
+        ({"can_id": "one"}, "can_id: expected a number"),
+        ({"invert": 1}, "invert: expected True or False"),
+        ({"offset": 12.6}, "offset: must be at most 12.5 rad, got 12.6"),
+        ({"offset": -13.0}, "offset: must be at least -12.5 rad"),
+        ({"offset": math.nan}, "offset: NaN"),
+        ({"offset": -math.inf}, "offset: must be"),
+        ({"timeout": -0.1}, "timeout: must be at least 0.0 s"),
+        ({"bus": 0}, "bus: expected text"),
+        ({"model": 80}, "model: expected text"),
+        ({"can": 1}, "has no parameter 'can'"),
+    ],
+)
 def test_a_parameter_out_of_bounds_is_refused_with_its_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said) as refused:
         CubeMars(**{"model": "AK80-9", **parameters})
@@ -128,8 +180,11 @@ def refusals(**commands):
 def test_a_constant_beyond_a_limit_does_not_compile():
     """Rated torque for torque; the wire for the rest, the position's moved by the offset."""
     for name, within, beyond in (
-        ("torque_command", 9.0, 9.001), ("position_command", -12.0, -12.001), ("velocity_command", 50.0, 50.1),
-        ("stiffness_command", 500.0, -0.1), ("damping_command", 5.0, 5.1),
+        ("torque_command", 9.0, 9.001),
+        ("position_command", -12.0, -12.001),
+        ("velocity_command", 50.0, 50.1),
+        ("stiffness_command", 500.0, -0.1),
+        ("damping_command", 5.0, 5.1),
     ):
         with Diagram("allowed", rate=200) as diagram:
             CubeMars("AK80-9", name="drive", offset=0.5)(**{name: within})

@@ -25,7 +25,7 @@ def reply(can_id=1, **state):
 @pytest.mark.parametrize("identifier", [0, 1])
 def test_a_short_reply_has_motion_and_no_temperature_and_no_error(length, identifier):
     wired = Wired(CubeMars, "AK80-9", can_id=1, reply=length)
-    data = (reply()[:6] + b"\x30")[:length]                     # byte 6 of seven is a voltage
+    data = (reply()[:6] + b"\x30")[:length]  # byte 6 of seven is a voltage
     assert wired.hear(identifier, data) == TAKEN
     for name, step in (("position", 25.0 / 65535), ("velocity", 100.0 / 4095), ("torque", 36.0 / 4095)):
         assert abs(wired[name] - STATE[name]) <= step, name
@@ -74,7 +74,7 @@ def test_replies_of_another_length_are_counted_and_named(length):
     rig = Rig(walk, plant_of(walk, reply=length))
     outcome = rig.run(50, arming_timeout=0.5)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
-    (lengths, _), = rig.control.malformed.values()
+    ((lengths, _),) = rig.control.malformed.values()
     assert list(lengths) == [length] and lengths[length] == rig.statistics()["frames"]["malformed"] > 100
     words = walk["knee"].malformed_in_words(*rig.control.malformed["knee"])
     assert words == f"{lengths[length]} replies of {length} bytes from id 1: set reply={length}"
@@ -116,7 +116,9 @@ def test_a_drive_that_answers_with_another_id_is_not_another_controller():
     outcome = rig.run(50, arming_timeout=0.5)
     assert (outcome.status, outcome.unanswered) == ("no answer", ("knee",))
     lengths, first = rig.control.malformed["knee"]
-    assert first == 5 and knee.malformed_in_words(lengths, first).startswith(f"{lengths[8]} replies from id 1 with id 5 in byte 0")
+    assert first == 5 and knee.malformed_in_words(lengths, first).startswith(
+        f"{lengths[8]} replies from id 1 with id 5 in byte 0"
+    )
 
 
 def test_a_drive_that_changes_its_id_while_running_falls_silent():
@@ -125,7 +127,7 @@ def test_a_drive_that_changes_its_id_while_running_falls_silent():
     assert (outcome.status, outcome.culprit) == ("silent", "knee") and rig.control.malformed["knee"][1] == 5
 
 
-COMMAND = bytes.fromhex("8000800000000800")     # of another controller: as a reply, of id 128
+COMMAND = bytes.fromhex("8000800000000800")  # of another controller: as a reply, of id 128
 
 
 @pytest.mark.parametrize("answers", [[COMMAND, reply(1, error=0)], [reply(1, error=0), COMMAND]])

@@ -13,11 +13,11 @@ from graph import Diagram, DiagramError, compile
 from tests.blocks.actuators import cubemars_reference as reference
 from tests.blocks.actuators.wire import AUTHORITY, EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 
-NOTED, COMMANDED, MOVING = 2, 3, 4              # cext/abi.pxd
+NOTED, COMMANDED, MOVING = 2, 3, 4  # cext/abi.pxd
 MODES = tuple(reference.KINDS)
 MODELS = {**models.MODELS, **models_v3.MODELS}
-GIVEN = {"AK80-6": {"torque_constant": 0.6}, "AK80-8-V3.0": {"limit": 10.0}}    # what nobody has published
-SLOW = {"velocity_limit": 1.0, "acceleration": 5.0}                             # which every model can be told
+GIVEN = {"AK80-6": {"torque_constant": 0.6}, "AK80-8-V3.0": {"limit": 10.0}}  # what nobody has published
+SLOW = {"velocity_limit": 1.0, "acceleration": 5.0}  # which every model can be told
 
 wired = {}
 
@@ -35,19 +35,32 @@ def value_of(data):
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(MODELS)), mode=st.sampled_from(MODES), invert=st.booleans(),
-    offset=st.sampled_from([0.0, 0.4, -1.3]), ratio=st.sampled_from([1.0, 2.0, 0.7]))
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    mode=st.sampled_from(MODES),
+    invert=st.booleans(),
+    offset=st.sampled_from([0.0, 0.4, -1.3]),
+    ratio=st.sampled_from([1.0, 2.0, 0.7]),
+)
 @settings(max_examples=600, deadline=None)
 def test_a_command_is_the_references_truncated_towards_zero(data, model, mode, invert, offset, ratio):
-    """The whole number is the exact one without its fraction; where doubles round across a whole number, the next one."""
+    """The whole number is the exact one without its fraction; where doubles round across a whole number, the next
+    one.
+    """
     limit = {} if model in GIVEN else {"limit": "peak"}
     one = drive(model, mode, invert=invert, offset=offset, gear_ratio=ratio, **limit)
     (name,) = one.block.inputs
     x = data.draw(st.floats(*one["limits"][:2]), label=name)
     [(identifier, said)] = one.say(**{name: x})
-    assert identifier == EXTENDED | reference.KINDS[mode] << 8 | 7 and len(said) == (8 if mode == "position_velocity" else 4)
+    assert identifier == EXTENDED | reference.KINDS[mode] << 8 | 7 and len(said) == (
+        8 if mode == "position_velocity" else 4
+    )
     exact = reference.servo_code(mode, MODELS[model], x, sign=-1 if invert else 1, offset=offset, ratio=ratio)
-    assert value_of(said) == int(exact) or abs(float(exact) - round(exact)) < 1e-6 and abs(value_of(said) - float(exact)) < 1.0 + 1e-6
+    assert (
+        value_of(said) == int(exact)
+        or abs(float(exact) - round(exact)) < 1e-6
+        and abs(value_of(said) - float(exact)) < 1.0 + 1e-6
+    )
     sent, unit = one[one.block.sent_name], one["written"][1]
     assert abs(sent - x) < 1.0 / unit + 1e-9 and sent in one.block.output_range()[one.block.sent_name]
     if mode in ("current", "current_brake", "duty", "velocity"):
@@ -56,13 +69,19 @@ def test_a_command_is_the_references_truncated_towards_zero(data, model, mode, i
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_current_is_at_most_that_of_the_torque_limit(model):
-    """Rated torque over gear, torque constant and a gear behind; at most √2 times the store's RMS current, and 60 A, which the frame ends at."""
+    """Rated torque over gear, torque constant and a gear behind; at most √2 times the store's RMS current, and 60 A,
+    which the frame ends at.
+    """
     for ratio in (1.0, 3.0):
         one = drive(model, "current", gear_ratio=ratio)
         constant = GIVEN.get(model, {}).get("torque_constant") or MODELS[model].torque_constant
         torque = GIVEN.get(model, {}).get("limit") or MODELS[model].rated * ratio
         rated = math.sqrt(2.0) * MODELS[model].rated_rms_current if MODELS[model].rated is not None else math.inf
-        assert one["limits"][1] == -one["limits"][0] == pytest.approx(min(torque / constant / ratio, rated, 60.0), rel=1e-12)
+        assert (
+            one["limits"][1]
+            == -one["limits"][0]
+            == pytest.approx(min(torque / constant / ratio, rated, 60.0), rel=1e-12)
+        )
         [(_, said)] = one.say(current_command=one["limits"][1])
         assert value_of(said) / 1000 * constant * ratio <= torque * (1 + 1e-12)
     assert drive(model, "current_brake")["limits"][0] == 0.0, "a brake has no direction"
@@ -71,8 +90,12 @@ def test_the_current_is_at_most_that_of_the_torque_limit(model):
 def test_a_torque_constant_of_ones_own_does_not_raise_the_current_past_the_motors():
     """The store's 10.3 and 22.3 A of AK80-9 are RMS: 14.57 and 31.54 A of amplitude."""
     for limit, most in (("rated", 14.566), ("peak", 31.537), (9.5, 31.537)):
-        assert drive("AK80-9", "current", torque_constant=0.2, limit=limit)["limits"][1] == pytest.approx(most, abs=1e-3)
-    assert drive("AK80-9", "current", limit="rated")["limits"][1] == pytest.approx(9.524, abs=1e-3), "the torque's where that is less"
+        assert drive("AK80-9", "current", torque_constant=0.2, limit=limit)["limits"][1] == pytest.approx(
+            most, abs=1e-3
+        )
+    assert drive("AK80-9", "current", limit="rated")["limits"][1] == pytest.approx(9.524, abs=1e-3), (
+        "the torque's where that is less"
+    )
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -95,8 +118,11 @@ def test_what_is_past_its_limit_or_no_number_makes_no_frame(mode):
 
 @pytest.mark.parametrize("mode", MODES)
 @given(
-    x=st.floats(allow_nan=False, allow_infinity=False), limit=st.floats(0.0, 1e300), position=st.floats(-60.0, 60.0),
-    share=st.floats(0.0, 1.0))
+    x=st.floats(allow_nan=False, allow_infinity=False),
+    limit=st.floats(0.0, 1e300),
+    position=st.floats(-60.0, 60.0),
+    share=st.floats(0.0, 1.0),
+)
 @settings(max_examples=200, deadline=None)
 def test_no_number_wraps_around_even_where_a_limit_has_been_spoilt(mode, x, limit, position, share):
     one = drive("AK80-64", mode)
@@ -137,7 +163,9 @@ def test_on_the_way_to_a_position_speed_and_acceleration_are_tenths_and_never_mo
     [(_, said)] = one.say(position_command=0.1)
     speed, acceleration = (int.from_bytes(said[i : i + 2], "big", signed=True) for i in (4, 6))
     turns = float(reference.turns(MODELS[model]))
-    assert 0 < speed == int(turns * SLOW["velocity_limit"] / 10) and 0 < acceleration == int(turns * SLOW["acceleration"] / 10)
+    assert 0 < speed == int(turns * SLOW["velocity_limit"] / 10) and 0 < acceleration == int(
+        turns * SLOW["acceleration"] / 10
+    )
 
 
 def test_a_manuals_example_is_as_it_is_printed():
@@ -146,15 +174,23 @@ def test_a_manuals_example_is_as_it_is_printed():
     one = drive("AK80-9", "position_velocity", velocity_limit=10_000.1 / turns, acceleration=10_000.1 / turns)
     assert one.say(position_command=math.radians(1000.0) + 1e-12)[0][1].hex() == "0098968003e803e8"
     assert drive("AK80-9", "current").say(current_command=-4.0)[0][1].hex() == "fffff060"
-    assert drive("AK80-9", "velocity", velocity_limit=30.0).say(velocity_command=5000.001 / turns)[0][1].hex() == "00001388"
+    assert (
+        drive("AK80-9", "velocity", velocity_limit=30.0).say(velocity_command=5000.001 / turns)[0][1].hex()
+        == "00001388"
+    )
     assert drive("AK80-9", "duty", duty_limit=0.5).say(duty_command=0.2)[0][1].hex() == "00004e20"
     assert drive("AK80-9", "position").say(position_command=math.radians(600.0) + 1e-12)[0][1].hex() == "005b8d80"
     assert frames.origin(104) == (0x568, True, b"\0") and frames.origin(104, permanent=True)[2] == b"\1"
 
 
 @given(
-    model=st.sampled_from(sorted(MODELS)), mode=st.sampled_from(MODES), codes=st.tuples(*[st.integers(-32768, 32767)] * 3),
-    temperature=st.integers(-128, 127), error=st.integers(0, 255), invert=st.booleans())
+    model=st.sampled_from(sorted(MODELS)),
+    mode=st.sampled_from(MODES),
+    codes=st.tuples(*[st.integers(-32768, 32767)] * 3),
+    temperature=st.integers(-128, 127),
+    error=st.integers(0, 255),
+    invert=st.booleans(),
+)
 @settings(max_examples=300, deadline=None)
 def test_a_status_is_read_as_the_reference_reads_it(model, mode, codes, temperature, error, invert):
     one = drive(model, mode, invert=invert, offset=0.4)
@@ -171,9 +207,14 @@ def test_a_status_is_read_as_the_reference_reads_it(model, mode, codes, temperat
 
 @given(
     identifier=st.one_of(
-        st.integers(0, 2**32 - 1), st.integers(0, 2**29 - 1).map(lambda i: i | EXTENDED),
-        st.integers(0, 0x3F).map(lambda kind: reference.identifier(kind, 7))),
-    data=st.binary(max_size=64), length=st.integers(0, 255), mode=st.sampled_from(MODES))
+        st.integers(0, 2**32 - 1),
+        st.integers(0, 2**29 - 1).map(lambda i: i | EXTENDED),
+        st.integers(0, 0x3F).map(lambda kind: reference.identifier(kind, 7)),
+    ),
+    data=st.binary(max_size=64),
+    length=st.integers(0, 255),
+    mode=st.sampled_from(MODES),
+)
 @settings(max_examples=400, deadline=None)
 def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, length, mode):
     one = drive("AK80-9", mode)
@@ -186,23 +227,44 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
     assert not ((one.arena != before) & ~mine).any()
 
 
-@pytest.mark.parametrize("model, parameters, said", [
-    ("AK80-6", {}, "torque constant of AK80-6 is not published: give torque_constant="),
-    ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: give limit= in N·m"),
-    ("AK80-8 V3.0", {"limit": 64.0}, "at most what the wire of AK80-8-V3.0 can say, 63.414 N·m, got 64"),
-    ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
-    ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
-    ("AK80-9", {"mode": "velocity", "velocity_limit": 60.0}, "velocity_limit 60 rad/s is beyond what the drive can be told .* 55.4"),
-    ("AK80-64", {"mode": "position_velocity", "acceleration": 30.0}, "acceleration must be between .* 25.5, .*AK80-64 .* got 30"),
-    ("AK80-9", {"mode": "torque"}, "mode: "), ("AK80-9", {"range": (2.0, 1.0)}, "range is the lowest and the highest angle"),
-    ("AK80-9", {"mode": "velocity", "rms_mode": "saturate"}, "'saturate' takes from a commanded current, and mode velocity commands none"),
-    ("AK80-9", {"safe_stop": "damp"}, "safe_stop: "),
-    ("AK80-9", {"safe_stop": "brake", "stop_current": 20.0}, "stop_current is at most the current of the limit, 9.524 A, got 20"),
-    ("AK10-9", {}, r"CubeMarsV3\('AK10-9-V3\.0'\).*CubeMars\('AK10-9-V2\.0'\).*CubeMarsServo"),
-    ("AKA10-9", {}, "table of wire ranges does not have it"), ("XM430", {}, "'XM430' is not a CubeMars model"),
-    ("AK80-9", {"limit": "most"}, "limit must be 'rated', 'peak' or a torque"),
-    ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),
-])
+@pytest.mark.parametrize(
+    "model, parameters, said",
+    [
+        ("AK80-6", {}, "torque constant of AK80-6 is not published: give torque_constant="),
+        ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: give limit= in N·m"),
+        ("AK80-8 V3.0", {"limit": 64.0}, "at most what the wire of AK80-8-V3.0 can say, 63.414 N·m, got 64"),
+        ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
+        ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
+        (
+            "AK80-9",
+            {"mode": "velocity", "velocity_limit": 60.0},
+            "velocity_limit 60 rad/s is beyond what the drive can be told .* 55.4",
+        ),
+        (
+            "AK80-64",
+            {"mode": "position_velocity", "acceleration": 30.0},
+            "acceleration must be between .* 25.5, .*AK80-64 .* got 30",
+        ),
+        ("AK80-9", {"mode": "torque"}, "mode: "),
+        ("AK80-9", {"range": (2.0, 1.0)}, "range is the lowest and the highest angle"),
+        (
+            "AK80-9",
+            {"mode": "velocity", "rms_mode": "saturate"},
+            "'saturate' takes from a commanded current, and mode velocity commands none",
+        ),
+        ("AK80-9", {"safe_stop": "damp"}, "safe_stop: "),
+        (
+            "AK80-9",
+            {"safe_stop": "brake", "stop_current": 20.0},
+            "stop_current is at most the current of the limit, 9.524 A, got 20",
+        ),
+        ("AK10-9", {}, r"CubeMarsV3\('AK10-9-V3\.0'\).*CubeMars\('AK10-9-V2\.0'\).*CubeMarsServo"),
+        ("AKA10-9", {}, "table of wire ranges does not have it"),
+        ("XM430", {}, "'XM430' is not a CubeMars model"),
+        ("AK80-9", {"limit": "most"}, "limit must be 'rated', 'peak' or a torque"),
+        ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),
+    ],
+)
 def test_what_cannot_be_is_refused_with_its_reason(model, parameters, said):
     with pytest.raises(DiagramError, match=said):
         CubeMarsServo(model, **parameters)

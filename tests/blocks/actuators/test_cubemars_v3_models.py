@@ -14,7 +14,14 @@ from tests.shared import specifications
 
 @pytest.mark.parametrize("name", MODELS)
 def test_every_model_is_found_however_its_name_is_typed(name):
-    for spelling in (name, name.lower(), name.replace("-", " "), name.replace("-V", " V"), name.replace("-", ""), f" {name} "):
+    for spelling in (
+        name,
+        name.lower(),
+        name.replace("-", " "),
+        name.replace("-V", " V"),
+        name.replace("-", ""),
+        f" {name} ",
+    ):
         assert find(spelling) is MODELS[name]
         assert CubeMarsServo(spelling, limit=1.0).model == CubeMarsV3(spelling, limit=1.0).model == name
     assert find(f"{MODELS[name].motor}-V3.2") is MODELS[name]
@@ -28,13 +35,19 @@ def test_a_motor_of_several_generations_needs_the_boards_name(name):
             block(name)
 
 
-@pytest.mark.parametrize("name, said", [
-    ("AKA10-9", "table of wire ranges does not have it"), ("aka60-6 v3.0", "table of wire ranges does not have it"),
-    ("AK80-64", r"generation V1 or V2: use CubeMars\('AK80-64'\), or CubeMarsServo"),
-    ("AK10-9 V2.0", r"generation V1 or V2: use CubeMars\('AK10-9-V2\.0'\)"),
-    ("AK80-9 V1.1", r"use CubeMars\('AK80-9'\)"), ("AK70-90", "is not a CubeMars model with a table of force control.*'AK70-9'"),
-    ("AK80-64 V3.0", "is not a CubeMars model with a table"), ("XM430", "there are AK10-9-V3.0"),
-])
+@pytest.mark.parametrize(
+    "name, said",
+    [
+        ("AKA10-9", "table of wire ranges does not have it"),
+        ("aka60-6 v3.0", "table of wire ranges does not have it"),
+        ("AK80-64", r"generation V1 or V2: use CubeMars\('AK80-64'\), or CubeMarsServo"),
+        ("AK10-9 V2.0", r"generation V1 or V2: use CubeMars\('AK10-9-V2\.0'\)"),
+        ("AK80-9 V1.1", r"use CubeMars\('AK80-9'\)"),
+        ("AK70-90", "is not a CubeMars model with a table of force control.*'AK70-9'"),
+        ("AK80-64 V3.0", "is not a CubeMars model with a table"),
+        ("XM430", "there are AK10-9-V3.0"),
+    ],
+)
 def test_what_it_does_not_drive_is_refused_with_what_does(name, said):
     with pytest.raises(DiagramError, match=said):
         CubeMarsV3(name)
@@ -46,7 +59,10 @@ def test_blocks_of_servo_mode_take_the_names_of_both_tables():
         assert models_v3.find_in_servo_mode(name) is wanted
     for name, constant in (("AK80-9", 0.945), ("AK80-9 V3", 0.5701)):
         assert CubeMarsServo(name).found.torque_constant == pytest.approx(constant)
-    assert EmulatedCubeMarsServo("AK80-9").board == (0.0, 0.0) and EmulatedCubeMarsServo("AK80-9 V3").board == (1.0, 0.0)
+    assert EmulatedCubeMarsServo("AK80-9").board == (0.0, 0.0) and EmulatedCubeMarsServo("AK80-9 V3").board == (
+        1.0,
+        0.0,
+    )
 
 
 def test_the_wire_tables_are_those_of_the_specification():
@@ -55,7 +71,8 @@ def test_the_wire_tables_are_those_of_the_specification():
     columns = ("v_rad_s", "t_nm", "kt_output_nm_per_a", "gear", "pole_pairs")
     assert {name: [row[column] for column in columns] for name, row in table["models"].items()} == {
         model.motor: [model.wire_velocity, model.wire_torque, model.torque_constant, model.gear, model.pole_pairs]
-        for model in MODELS.values()}
+        for model in MODELS.values()
+    }
 
 
 def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
@@ -63,8 +80,11 @@ def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
     for model in (*models.MODELS.values(), *MODELS.values()):
         motor, generation = models.split(model.name)
         rows = [
-            row for name, row in table.items() if models.split(name)[0] == motor
-            and (model.generation == 3) == (models.split(name)[1].startswith("3") or name.startswith(("AKE", "AKH")))]
+            row
+            for name, row in table.items()
+            if models.split(name)[0] == motor
+            and (model.generation == 3) == (models.split(name)[1].startswith("3") or name.startswith(("AKE", "AKH")))
+        ]
         if model.rated is None:
             assert not rows and model.rated_current is None and model.peak_current is None, "somebody has published it"
             continue
@@ -74,9 +94,13 @@ def test_the_ratings_and_pole_pairs_are_those_of_the_specification():
 
 
 def test_the_stores_current_is_rms_and_the_constant_is_per_ampere_of_amplitude():
-    """rated torque / Kt / √2 over the store's current: 0.975 on average, from 0.905 (AK10-9) to 1.089 (AK60-39). Without √2 it is 1.28 to 1.54."""
+    """rated torque / Kt / √2 over the store's current: 0.975 on average, from 0.905 (AK10-9) to 1.089 (AK60-39).
+    Without √2 it is 1.28 to 1.54.
+    """
     rated = [model for model in MODELS.values() if model.rated is not None]
-    share = {model.name: model.rated / model.torque_constant / math.sqrt(2.0) / model.rated_rms_current for model in rated}
+    share = {
+        model.name: model.rated / model.torque_constant / math.sqrt(2.0) / model.rated_rms_current for model in rated
+    }
     assert len(share) == 10 and mean(share.values()) == pytest.approx(0.975, abs=0.005)
     assert all(value == pytest.approx(0.974, abs=0.12) for value in share.values()), share
     for model in rated:
@@ -87,10 +111,14 @@ def test_the_stores_current_is_rms_and_the_constant_is_per_ampere_of_amplitude()
 
 
 def test_the_constant_of_boards_v1_and_v2_is_per_ampere_of_the_store():
-    """Without √2 rated torque / Kt over the store's current is 0.92 on average, from 0.79 (AK80-64) to 1.01 (AK45-36): the kind of both is the same."""
+    """Without √2 rated torque / Kt over the store's current is 0.92 on average, from 0.79 (AK80-64) to 1.01 (AK45-36):
+    the kind of both is the same.
+    """
     share = {
         model.name: model.rated / model.torque_constant / model.rated_rms_current
-        for model in models.MODELS.values() if model.torque_constant is not None}
+        for model in models.MODELS.values()
+        if model.torque_constant is not None
+    }
     assert len(share) == 9 and mean(share.values()) == pytest.approx(0.92, abs=0.01)
     assert all(value == pytest.approx(0.9, abs=0.12) for value in share.values()), share
 
@@ -120,10 +148,15 @@ def test_the_three_blocks_know_of_one_another():
         CubeMars("AK80-9 V3.0")
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"report_rate": 501.0}, "report_rate: must be at most 500"), ({"report_rate": 10.0}, "shorter than two reports at report_rate 10 Hz"),
-    ({"stop_damping": 6.0}, "stop_damping is at most"), ({"enter": 1}, "enter: expected True or False"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"report_rate": 501.0}, "report_rate: must be at most 500"),
+        ({"report_rate": 10.0}, "shorter than two reports at report_rate 10 Hz"),
+        ({"stop_damping": 6.0}, "stop_damping is at most"),
+        ({"enter": 1}, "enter: expected True or False"),
+    ],
+)
 def test_a_parameter_out_of_bounds_is_refused(parameters, said):
     with pytest.raises(DiagramError, match=said):
         CubeMarsV3("AK70-9", **parameters)

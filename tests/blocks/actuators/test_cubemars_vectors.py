@@ -1,13 +1,16 @@
-"""Frames that other implementations made or read, compared with ours; each source with the tolerance it deserves, and why.
+"""Frames that other implementations made or read, compared with ours; each source with the tolerance it deserves, and
+why.
 
-The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vectors, and are no part of the project's tree: without
-them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x (2ⁿ − 1) / span.
+The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vectors, and are no part of the project's
+tree: without them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x
+(2ⁿ − 1) / span.
 
-    dfki                     the same convention: equal
-    Epically Powerful, TM    2ⁿ instead of 2ⁿ − 1, and the input clamped two codes below the top: ours or one above, one below at the top
-    LR, the manual's text    2ⁿ without that clamp: ours or one above; the top wraps to 0, and its carry is or-ed into the field before
+    dfki                     the same convention: equal Epically Powerful, TM    2ⁿ instead of 2ⁿ − 1, and the input
+    clamped two codes below the top: ours or one above, one below at the top LR, the manual's text    2ⁿ without that
+    clamp: ours or one above; the top wraps to 0, and its carry is or-ed into the field before
 
-Libraries that use other ranges than the manual are asked in their own: x is scaled by the ratio of the ranges before we encode it.
+Libraries that use other ranges than the manual are asked in their own: x is scaled by the ratio of the ranges before we
+encode it.
 """
 
 import math
@@ -21,14 +24,25 @@ from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 from tests.shared import entries, specifications
 
-INPUTS = {"position": "position_rad", "velocity": "velocity_rad_s", "stiffness": "kp", "damping": "kd", "torque": "torque_nm"}
+INPUTS = {
+    "position": "position_rad",
+    "velocity": "velocity_rad_s",
+    "stiffness": "kp",
+    "damping": "kd",
+    "torque": "torque_nm",
+}
 LIMITS = {"position": "p", "velocity": "v", "stiffness": "kp", "damping": "kd", "torque": "t"}
 BEFORE = {"velocity": "position", "stiffness": "velocity", "damping": "stiffness", "torque": "damping"}
 
-# What dfki's library has for each of its models: half ranges of position, velocity and torque, and the sign it turns every value by.
+# What dfki's library has for each of its models: half ranges of position, velocity and torque, and the sign it turns
+# every value by.
 DFKI = {
-    "AK10_9_V1p1": (12.5, 50.0, 65.0, -1), "AK70_10_V1p1": (12.5, 50.0, 24.0, 1), "AK80_6_V1": (95.5, 45.0, 18.0, -1),
-    "AK80_6_V1p1": (12.5, 22.5, 12.0, -1), "AK80_6_V2": (12.5, 76.0, 12.0, 1), "AK80_9_V1p1": (12.5, 22.5, 18.0, 1),
+    "AK10_9_V1p1": (12.5, 50.0, 65.0, -1),
+    "AK70_10_V1p1": (12.5, 50.0, 24.0, 1),
+    "AK80_6_V1": (95.5, 45.0, 18.0, -1),
+    "AK80_6_V1p1": (12.5, 22.5, 12.0, -1),
+    "AK80_6_V2": (12.5, 76.0, 12.0, 1),
+    "AK80_9_V1p1": (12.5, 22.5, 18.0, 1),
     "AK80_9_V2": (12.5, 25.64, 18.0, 1),
 }
 
@@ -39,7 +53,13 @@ def ours(family):
 
 
 def library(source):
-    marks = {"dfki": "mini-cheetah", "EP": "epicallypowerful", "TM": "TMotorCANControl", "LR": "leggedrobotics", "AKM": "CubeMars"}
+    marks = {
+        "dfki": "mini-cheetah",
+        "EP": "epicallypowerful",
+        "TM": "TMotorCANControl",
+        "LR": "leggedrobotics",
+        "AKM": "CubeMars",
+    }
     for name, mark in marks.items():
         if source.startswith(mark):
             return name
@@ -53,7 +73,13 @@ def of(source, name):
 
 
 def half_ranges(model):
-    return {"position": 12.5, "velocity": model.wire_velocity, "stiffness": 500.0, "damping": 5.0, "torque": model.wire_torque}
+    return {
+        "position": 12.5,
+        "velocity": model.wire_velocity,
+        "stiffness": 500.0,
+        "damping": 5.0,
+        "torque": model.wire_torque,
+    }
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +97,8 @@ def drives():
 
 
 def compared(entry, drives):
-    """(theirs, ours) by field as codes, the ranges in which the commands agree, and the fields that asked for the top or more.
+    """(theirs, ours) by field as codes, the ranges in which the commands agree, and the fields that asked for the top
+    or more.
 
     What they ask beyond their range they clamp; we would refuse it, and are given the end instead.
     """
@@ -87,14 +114,19 @@ def compared(entry, drives):
         if share >= 1.0:
             at_top.add(name)
         if share > 1.0 or share < low:
-            assert wired.say(**{**dict.fromkeys(wired.block.inputs, 0.0), f"{name}_command": share * our_half[name]}) == OUT_OF_LIMITS
-    (identifier, data), = wired.say(**asked)
+            assert (
+                wired.say(**{**dict.fromkeys(wired.block.inputs, 0.0), f"{name}_command": share * our_half[name]})
+                == OUT_OF_LIMITS
+            )
+    ((identifier, data),) = wired.say(**asked)
     assert identifier == entry["frame"]["arbitration_id"] and not entry["frame"]["is_extended"]
     return reference.codes_of(bytes.fromhex(entry["frame"]["data_hex"])), reference.codes_of(data), at_top
 
 
 def test_dfki_sends_our_bytes(drives):
-    """Equal, mirrored where the library mirrors. Where the ranges differ, scaling may round to the neighbouring code."""
+    """Equal, mirrored where the library mirrors. Where the ranges differ, scaling may round to the neighbouring
+    code.
+    """
     for entry in of("dfki", "cubemars_mit_command"):
         theirs, mine, _ = compared(entry, drives)
         limits, half = entry["limits"], half_ranges(ours(entry["model_family"]))
@@ -125,7 +157,11 @@ def test_the_manuals_own_formula_is_at_most_one_code_off_and_wraps_at_the_top_wh
 def test_enable_disable_and_zero_are_what_the_others_send():
     special = {"enter": ENABLE, "exit": DISABLE, "zero": SET_ZERO}
     for entry in entries("cubemars_mit_special"):
-        wanted = bytes.fromhex(entry["frame"]["data_hex"]), entry["frame"]["arbitration_id"], entry["frame"]["is_extended"]
+        wanted = (
+            bytes.fromhex(entry["frame"]["data_hex"]),
+            entry["frame"]["arbitration_id"],
+            entry["frame"]["is_extended"],
+        )
         assert (special[entry["inputs"]["command"]], entry["inputs"]["can_id"], False) == wanted
 
 
@@ -142,18 +178,24 @@ def stated(entry):
     return [12.5, model.wire_velocity, model.wire_torque], 1
 
 
-@pytest.mark.parametrize("source, tolerance", [("dfki", 1e-12), ("EP", 1e-12), ("TM", 1e-12), ("AKM", 1e-12), ("LR", 2e-7)])
+@pytest.mark.parametrize(
+    "source, tolerance", [("dfki", 1e-12), ("EP", 1e-12), ("TM", 1e-12), ("AKM", 1e-12), ("LR", 2e-7)]
+)
 def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance):
-    """In shares of the range, as libraries differ in ranges: 1e-12 for doubles, 2e-7 for LR, which computes in single precision."""
+    """In shares of the range, as libraries differ in ranges: 1e-12 for doubles, 2e-7 for LR, which computes in single
+    precision.
+    """
     for entry in of(source, "cubemars_mit_feedback"):
         model, decoded = ours(entry["model_family"]), entry["decoded"]
         half, sign = stated(entry)
         wired = drives(model, invert=sign < 0)
         assert wired.hear(entry["frame"]["arbitration_id"], bytes.fromhex(entry["frame"]["data_hex"])) == TAKEN
         own = (12.5, model.wire_velocity, model.wire_torque)
-        for name, key, theirs, mine in zip(("position", "velocity", "torque"), ("position_rad", "velocity_rad_s", "torque_nm"), half, own):
+        for name, key, theirs, mine in zip(
+            ("position", "velocity", "torque"), ("position_rad", "velocity_rad_s", "torque_nm"), half, own
+        ):
             assert abs(decoded[key] / theirs - wired[name] / mine) < tolerance, (name, entry)
-        if decoded["temperature_c"] is not None:                # TM hands out the byte as it is, without taking 40 °C away
+        if decoded["temperature_c"] is not None:  # TM hands out the byte as it is, without taking 40 °C away
             assert decoded["temperature_c"] == wired["temperature"] + (40.0 if source == "TM" else 0.0)
         if decoded["fault"] is not None:
             assert decoded["fault"] == wired["fault"] == entry["raw"]["err"]
@@ -167,7 +209,13 @@ def test_our_emulated_drive_understands_commands_as_mit_firmware_does():
         wired = drives.setdefault(model, Wired(EmulatedCubeMars, model.name, can_id=1))
         assert wired.hear(1, ENABLE) == TAKEN and wired.hear(1, bytes.fromhex(entry["frame"]["data_hex"])) == TAKEN
         position, velocity, stiffness, damping, torque = wired["command"]
-        understood = {"position": position, "velocity": velocity, "stiffness": stiffness, "damping": damping, "torque": torque}
+        understood = {
+            "position": position,
+            "velocity": velocity,
+            "stiffness": stiffness,
+            "damping": damping,
+            "torque": torque,
+        }
         for name, half in half_ranges(model).items():
             assert abs(entry["decoded"][INPUTS[name]] - understood[name]) < 2e-7 * half, (name, entry)
 
@@ -179,9 +227,11 @@ def test_our_emulated_drive_answers_as_mit_firmware_does():
         wired = Wired(EmulatedCubeMars, model.name, can_id=given["id"], peak=model.wire_torque)
         wired.hear(given["id"], ENABLE)
         wired["command"] = (0.0, 0.0, 0.0, 0.0, given["torque_nm"])
-        (identifier, data), = wired.say(position=given["position_rad"], velocity=given["velocity_rad_s"])
+        ((identifier, data),) = wired.say(position=given["position_rad"], velocity=given["velocity_rad_s"])
         assert data[:6].hex() == entry["frame"]["data_hex"], entry
-        assert identifier == given["id"], "as the manual says; the firmware of MIT answers from id 0, and we accept both"
+        assert identifier == given["id"], (
+            "as the manual says; the firmware of MIT answers from id 0, and we accept both"
+        )
 
 
 def test_what_is_not_finite_is_refused_whatever_the_others_do(drives):

@@ -30,25 +30,41 @@ models = pytest.mark.parametrize("model", MODELS)
 def say(wired, **fields):
     """The data of the one frame for a command; fields that are not given are zero."""
     ctypes.memset(wired.frames, 0xFF, ctypes.sizeof(wired.frames))
-    (identifier, data), = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
-    assert wired.frames[0].flags == 0 and not any(wired.frames[0].data[8:]), "nothing of CAN FD, and nothing of what stood there"
+    ((identifier, data),) = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
+    assert wired.frames[0].flags == 0 and not any(wired.frames[0].data[8:]), (
+        "nothing of CAN FD, and nothing of what stood there"
+    )
     assert identifier == wired["can_id"]
     return data
 
 
 def same_codes(data, ranges, fields):
-    """Codes are the reference's; where the exact code is within 1e-9 of a whole number, rounding in doubles may fall on its other side."""
+    """Codes are the reference's; where the exact code is within 1e-9 of a whole number, rounding in doubles may fall on
+    its other side.
+    """
     for name, code in reference.codes_of(data).items():
         exact = reference.exact_code(fields[name], *ranges[name], reference.BITS[name])
-        assert code == int(exact) or abs(exact - round(exact)) < 1e-9 and abs(code - exact) < 1.0 + 1e-9, (name, fields[name])
+        assert code == int(exact) or abs(exact - round(exact)) < 1e-9 and abs(code - exact) < 1.0 + 1e-9, (
+            name,
+            fields[name],
+        )
 
 
 @models
 def test_every_code_of_twelve_bits_is_what_the_middle_of_its_interval_encodes_to(model):
     ranges = RANGES[model]
     for k in range(4095):
-        codes = {"velocity": k, "stiffness": (k * 7 + 1) % 4095, "damping": (k * 11 + 2) % 4095, "torque": (k * 13 + 3) % 4095}
-        fields = {name: low + (code + 0.5) * (high - low) / 4095 for name, code in codes.items() for low, high in [ranges[name]]}
+        codes = {
+            "velocity": k,
+            "stiffness": (k * 7 + 1) % 4095,
+            "damping": (k * 11 + 2) % 4095,
+            "torque": (k * 13 + 3) % 4095,
+        }
+        fields = {
+            name: low + (code + 0.5) * (high - low) / 4095
+            for name, code in codes.items()
+            for low, high in [ranges[name]]
+        }
         assert reference.codes_of(say(DRIVES[model], **fields)) == {"position": 0x7FFF, **codes}
 
 
@@ -76,8 +92,16 @@ def test_both_ends_of_every_range_have_the_first_and_the_last_code(model):
         assert say(DRIVES[model], **fields).hex() == expected == reference.command(ranges, **fields).hex()
     for name, bits in reference.FIELDS:
         low, high = ranges[name]
-        for x, code in ((low, 0), (math.nextafter(low, high), 0), (high, 2**bits - 1), (math.nextafter(high, low), 2**bits - 2)):
-            assert abs(reference.codes_of(say(DRIVES[model], **{name: x}))[name] - code) <= (x not in (low, high)), (name, x)
+        for x, code in (
+            (low, 0),
+            (math.nextafter(low, high), 0),
+            (high, 2**bits - 1),
+            (math.nextafter(high, low), 2**bits - 2),
+        ):
+            assert abs(reference.codes_of(say(DRIVES[model], **{name: x}))[name] - code) <= (x not in (low, high)), (
+                name,
+                x,
+            )
 
 
 @models
@@ -89,7 +113,8 @@ def test_nothing_commanded_has_the_codes_just_below_the_middle(model):
 @models
 def test_beyond_a_range_the_code_stays_at_its_end_and_never_wraps(model):
     wired = drive(model)
-    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0] # no command reaches the wire like this: the last line of defence alone
+    # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0]
     for name, bits in reference.FIELDS:
         low, high = RANGES[model][name]
         for x in (math.nextafter(high, math.inf), high * 1.0001, high + 1.0, high * 2.0, high * 1e5):
@@ -161,11 +186,17 @@ def test_the_ends_of_a_reply_are_the_ends_of_the_ranges_exactly():
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(MODELS)), invert=st.booleans(), offset=st.floats(-6.0, 6.0),
-    authority=st.floats(0.0, 1.0))
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    invert=st.booleans(),
+    offset=st.floats(-6.0, 6.0),
+    authority=st.floats(0.0, 1.0),
+)
 @settings(max_examples=300, deadline=None)
 def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model, invert, offset, authority):
-    """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque, stiffness and damping."""
+    """Motor position = ± (joint position + offset), velocity and torque = ± the joint's; what fades in is torque,
+    stiffness and damping.
+    """
     wired = Wired(CubeMars, model, can_id=9, invert=invert, offset=offset, limit="peak")
     wired.arena[AUTHORITY] = authority
     wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
@@ -175,8 +206,10 @@ def test_a_command_is_mirrored_moved_and_faded_before_it_is_encoded(data, model,
     }
     sign = -1.0 if invert else 1.0
     at_motor = {
-        "position": sign * (fields["position"] + offset), "velocity": sign * fields["velocity"],
-        "torque": sign * authority * fields["torque"], "stiffness": authority * fields["stiffness"],
+        "position": sign * (fields["position"] + offset),
+        "velocity": sign * fields["velocity"],
+        "torque": sign * authority * fields["torque"],
+        "stiffness": authority * fields["stiffness"],
         "damping": authority * fields["damping"],
     }
     sent = say(wired, **fields)
@@ -204,10 +237,16 @@ def test_a_share_that_is_not_between_nothing_and_all_is_no_command():
 @pytest.mark.parametrize("invert", [False, True])
 @pytest.mark.parametrize("offset", [0.0, 0.7, -0.7])
 def test_what_is_commanded_comes_back_with_the_same_sign(model, invert, offset):
-    """A motor that goes where it is told reports the joint where the diagram wanted it, within one step of each code."""
+    """A motor that goes where it is told reports the joint where the diagram wanted it, within one step of each
+    code.
+    """
     wired = drive(model, invert=invert, offset=offset)
     for share in (-0.9, -0.3, 0.0, 0.3, 0.9):
-        wanted = {"position": 11.0 * share, "velocity": share * MODELS[model].wire_velocity, "torque": share * MODELS[model].wire_torque}
+        wanted = {
+            "position": 11.0 * share,
+            "velocity": share * MODELS[model].wire_velocity,
+            "torque": share * MODELS[model].wire_torque,
+        }
         sent = reference.codes_of(say(wired, **wanted))
         p, v, t = (sent[name] for name in ("position", "velocity", "torque"))
         assert wired.hear(0, bytes([1, p >> 8, p & 255, v >> 4, (v & 15) << 4 | t >> 8, t & 255, 65, 0])) == TAKEN

@@ -1,4 +1,6 @@
-"""The damped stop of every family of drives, played by its emulator: the velocity is read from its replies, and the limit holds."""
+"""The damped stop of every family of drives, played by its emulator: the velocity is read from its replies, and the
+limit holds.
+"""
 
 import math
 
@@ -12,13 +14,17 @@ from tests.cext.rigs import Rig
 from tests.cext.test_damped_stop import Trip
 
 DRIVES = {
-    "CubeMars": (CubeMars, "AK80-9", {}), "CubeMars behind a gear": (CubeMars, "AK80-9", {"gear_ratio": 2.0, "invert": True}),
-    "V3.0": (CubeMarsV3, "AK80-9-V3.0", {}), "V3.0 inverted": (CubeMarsV3, "AK80-9-V3.0", {"invert": True, "gear_ratio": 1.5}),
-    "RobStride": (RobStride, "RS02", {}), "RobStride behind a gear": (RobStride, "RS02", {"gear_ratio": 2.0, "invert": True}),
+    "CubeMars": (CubeMars, "AK80-9", {}),
+    "CubeMars behind a gear": (CubeMars, "AK80-9", {"gear_ratio": 2.0, "invert": True}),
+    "V3.0": (CubeMarsV3, "AK80-9-V3.0", {}),
+    "V3.0 inverted": (CubeMarsV3, "AK80-9-V3.0", {"invert": True, "gear_ratio": 1.5}),
+    "RobStride": (RobStride, "RS02", {}),
+    "RobStride behind a gear": (RobStride, "RS02", {"gear_ratio": 2.0, "invert": True}),
     "RobStride that reports": (RobStride, "RS02", {"active_reporting": True}),
-    "RobStride in MIT": (RobStrideMIT, "RS02", {}), "CyberGear": (RobStride, "CyberGear", {}),
+    "RobStride in MIT": (RobStrideMIT, "RS02", {}),
+    "CyberGear": (RobStride, "CyberGear", {}),
 }
-LIMIT, PEAK = 4.0, 8.0          # N·m; rad/s
+LIMIT, PEAK = 4.0, 8.0  # N·m; rad/s
 
 
 class Moved(Block):
@@ -65,7 +71,8 @@ def test_every_family_is_damped_by_its_speed_and_inside_its_limit(name):
     torque, velocity = seen_in_the_stop(robot).T
     code = 2.0 * knee.wire[4] / (0xFFFF if kind is RobStride else 0xFFF)
     assert np.abs(torque).max() <= LIMIT + code
-    assert np.abs(torque).max() > 1.5 * LIMIT * PEAK / knee.wire[1]         # which is what damping for the wire's top speed gives
+    # which is what damping for the wire's top speed gives
+    assert np.abs(torque).max() > 1.5 * LIMIT * PEAK / knee.wire[1]
     assert (torque * velocity <= code * PEAK).all()
 
 

@@ -1,4 +1,6 @@
-"""The law that a drive closes by itself stays inside the torque limit, and is the wanted one as far as the limit allows."""
+"""The law that a drive closes by itself stays inside the torque limit, and is the wanted one as far as the limit
+allows.
+"""
 
 import csv
 import math
@@ -34,10 +36,12 @@ def sine(amplitude, frequency):
 
 def from_rest(speed, duration, at):
     """Even acceleration from rest to a speed."""
+
     def motion(t):
         u = np.maximum(np.asarray(t, float) - at, 0.0)
         position = speed / duration * np.where(u < duration, 0.5 * u * u, duration * (u - 0.5 * duration))
         return position, speed / duration * np.minimum(u, duration), speed / duration * ((u > 0.0) & (u < duration))
+
     return motion
 
 
@@ -51,6 +55,7 @@ def shaking(random, most, count=6):
     def motion(t):
         angle = np.multiply.outer(t, w) + phase
         return np.sin(angle) @ amplitude, np.cos(angle) @ (amplitude * w), -np.sin(angle) @ (amplitude * w * w)
+
     return motion
 
 
@@ -61,7 +66,13 @@ MOTIONS = {
     "AK80-9 with damping 5, 5 Hz": ("AK80-9", 200, 9.0, {"damping": 5.0}, sine(0.2, 5.0)),
     "AK80-9 with damping 5 at 100 Hz": ("AK80-9", 100, 5.0, {"damping": 5.0}, sine(0.55, 1.0)),
     "AK80-9 with a spring of 300, hit": ("AK80-9", 200, 9.0, {"stiffness": 300.0}, from_rest(6.0, 0.01, 0.1)),
-    "AK10-9 with 300 and 5, hit": ("AK10-9", 200, 12.0, {"stiffness": 300.0, "damping": 5.0}, from_rest(6.0, 0.01, 0.1)),
+    "AK10-9 with 300 and 5, hit": (
+        "AK10-9",
+        200,
+        12.0,
+        {"stiffness": 300.0, "damping": 5.0},
+        from_rest(6.0, 0.01, 0.1),
+    ),
     "AK10-9 V3.0 with damping 5, 5 Hz": ("AK10-9 V3.0", 200, 10.0, {"damping": 5.0}, sine(0.2, 5.0)),
     "RS03 in MIT protocol with damping 50, 5 Hz": ("RS03 MIT", 200, 10.0, {"damping": 50.0}, sine(0.2, 5.0)),
     "RS02 with 100 and 5, 3 Hz": ("RS02", 200, 6.0, {"stiffness": 100.0, "damping": 5.0}, sine(0.4, 3.0)),
@@ -71,7 +82,9 @@ MOTIONS = {
 @pytest.mark.parametrize("mounted", [False, True], ids=["plain", "inverted, offset and geared"])
 @pytest.mark.parametrize("case", MOTIONS)
 def test_an_imposed_motion_is_felt_with_the_limit_and_no_more(case, mounted):
-    """To one code of torque. The hits accelerate with 600 rad/s², which is beyond the assumption, and stay inside its margin."""
+    """To one code of torque. The hits accelerate with 600 rad/s², which is beyond the assumption, and stay inside its
+    margin.
+    """
     name, rate, limit, commands, motion = MOTIONS[case]
     for age, late in ((1.0, 0.0), (0.05, 0.0), (1.0, 1.0), (2.0, 1.0)):
         drive = observed(name, rate, mounted, limit=limit)
@@ -90,12 +103,18 @@ def test_no_random_motion_inside_the_assumption_is_felt_with_more_than_the_limit
             drive = observed(name, rate, mounted, limit=limit)
             most = dict(zip(FIELDS, drive.wired["limits"]))
             commands = {
-                "position": random.uniform(-1.0, 1.0), "velocity": random.uniform(-3.0, 3.0), "torque": limit * random.uniform(-1.0, 1.0),
-                "stiffness": most["stiffness"] * random.random() ** 4, "damping": most["damping"] * random.random() ** 2}
+                "position": random.uniform(-1.0, 1.0),
+                "velocity": random.uniform(-3.0, 3.0),
+                "torque": limit * random.uniform(-1.0, 1.0),
+                "stiffness": most["stiffness"] * random.random() ** 4,
+                "damping": most["damping"] * random.random() ** 2,
+            }
             if trial == 3:
-                drive.wired.arena[6] = share = random.random()      # while commands fade in
+                drive.wired.arena[6] = share = random.random()  # while commands fade in
                 limit *= share
-            times, torques, acceleration, _ = drive.follow(shaking(random, 500.0), 0.25, constant(**commands), 1.0, 1.0, random)
+            times, torques, acceleration, _ = drive.follow(
+                shaking(random, 500.0), 0.25, constant(**commands), 1.0, 1.0, random
+            )
             assert acceleration.max() <= 500.0
             assert np.abs(torques).max() <= limit + drive.torque_code, (rate, commands)
 
@@ -113,7 +132,8 @@ def test_whatever_is_commanded_the_law_holds_the_limit_over_every_motion_until_a
     age = data.draw(st.floats(0.0, 2.5), label="age") * drive.period
     commands = {
         f: top * data.draw(st.floats(0.0 if f in ("stiffness", "damping") else -1.0, 1.0), label=f)
-        for f, top in zip(FIELDS, drive.wired["limits"])}
+        for f, top in zip(FIELDS, drive.wired["limits"])
+    }
     lowered = data.draw(st.sampled_from([1.0, 1.0, 0.5, 0.0]), label="share of the limit")
     allowed = data.draw(st.sampled_from([1.0, 1.0, 0.3, 0.0]), label="share of gains")
     drive.wired["limits"] = [*drive.wired["limits"][:5], limit * lowered, allowed]
@@ -128,8 +148,8 @@ def test_whatever_is_commanded_the_law_holds_the_limit_over_every_motion_until_a
 
 
 def test_truncated_gains_that_pull_against_each_other_hold_back_less_and_that_is_in_the_bound():
-    """RS03: a code of stiffness is 1.22 N·m/rad. A spring of 250 N·m, 5 rad from its rest, and a damper of 250 N·m leave nothing as they are wanted;
-    as codes they leave 6 N·m.
+    """RS03: a code of stiffness is 1.22 N·m/rad. A spring of 250 N·m, 5 rad from its rest, and a damper of 250 N·m
+    leave nothing as they are wanted; as codes they leave 6 N·m.
     """
     for position, velocity in ((5.0, -2.5), (-5.0, 2.5)):
         drive = observed("RS03 MIT", 1000, limit=4.0, acceleration=1.0)
@@ -149,7 +169,7 @@ def test_in_a_closed_loop_a_joint_that_is_driven_hard_never_feels_more_than_its_
         motor(position=limb.position, velocity=limb.velocity)
     rig = Rig(robot, plant)
     assert rig.run(400).status == "ok"
-    assert rig["knee.limited"][-1] > 100                                # it acts, and often
+    assert rig["knee.limited"][-1] > 100  # it acts, and often
     assert 3.9 < abs(rig["knee.torque"]).max() <= 4.0 + 36.0 / 4095
 
 
@@ -175,7 +195,9 @@ class Mover(Block):
 
 @pytest.mark.parametrize("name", ["AK80-9", "RS02", "RS03 MIT", "AK10-9 V3.0"])
 def test_in_a_running_loop_an_imposed_motion_is_felt_with_the_limit_and_no_more(name):
-    """Ages as the loop measures them, 20 instants a tick; with the drive's own emulator, whose law is compared elsewhere."""
+    """Ages as the loop measures them, 20 instants a tick; with the drive's own emulator, whose law is compared
+    elsewhere.
+    """
     kind, model, _ = KINDS[name]
     with Diagram("robot", rate=200) as robot:
         knee = kind(model, name="knee", limit=5.0)
@@ -192,8 +214,10 @@ def test_in_a_running_loop_an_imposed_motion_is_felt_with_the_limit_and_no_more(
 
 # What is left of the impedance.
 
+
 def strides(*harmonics):
     """A stride a second, of (cosine, sine) in rad of each harmonic."""
+
     def motion(t):
         position = velocity = acceleration = 0.0
         for k, (a, b) in enumerate(harmonics):
@@ -202,15 +226,18 @@ def strides(*harmonics):
             velocity = velocity + w * (b * np.cos(w * t) - a * np.sin(w * t))
             acceleration = acceleration - w * w * (a * np.cos(w * t) + b * np.sin(w * t))
         return position, velocity, acceleration
+
     return motion
 
 
-KNEE = strides((0.42, 0.0), (0.05, -0.36), (-0.27, 0.06), (-0.02, 0.07))      # about as people walk: flexion to 1 rad
+KNEE = strides((0.42, 0.0), (0.05, -0.36), (-0.27, 0.06), (-0.02, 0.07))  # about as people walk: flexion to 1 rad
 HIP = strides((0.2, 0.0), (0.36, 0.0), (-0.06, -0.05), (0.01, 0.02))
 
 
 def error_on(motion, seconds, limit, name="AK10-9", **commands):
-    """RMS of the drive's torque against the whole law cut to the limit, as a share of the limit; at 200 Hz, for 300 rad/s²."""
+    """RMS of the drive's torque against the whole law cut to the limit, as a share of the limit; at 200 Hz, for 300
+    rad/s².
+    """
     drive = observed(name, limit=limit, acceleration=300.0)
     _, torques, acceleration, wanted = drive.follow(motion, seconds, constant(**commands))
     assert acceleration.max() < 300.0 and np.abs(torques).max() <= limit + drive.torque_code
@@ -234,7 +261,10 @@ def test_on_recorded_gait_the_torque_is_the_wanted_one_to_3_percent_of_the_limit
         angle = np.radians([float(row[f"{joint}_flexion_lt_deg"]) for row in csv.DictReader(file)])
     played = CubicSpline(np.arange(len(angle)) / 200.0, angle)
     for rest in (0.0, 0.4):
-        assert error_on(lambda t: (played(t), played(t, 1), played(t, 2)), 10.0, limit, name, position=rest, **commands) < 0.03
+        assert (
+            error_on(lambda t: (played(t), played(t, 1), played(t, 2)), 10.0, limit, name, position=rest, **commands)
+            < 0.03
+        )
 
 
 def test_without_the_limit_in_the_way_the_law_is_sent_as_it_is():
@@ -254,7 +284,9 @@ def test_a_stiff_spring_far_from_its_rest_pulls_with_the_limit_and_it_counts():
 def test_a_feedforward_at_the_limit_leaves_no_gain_where_the_spring_pulls_the_same_way():
     drive = observed("AK80-9", limit=9.0)
     drive.hear(1.0, 0.0, drive.period)
-    assert drive.law(position=0.0, stiffness=100.0, damping=1.0, torque=-9.0)[2:] == pytest.approx([0.0, 0.0, -9.0], abs=0.01)
+    assert drive.law(position=0.0, stiffness=100.0, damping=1.0, torque=-9.0)[2:] == pytest.approx(
+        [0.0, 0.0, -9.0], abs=0.01
+    )
     against = drive.law(position=0.7, stiffness=40.0, damping=0.5, torque=9.0)
     assert torque_of(against, 1.0, 0.0) == pytest.approx(-3.0, abs=0.1), "9 N·m less 0.3 rad of 40 N·m/rad"
 
@@ -270,21 +302,35 @@ def test_damping_is_what_a_frame_can_carry():
 
 # Where the cases meet.
 
+
 def present_torque(drive, position, velocity, **commands):
     drive.hear(position, velocity, drive.period)
     return torque_of(drive.law(**commands), position, velocity)
 
 
-@pytest.mark.parametrize("commands", [
-    {"stiffness": 60.0, "damping": 2.0}, {"stiffness": 60.0}, {"damping": 3.0}, {"stiffness": 20.0, "damping": 0.3, "torque": 4.0}])
+@pytest.mark.parametrize(
+    "commands",
+    [
+        {"stiffness": 60.0, "damping": 2.0},
+        {"stiffness": 60.0},
+        {"damping": 3.0},
+        {"stiffness": 20.0, "damping": 0.3, "torque": 4.0},
+    ],
+)
 @pytest.mark.parametrize("limit, velocity", [(9.0, 0.0), (9.0, 1.5), (15.0, -1.0)])
 def test_along_a_fine_sweep_of_the_state_the_torque_at_the_state_has_no_jump(commands, limit, velocity):
-    """Steps of a tenth of a code beside the largest slope that the wanted law has, and the codes of gains over what moves."""
-    drive = observed("RS02", limit=limit)       # 16 bits
+    """Steps of a tenth of a code beside the largest slope that the wanted law has, and the codes of gains over what
+    moves.
+    """
+    drive = observed("RS02", limit=limit)  # 16 bits
     for sweep in (np.linspace(-1.5, 1.5, 3001), np.linspace(-8.0, 8.0, 3001)):
         turns = sweep[-1] > 2.0
         torques = np.array([present_torque(drive, *((0.1, v) if turns else (v, velocity)), **commands) for v in sweep])
-        slope = (commands.get("damping", 0.0) + 0.03 * commands.get("stiffness", 0.0)) if turns else commands.get("stiffness", 0.0)
+        slope = (
+            (commands.get("damping", 0.0) + 0.03 * commands.get("stiffness", 0.0))
+            if turns
+            else commands.get("stiffness", 0.0)
+        )
         assert np.abs(np.diff(torques)).max() <= 1.5 * slope * (sweep[1] - sweep[0]) + 0.05
         assert torques.max() - torques.min() > 0.5 or slope == 0.0, "the sweep crosses the cases"
 
@@ -299,6 +345,7 @@ def test_as_gains_are_taken_away_the_torque_at_the_state_goes_without_a_jump():
 
 
 # A free joint.
+
 
 @pytest.mark.parametrize("rate", [100, 200, 500, 1000])
 @pytest.mark.parametrize("stiffness, damping", [(0.0, 5.0), (30.0, 1.0), (100.0, 3.0), (500.0, 5.0)])
@@ -321,10 +368,13 @@ def test_a_spring_without_damping_gives_a_free_joint_no_energy(rate, stiffness):
 
 # Torque alone.
 
+
 def test_a_torque_alone_needs_no_feedback_and_is_not_counted():
     drive = observed("AK80-9")
     drive.wired["age"] = 1.0
-    assert drive.law(torque=3.0)[2:] == pytest.approx([0.0, 0.0, 3.0], abs=36.0 / 4095) and drive.wired["limited"] == 0.0
+    assert (
+        drive.law(torque=3.0)[2:] == pytest.approx([0.0, 0.0, 3.0], abs=36.0 / 4095) and drive.wired["limited"] == 0.0
+    )
 
 
 @pytest.mark.parametrize("torque", [5.0, -5.0])
@@ -332,10 +382,17 @@ def test_a_limit_that_has_gone_down_cuts_a_torque_instead_of_refusing_it(torque)
     drive = observed("AK80-9")
     drive.wired["limits"] = [*drive.wired["limits"][:5], 3.0, 1.0]
     sent = drive.law(torque=torque)[4]
-    assert abs(sent) <= 3.0 and sent == pytest.approx(math.copysign(3.0, torque), abs=36.0 / 4095) and drive.wired["limited"] == 1.0
+    assert (
+        abs(sent) <= 3.0
+        and sent == pytest.approx(math.copysign(3.0, torque), abs=36.0 / 4095)
+        and drive.wired["limited"] == 1.0
+    )
 
 
-@pytest.mark.parametrize("age, kept", [(2.0, True), (2.0 + 1e-7, True), (2.0 + 5e-7, False), (2.1, False), (math.inf, False), (math.nan, False)])
+@pytest.mark.parametrize(
+    "age, kept",
+    [(2.0, True), (2.0 + 1e-7, True), (2.0 + 5e-7, False), (2.1, False), (math.inf, False), (math.nan, False)],
+)
 def test_on_feedback_older_than_two_ticks_there_is_the_feed_forward_alone(age, kept):
     drive = observed("AK80-9", limit=9.0)
     drive.hear(0.2, 0.0, age * drive.period)
@@ -352,10 +409,14 @@ def test_on_feedback_older_than_two_ticks_there_is_the_feed_forward_alone(age, k
 def test_at_the_ends_of_the_ranges_of_position_and_velocity_there_is_torque_alone(name, end, sign):
     """A code at its end may stand for anything beyond. With damping the wanted torque, as it is inside the ranges."""
     drive = observed(name, limit=5.0)
-    position, velocity = drive.wired["wire"][:2] * (1.0, 0.0) if end == "position" else drive.wired["wire"][:2] * (0.0, 1.0)
+    position, velocity = (
+        drive.wired["wire"][:2] * (1.0, 0.0) if end == "position" else drive.wired["wire"][:2] * (0.0, 1.0)
+    )
     drive.hear(sign * position, sign * velocity, drive.period)
     law = drive.law(stiffness=2.0, damping=0.1)
-    assert law[2] == law[3] == 0.0 and law[4] == pytest.approx(-5.0 * sign if end == "position" else -velocity * 0.1 * sign, abs=1.0)
+    assert law[2] == law[3] == 0.0 and law[4] == pytest.approx(
+        -5.0 * sign if end == "position" else -velocity * 0.1 * sign, abs=1.0
+    )
 
 
 @pytest.mark.parametrize("name", KINDS)

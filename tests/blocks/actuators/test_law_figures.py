@@ -22,7 +22,10 @@ def is_calm(make, inertia, **gains):
     """Whether a free joint, thrown or let go, comes to rest: at the end its speed still falls, or is a few codes."""
     for position, velocity in ((0.0, 8.0), (0.6, 0.0), (0.3, -12.0)):
         _, speed, _ = make().move(inertia, 1.5, lambda t: gains, position, velocity)
-        before, late = (np.abs(speed[begin:end]).max() for begin, end in ((-len(speed) // 4, -len(speed) // 8), (-len(speed) // 8, len(speed))))
+        before, late = (
+            np.abs(speed[begin:end]).max()
+            for begin, end in ((-len(speed) // 4, -len(speed) // 8), (-len(speed) // 8, len(speed)))
+        )
         if late > 0.3 and late > 0.95 * before:
             return False
     return True
@@ -38,7 +41,12 @@ def test_a_free_joint_of_the_smallest_inertia_does_not_chatter(rate, limit, acce
 
 
 def test_a_joint_of_half_the_smallest_inertia_chatters():
-    assert not is_calm(lambda: observed("AK80-9", 200, limit=9.0), 0.5 * law(stiffness=500.0, damping=5.0).smallest_inertia, stiffness=500.0, damping=5.0)
+    assert not is_calm(
+        lambda: observed("AK80-9", 200, limit=9.0),
+        0.5 * law(stiffness=500.0, damping=5.0).smallest_inertia,
+        stiffness=500.0,
+        damping=5.0,
+    )
 
 
 def test_usable_damping_is_what_the_limit_carries_over_three_periods():
@@ -60,7 +68,10 @@ def test_no_frame_of_a_stalled_loop_reaches_more_than_the_figure(stiffness, damp
     for _ in range(400):
         position, velocity = random.uniform(-1.0, 1.0) ** 3, random.uniform(-10.0, 10.0)
         drive.hear(position, velocity, drive.period)
-        sent = drive.law(stiffness=stiffness * random.choice([1.0, random.random()]), damping=damping * random.choice([1.0, random.random()]))
+        sent = drive.law(
+            stiffness=stiffness * random.choice([1.0, random.random()]),
+            damping=damping * random.choice([1.0, random.random()]),
+        )
         for a in (-motion, motion):
             torques = torque_of(sent, position + velocity * after + 0.5 * a * after**2, velocity + a * after)
             largest = max(largest, np.abs(torques).max())
@@ -80,30 +91,50 @@ def test_the_figures_of_the_documentation_are_the_codes():
     assert f"{knee.smallest_inertia:.3f} kg·m² for K = 30, B = 1, 12 N·m and 200 Hz" in page
     assert f"stop, {1e3 * knee.stall_time:.0f} ms at 200 Hz and faster" in page
     assert all(
-        f"{knee.stall_torque(motion) / 12.0:.0f} times {words}" in page for motion, words in ((125.0, "the limit at"), (500.0, "at 500")))
+        f"{knee.stall_torque(motion) / 12.0:.0f} times {words}" in page
+        for motion, words in ((125.0, "the limit at"), (500.0, "at 500"))
+    )
 
 
 # What bounds the torque of an actuator.
 
-@pytest.mark.parametrize("kind, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK10-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")])
+
+@pytest.mark.parametrize(
+    "kind, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK10-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")]
+)
 @pytest.mark.parametrize("stiffness, damping", [(0.0, 0.0), (5.0, 0.0), (0.0, 0.1)])
 def test_torque_alone_is_proved_and_stiffness_or_damping_rests_on_the_assumption(kind, model, stiffness, damping):
     drive = kind(model, max_acceleration=300.0)
     commands = {name: NOTHING for name in drive.inputs}
-    bound = drive.torque_bound(commands | {"stiffness_command": Interval(0.0, stiffness), "damping_command": Interval(0.0, damping)}, 0.005)
+    bound = drive.torque_bound(
+        commands | {"stiffness_command": Interval(0.0, stiffness), "damping_command": Interval(0.0, damping)}, 0.005
+    )
     assert bound.limit == drive.torque_limit
     if stiffness or damping:
-        assert (bound.kind, bound.acceleration, bound.holds) == ("assumed", 300.0, "while |α| <= 300 rad/s²") and bound.figures
+        assert (bound.kind, bound.acceleration, bound.holds) == (
+            "assumed",
+            300.0,
+            "while |α| <= 300 rad/s²",
+        ) and bound.figures
     else:
         assert (bound.kind, bound.holds, bound.figures) == ("proved", "", ())
 
 
-@pytest.mark.parametrize("drive, kind", [
-    (lambda: RobStride("RS02", mode="current"), "proved"), (lambda: RobStride("RS02", mode="position"), "drive"),
-    (lambda: RobStride("RS02", mode="csp"), "drive"), (lambda: RobStride("RS02", mode="velocity"), "drive"),
-    (lambda: CubeMarsServo("AK80-9", mode="current"), "proved"), (lambda: CubeMarsServo("AK80-9", mode="current_brake"), "proved"),
-    (lambda: CubeMarsServo("AK80-9", mode="position"), "none"), (lambda: CubeMarsServo("AK80-9", mode="velocity"), "none"),
-    (lambda: CubeMarsServo("AK80-9", mode="duty"), "none"), (lambda: CubeMarsServo("AK80-9", mode="position_velocity"), "none")])
+@pytest.mark.parametrize(
+    "drive, kind",
+    [
+        (lambda: RobStride("RS02", mode="current"), "proved"),
+        (lambda: RobStride("RS02", mode="position"), "drive"),
+        (lambda: RobStride("RS02", mode="csp"), "drive"),
+        (lambda: RobStride("RS02", mode="velocity"), "drive"),
+        (lambda: CubeMarsServo("AK80-9", mode="current"), "proved"),
+        (lambda: CubeMarsServo("AK80-9", mode="current_brake"), "proved"),
+        (lambda: CubeMarsServo("AK80-9", mode="position"), "none"),
+        (lambda: CubeMarsServo("AK80-9", mode="velocity"), "none"),
+        (lambda: CubeMarsServo("AK80-9", mode="duty"), "none"),
+        (lambda: CubeMarsServo("AK80-9", mode="position_velocity"), "none"),
+    ],
+)
 def test_a_loop_inside_the_drive_is_never_called_proved(drive, kind):
     drive = drive()
     bound = drive.torque_bound({name: Interval.point(0.1) for name in drive.inputs}, 0.005)

@@ -53,12 +53,17 @@ class Witness(Block):
 
 RATE, SUBSTEPS, INERTIA = 500, 20, 0.05
 EVERYTHING = [
-    ("RS03", {}), ("RS00", {"invert": True}), ("CyberGear", {"offset": 0.3}), ("EL05", {"invert": True, "offset": -0.4, "gear_ratio": 3.0}),
+    ("RS03", {}),
+    ("RS00", {"invert": True}),
+    ("CyberGear", {"offset": 0.3}),
+    ("EL05", {"invert": True, "offset": -0.4, "gear_ratio": 3.0}),
 ]
 
 
 def joint(robot, *, inertia=INERTIA, start=0.0, **wires):
-    """The plant of one joint: the drive on a free inertia. wires : faults of the drive, by name, as functions that make a signal."""
+    """The plant of one joint: the drive on a free inertia. wires : faults of the drive, by name, as functions that make
+    a signal.
+    """
     with Diagram("joint", rate=RATE * SUBSTEPS) as plant:
         emulated = robot["drive"].emulator()
         limb = Limb(inertia=inertia, damping=0.0, stiffness=0.0, reflex=0.0, start=start)
@@ -83,7 +88,9 @@ def in_order(recording):
 @pytest.mark.parametrize("model, mounting", EVERYTHING)
 @pytest.mark.parametrize("kind", [RobStride, RobStrideMIT])
 def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(kind, model, mounting):
-    """Within two codes of position and 1.5 % of the step: codes of stiffness and damping, and Euler's error at 10 kHz."""
+    """Within two codes of position and 1.5 % of the step: codes of stiffness and damping, and Euler's error at 10
+    kHz.
+    """
     if (kind, model) == (RobStrideMIT, "CyberGear"):
         model = "RS02"
     target, stiffness, damping = 0.2, 20.0, 0.4
@@ -92,7 +99,11 @@ def test_a_position_loop_in_the_drive_answers_as_a_second_order_system(kind, mod
     in_order(recording)
     wanted = second_order(recording.time[:-1], target, stiffness, damping, INERTIA)
     codes = 65535 if kind is RobStride else 4095
-    slack = 0.015 * target + 4 * drive.wire[0] / 65535 + target * (drive.wire[2] / codes / stiffness + drive.wire[3] / codes / damping)
+    slack = (
+        0.015 * target
+        + 4 * drive.wire[0] / 65535
+        + target * (drive.wire[2] / codes / stiffness + drive.wire[3] / codes / damping)
+    )
     assert np.abs(recording["drive.position"][1:] - wanted).max() < slack
 
 
@@ -113,7 +124,8 @@ def test_position_modes_go_where_they_are_told_no_faster_than_allowed(model, mou
     if model == "CyberGear" and mode == "csp":
         return
     recording, drive = played(
-        RobStride, model, 2 * RATE, {"position_command": 0.5}, mode=mode, velocity_limit=1.0, limit="peak", **mounting)
+        RobStride, model, 2 * RATE, {"position_command": 0.5}, mode=mode, velocity_limit=1.0, limit="peak", **mounting
+    )
     in_order(recording)
     assert abs(recording["drive.position"][-1] - 0.5) < 0.005 and recording["drive.velocity"].max() < 1.0 + 0.02
     assert abs(recording["drive.position"][RATE // 4] - 0.25) < 0.07, "on its way at 1 rad/s"
@@ -134,7 +146,9 @@ def test_velocity_and_current_modes_do_what_they_are_told(model, mounting):
 
 @pytest.mark.parametrize("mode, command", [("csp", {"position_command": 3.0}), ("velocity", {"velocity_command": 2.0})])
 def test_torque_in_the_other_modes_stays_within_the_limit_and_fades_in(mode, command):
-    """Of the current: rated, so N·m within the rated torque and a code; and in the first half of the fade, within half of it."""
+    """Of the current: rated, so N·m within the rated torque and a code; and in the first half of the fade, within half
+    of it.
+    """
     with Diagram("fade", rate=RATE) as robot:
         RobStride("RS03", name="drive", mode=mode)(**command)
     recording = run(robot, 250, plant=joint(robot, inertia=20.0), substeps=SUBSTEPS, fade=0.5)
@@ -169,27 +183,34 @@ def test_arming_enables_the_drive_once_and_the_safe_stop_leaves_it_disabled(mode
     name = {"operation": "torque", "csp": "position"}.get(mode, mode)
     with Diagram("life", rate=RATE) as robot:
         RobStride("RS03", name="drive", mode=mode)(**{f"{name}_command": 0.1})
-    with Diagram("plant", rate=RATE) as plant:                  # one answer a tick at most fits: arming takes some rounds
+    with Diagram("plant", rate=RATE) as plant:  # one answer a tick at most fits: arming takes some rounds
         emulated = robot["drive"].emulator()
         emulated(position=0.0, velocity=0.0)
     recording = run(robot, 50, plant=plant)
-    assert (recording.outcome.status, recording.outcome.unanswered) == ("ok", ()) and recording["drive.fault"].max() == 0
+    assert (recording.outcome.status, recording.outcome.unanswered) == ("ok", ()) and recording[
+        "drive.fault"
+    ].max() == 0
 
 
 # Faults, ended by the robot
 
 WRONG = {
-    "silent": (lambda: During()(), "silent"), "power_lost": (lambda: During()(), "silent"), "dropped": (lambda: Since(1.0)(), "silent"),
-    "delay": (lambda: Since(0.3, "s")(), "silent"), "temperature": (lambda: Since(500.0, "°C")(), "device fault"),
+    "silent": (lambda: During()(), "silent"),
+    "power_lost": (lambda: During()(), "silent"),
+    "dropped": (lambda: Since(1.0)(), "silent"),
+    "delay": (lambda: Since(0.3, "s")(), "silent"),
+    "temperature": (lambda: Since(500.0, "°C")(), "device fault"),
 }
 
 
-@pytest.mark.parametrize("kind, model", [(RobStride, "RS03"), (RobStride, "CyberGear"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")])
+@pytest.mark.parametrize(
+    "kind, model", [(RobStride, "RS03"), (RobStride, "CyberGear"), (RobStrideMIT, "RS03"), (CubeMars, "AK80-9")]
+)
 @pytest.mark.parametrize("fault", WRONG)
 def test_what_can_be_wrong_with_a_drive_ends_the_run_and_the_torque(kind, model, fault):
     make, status = WRONG[fault]
     if kind is not RobStride and fault == "temperature":
-        return                                                  # the first has no fault to tell, of the other no temperature is known
+        return  # the first has no fault to tell, of the other no temperature is known
     recording, drive = played(kind, model, 500, {"torque_command": 0.2}, plant={fault: make})
     assert (recording.outcome.status, recording.outcome.culprit) == (status, "drive")
     assert 0.19 < recording.time[-1] < 0.45
@@ -230,7 +251,9 @@ def test_late_replies_are_as_old_as_they_are_late():
 @pytest.mark.parametrize("back", [0.03, 0.06])
 def test_a_drive_whose_power_comes_back_is_not_enabled_again_by_itself(back):
     """It answers again before its silence ends the run, and is found stopped."""
-    recording, _ = played(RobStride, "RS03", 500, {"torque_command": 0.5}, plant={"power_lost": lambda: During(0.2, 0.2 + back)()})
+    recording, _ = played(
+        RobStride, "RS03", 500, {"torque_command": 0.5}, plant={"power_lost": lambda: During(0.2, 0.2 + back)()}
+    )
     assert (recording.outcome.status, recording.outcome.culprit) == ("device fault", "drive")
     assert recording.time[-1] < 0.2 + back + 0.05
     speed = recording["drive.velocity"]

@@ -15,8 +15,11 @@ from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, REMOTE, TAKEN, Wired
 
 RANGES = {name: reference.ranges(model) for name, model in MODELS.items()}
-ENABLE, STOP, CLEAR = (reference.identifier(3, 0xFD, 127), bytes(8)), (reference.identifier(4, 0xFD, 127), bytes(8)), (
-    reference.identifier(4, 0xFD, 127), b"\1" + bytes(7))
+ENABLE, STOP, CLEAR = (
+    (reference.identifier(3, 0xFD, 127), bytes(8)),
+    (reference.identifier(4, 0xFD, 127), bytes(8)),
+    (reference.identifier(4, 0xFD, 127), b"\1" + bytes(7)),
+)
 ZERO = {"position": 0.0, "velocity": 0.0, "stiffness": 0.0, "damping": 0.0, "torque": 0.0}
 
 
@@ -43,7 +46,7 @@ def read(wired, index):
     """A parameter through the wire, as a float, and as the four bytes."""
     drain(wired)
     assert wired.hear(reference.identifier(17, 0xFD, 127), struct.pack("<HxxI", index, 0)) == TAKEN
-    (identifier, data), = drain(wired)
+    ((identifier, data),) = drain(wired)
     assert identifier == reference.identifier(17, 127, 0xFD) and struct.unpack("<H", data[:2])[0] == index
     return struct.unpack("<f", data[4:])[0], data[4:]
 
@@ -62,8 +65,12 @@ def test_it_says_nothing_until_it_is_spoken_to():
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(MODELS)), can_id=st.integers(1, 127), host=st.integers(128, 255),
-    temperature=st.integers(-40, 75))
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    can_id=st.integers(1, 127),
+    host=st.integers(128, 255),
+    temperature=st.integers(-40, 75),
+)
 @settings(max_examples=40, deadline=None)
 def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data, model, can_id, host, temperature):
     wired, ranges = emulated(model, can_id=can_id), RANGES[model]
@@ -75,7 +82,8 @@ def test_every_frame_has_one_answer_and_it_is_the_references_byte_for_byte(data,
     wanted = reference.reply(ranges, can_id, **given, temperature=temperature, mode=0, host=host)
     nearly = any(
         abs(exact - round(exact)) < 1e-9
-        for exact in (mit_reference.exact_code(given[name], *ranges[name], 16) for name in given))
+        for exact in (mit_reference.exact_code(given[name], *ranges[name], 16) for name in given)
+    )
     said = drain(wired)
     assert len(said) == 4 and (set(said) == {wanted} or nearly)
 
@@ -110,7 +118,11 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_limits(model, data):
     write(wired, 0x700B, limit)
     wired.hear(*ENABLE)
     wired.hear(*frame)
-    terms = heard["stiffness"] * (heard["position"] - position), heard["damping"] * (heard["velocity"] - velocity), heard["torque"]
+    terms = (
+        heard["stiffness"] * (heard["position"] - position),
+        heard["damping"] * (heard["velocity"] - velocity),
+        heard["torque"],
+    )
     most = min(MODELS[model].peak, struct.unpack("<f", struct.pack("<f", limit))[0])
     wanted = min(max(sum(terms), -most), most)
     assert abs(torque(wired, position=position, velocity=velocity) - wanted) <= 1e-9 * sum(map(abs, terms))
@@ -146,16 +158,26 @@ def test_parameters_are_read_back_as_they_were_written_and_what_is_measured_cann
         write(wired, index, 99.0)
         assert read(wired, index)[0] != 99.0
     wired.hear(reference.identifier(17, 0xFD, 127), struct.pack("<HxxI", 0x3000, 0))
-    (identifier, _), = drain(wired)
+    ((identifier, _),) = drain(wired)
     assert identifier == reference.identifier(17, 1 << 8 | 127, 0xFD), "it does not know that one"
 
 
-@pytest.mark.parametrize("index, value, mode, wanted", [
-    (0x7006, 3.0, 3, 3.0 * 2.36 / math.sqrt(2.0)), (0x7006, -1000.0, 3, -60.0),
-    (0x700A, 1.0, 2, 5.0), (0x700A, 1000.0, 2, 10.0 * 2.36 / math.sqrt(2.0)), (0x7016, 0.01, 5, 30.0 * 0.01 * 5.0),
-    (0x7016, 9.0, 5, 0.5 * 5.0), (0x7016, -9.0, 1, -0.25 * 5.0)])
+@pytest.mark.parametrize(
+    "index, value, mode, wanted",
+    [
+        (0x7006, 3.0, 3, 3.0 * 2.36 / math.sqrt(2.0)),
+        (0x7006, -1000.0, 3, -60.0),
+        (0x700A, 1.0, 2, 5.0),
+        (0x700A, 1000.0, 2, 10.0 * 2.36 / math.sqrt(2.0)),
+        (0x7016, 0.01, 5, 30.0 * 0.01 * 5.0),
+        (0x7016, 9.0, 5, 0.5 * 5.0),
+        (0x7016, -9.0, 1, -0.25 * 5.0),
+    ],
+)
 def test_the_other_modes_have_the_laws_that_are_written_down(index, value, mode, wanted):
-    """At rest at zero: A times the constant; 5 N·m·s/rad of speed; 30 rad/s a radian, no faster than 0.5 (CSP) or 0.25 (PP) rad/s."""
+    """At rest at zero: A times the constant; 5 N·m·s/rad of speed; 30 rad/s a radian, no faster than 0.5 (CSP) or 0.25
+    (PP) rad/s.
+    """
     wired = emulated("RS03")
     for parameter, number in ((0x7005, mode), (0x7017, 0.5), (0x7024, 0.25), (0x7018, 10.0)):
         write(wired, parameter, number)
@@ -254,11 +276,19 @@ def test_set_zero_makes_the_present_position_zero():
     assert abs(reference.read_reply(RANGES["RS03"], drain(wired)[0])[4] - 0.5) < 2 * 12.57 / 65535
 
 
-@pytest.mark.parametrize("identifier, data, answer", [
-    (reference.identifier(3, 0xFD, 126), bytes(8), FOREIGN),
-    (ENABLE[0] & ~EXTENDED, bytes(8), FOREIGN), (ENABLE[0] | REMOTE, bytes(8), FOREIGN),
-    (reference.identifier(22, 0xFD, 127), bytes(8), FOREIGN), (127, bytes(8), FOREIGN), (ENABLE[0], bytes(7), MALFORMED),
-    (ENABLE[0], b"", MALFORMED), (ENABLE[0], bytes(9), MALFORMED)])
+@pytest.mark.parametrize(
+    "identifier, data, answer",
+    [
+        (reference.identifier(3, 0xFD, 126), bytes(8), FOREIGN),
+        (ENABLE[0] & ~EXTENDED, bytes(8), FOREIGN),
+        (ENABLE[0] | REMOTE, bytes(8), FOREIGN),
+        (reference.identifier(22, 0xFD, 127), bytes(8), FOREIGN),
+        (127, bytes(8), FOREIGN),
+        (ENABLE[0], bytes(7), MALFORMED),
+        (ENABLE[0], b"", MALFORMED),
+        (ENABLE[0], bytes(9), MALFORMED),
+    ],
+)
 def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(identifier, data, answer):
     wired = emulated()
     before = wired.arena.copy()
@@ -267,10 +297,16 @@ def test_frames_that_are_not_for_it_or_broken_change_nothing_and_have_no_answer(
 
 
 @given(
-    identifier=st.integers(0, 2**32 - 1), kind=st.integers(0, 31), data=st.binary(max_size=64), length=st.integers(0, 255),
-    to_us=st.booleans())
+    identifier=st.integers(0, 2**32 - 1),
+    kind=st.integers(0, 31),
+    data=st.binary(max_size=64),
+    length=st.integers(0, 255),
+    to_us=st.booleans(),
+)
 @settings(max_examples=80, deadline=None)
-def test_no_frame_at_all_makes_torque_in_a_drive_that_is_stopped_or_torque_beyond_its_peak(identifier, kind, data, length, to_us):
+def test_no_frame_at_all_makes_torque_in_a_drive_that_is_stopped_or_torque_beyond_its_peak(
+    identifier, kind, data, length, to_us
+):
     wired = Wired.again(BASE)
     if to_us:
         identifier = reference.identifier(kind, identifier >> 8 & 0xFFFF, 127)
@@ -296,6 +332,7 @@ def test_a_plant_that_has_blown_up_has_no_answer(port, bad):
 
 # The MIT protocol
 
+
 def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
     limits = RANGES["RS03"]
     wired = Wired(EmulatedRobStrideMIT, "RS03", can_id=3, host_id=0xFB)
@@ -316,7 +353,12 @@ def test_in_mit_mode_it_answers_from_the_hosts_id_without_a_fault():
     wired.hear(3, mit.ENABLE)
     assert torque(wired) == 0.0
     wired.hear(3, push)
-    assert torque(wired) != 0.0 and torque(wired, fault=1) == 0.0 and torque(wired, fault=0) == 0.0 and wired["enabled"] == 0.0
+    assert (
+        torque(wired) != 0.0
+        and torque(wired, fault=1) == 0.0
+        and torque(wired, fault=0) == 0.0
+        and wired["enabled"] == 0.0
+    )
 
 
 @pytest.mark.parametrize("tail", ["fffd", "fffe", "fffb", "fff8", "fff9", "01fa", "02fd", "0301", "02fc"])

@@ -1,4 +1,6 @@
-"""An emulated RobStride drive that is set up: its id, its unique number, its firmware, its gains, and what it keeps without power."""
+"""An emulated RobStride drive that is set up: its id, its unique number, its firmware, its gains, and what it keeps
+without power.
+"""
 
 import struct
 
@@ -31,7 +33,7 @@ def ask(wired, frame, taken=TAKEN):
 
 
 def value(wired, index, can_id=127):
-    (identifier, data), = ask(wired, asking.read(index, can_id))
+    ((identifier, data),) = ask(wired, asking.read(index, can_id))
     assert identifier == 17 << 24 | can_id << 8 | HOST
     return struct.unpack("<f" if index not in (RUN_MODE, CAN_TIMEOUT) else "<I", data[4:])[0]
 
@@ -44,10 +46,22 @@ def write(wired, index, number):
 
 
 def test_each_drive_has_a_unique_number_of_its_own():
-    numbers = [ask(emulated(**which), asking.get_id(can_id))
-               for which, can_id in (({}, 127), ({"can_id": 3}, 3), ({"model": "RS02"}, 127), ({"unique": "1122334455667788"}, 127))]
-    assert [identifier for (identifier, _), in numbers] == [127 << 8 | 0xFE, 3 << 8 | 0xFE, 127 << 8 | 0xFE, 127 << 8 | 0xFE]
-    assert numbers[3][0][1].hex() == "1122334455667788" and len({data for (_, data), in numbers}) == 4
+    numbers = [
+        ask(emulated(**which), asking.get_id(can_id))
+        for which, can_id in (
+            ({}, 127),
+            ({"can_id": 3}, 3),
+            ({"model": "RS02"}, 127),
+            ({"unique": "1122334455667788"}, 127),
+        )
+    ]
+    assert [identifier for ((identifier, _),) in numbers] == [
+        127 << 8 | 0xFE,
+        3 << 8 | 0xFE,
+        127 << 8 | 0xFE,
+        127 << 8 | 0xFE,
+    ]
+    assert numbers[3][0][1].hex() == "1122334455667788" and len({data for ((_, data),) in numbers}) == 4
     assert ask(emulated(), asking.get_id(127)) == numbers[0], "the same in every run"
 
 
@@ -73,7 +87,11 @@ def test_an_id_that_no_drive_can_have_is_not_taken(new):
 
 
 def test_a_frame_of_another_library_sets_the_id():
-    told = [entry for entry in entries("robstride_other_types") if entry["inputs"]["command"] == "set can id 9 (type 7) host 0xFD"]
+    told = [
+        entry
+        for entry in entries("robstride_other_types")
+        if entry["inputs"]["command"] == "set can id 9 (type 7) host 0xFD"
+    ]
     for entry in told:
         frame = entry["frame"]["arbitration_id"], True, bytes.fromhex(entry["frame"]["data_hex"])
         assert ask(emulated(can_id=entry["inputs"]["motor_id"]), frame)[0][0] == 9 << 8 | 0xFE
@@ -86,16 +104,25 @@ def test_a_stop_that_asks_for_the_version_is_answered_with_it_and_stops():
     wired.step(position=0.0, velocity=0.0)
     wired.say()
     assert wired["enabled"] == 1.0
-    (identifier, data), = ask(wired, asking.version(127))
-    assert identifier == 2 << 24 | 127 << 8 | HOST and data == bytes.fromhex("00c4560003012a00") and wired["enabled"] == 0.0
+    ((identifier, data),) = ask(wired, asking.version(127))
+    assert (
+        identifier == 2 << 24 | 127 << 8 | HOST
+        and data == bytes.fromhex("00c4560003012a00")
+        and wired["enabled"] == 0.0
+    )
     assert asking.firmware(identifier, True, data, 127) == "0.3.1.42.0"
-    (_, data), = ask(emulated("CyberGear"), asking.version(127))
+    ((_, data),) = ask(emulated("CyberGear"), asking.version(127))
     assert data[:3] != bytes.fromhex("00c456"), "a CyberGear takes it for a stop"
 
 
 def test_gains_are_the_drives_own_and_can_be_read_and_written():
     one, other = emulated(gains=(("loc_kp", 40.0), ("cur_kp", 0.125))), emulated()
-    assert (value(one, LOC_KP), value(one, 0x7010), value(other, LOC_KP), value(other, 0x7010)) == (40.0, 0.125, 30.0, 0.0)
+    assert (value(one, LOC_KP), value(one, 0x7010), value(other, LOC_KP), value(other, 0x7010)) == (
+        40.0,
+        0.125,
+        30.0,
+        0.0,
+    )
     write(other, SPD_KP, 2.5)
     assert value(other, SPD_KP) == 2.5
     with pytest.raises(DiagramError, match="mechPos is not a parameter of RS03 that can be set"):
@@ -109,7 +136,7 @@ def test_without_power_it_keeps_what_was_saved(saved):
     for index, number in ((LOC_KP, 12.0), (CAN_TIMEOUT, 2000), (RUN_MODE, 3)):
         write(wired, index, number)
     if saved:
-        (identifier, _), = ask(wired, asking.save(127))
+        ((identifier, _),) = ask(wired, asking.save(127))
         assert identifier >> 24 == 2
     wired.step(position=0.0, velocity=0.0, power_lost=True)
     wired.step(position=0.0, velocity=0.0, power_lost=False)

@@ -4,15 +4,27 @@ import time
 
 import pytest
 
-from blocks.actuators import CubeMars, EmulatedCubeMars, EmulatedRobStride, EmulatedRobStrideMIT, RobStride, RobStrideMIT
+from blocks.actuators import (
+    CubeMars,
+    EmulatedCubeMars,
+    EmulatedRobStride,
+    EmulatedRobStrideMIT,
+    RobStride,
+    RobStrideMIT,
+)
 from blocks.models import Limb
 from cext.page import Page
 from graph import Block, Diagram, Input, Output, Param
 from tests.blocks.actuators import robstride_reference as reference
 from tests.cext.rigs import Rig
 
-MODES = {"operation": "torque_command", "position": "position_command", "csp": "position_command", "velocity": "velocity_command",
-         "current": "current_command"}
+MODES = {
+    "operation": "torque_command",
+    "position": "position_command",
+    "csp": "position_command",
+    "velocity": "velocity_command",
+    "current": "current_command",
+}
 
 
 class Then(Block):
@@ -68,7 +80,9 @@ def flagged(frames):
 @pytest.mark.parametrize("substeps", [1, 2, 5])
 @pytest.mark.parametrize("mode", MODES)
 def test_arming_tells_and_enables_and_the_safe_stop_takes_torque_away_and_disables(mode, substeps):
-    """Also where answers come so slowly, four a step, that arming repeats itself: what it repeated is no fault afterwards."""
+    """Also where answers come so slowly, four a step, that arming repeats itself: what it repeated is no fault
+    afterwards.
+    """
     rig, drive, watcher = lived(mode=mode, substeps=substeps)
     outcome = rig.run(60)
     assert (outcome.status, outcome.unanswered) == ("ok", ()) and rig["drive.fault"].max() == 0
@@ -85,22 +99,31 @@ def test_arming_tells_and_enables_and_the_safe_stop_takes_torque_away_and_disabl
 @pytest.mark.parametrize("kind", [1, 3, 4, 6, 7, 18])
 def test_a_command_of_somebody_else_is_a_fault_whatever_torque_it_has(kind):
     """Operation control has its torque in the identifier: it need not be a frame that we ever send."""
-    rig, _, watcher = lived(lambda: rig.buses["can"].device.send(
-        reference.identifier(kind, 0x4321, 127) & 0x1FFFFFFF, bytes(8), True))
+    rig, _, watcher = lived(
+        lambda: rig.buses["can"].device.send(reference.identifier(kind, 0x4321, 127) & 0x1FFFFFFF, bytes(8), True)
+    )
     outcome = rig.run(200)
     assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "drive", 21) and not watcher.seen[-1]
 
 
-@pytest.mark.parametrize("identifier, extended", [
-    (reference.identifier(1, 0x4321, 126), True), (reference.identifier(17, 0xFD, 127), True),
-    (reference.identifier(0, 0xFD, 127), True), (127, False)])
+@pytest.mark.parametrize(
+    "identifier, extended",
+    [
+        (reference.identifier(1, 0x4321, 126), True),
+        (reference.identifier(17, 0xFD, 127), True),
+        (reference.identifier(0, 0xFD, 127), True),
+        (127, False),
+    ],
+)
 def test_what_commands_nobody_here_is_none(identifier, extended):
     rig, _, _ = lived(lambda: rig.buses["can"].device.send(identifier & 0x1FFFFFFF, bytes(8), extended))
     assert rig.run(50).status == "ok"
 
 
 def test_without_a_guardian_a_strange_command_is_only_counted():
-    rig, _, _ = lived(lambda: rig.buses["can"].device.send(reference.identifier(1, 1, 127) & 0x1FFFFFFF, bytes(8), True), guard=0.0)
+    rig, _, _ = lived(
+        lambda: rig.buses["can"].device.send(reference.identifier(1, 1, 127) & 0x1FFFFFFF, bytes(8), True), guard=0.0
+    )
     assert rig.run(50).status == "ok" and rig.statistics()["frames"]["foreign"] == 1
 
 
@@ -136,8 +159,10 @@ def test_a_drive_that_reports_a_fault_ends_the_run(code):
 def test_two_drives_and_two_protocols_share_a_bus_and_never_mix():
     with Diagram("robot", rate=200) as robot:
         drives = [
-            RobStride("RS03", can_id=3, name="hip"), RobStride("CyberGear", can_id=4, name="knee"),
-            RobStrideMIT("RS02", can_id=3, name="ankle")]
+            RobStride("RS03", can_id=3, name="hip"),
+            RobStride("CyberGear", can_id=4, name="knee"),
+            RobStrideMIT("RS02", can_id=3, name="ankle"),
+        ]
         for index, drive in enumerate(drives):
             drive(torque_command=0.1 * (index + 1))
     with Diagram("plant", rate=1000) as plant:
@@ -189,10 +214,16 @@ def test_a_drive_whose_power_comes_back_gives_no_torque_until_it_is_armed_again(
     rig = Rig(robot, plant)
     outcome = rig.run(100)
     assert outcome.status == ("device fault" if kind is RobStride else "ok")
-    assert any(watcher.seen[:150]) and not any(watcher.seen[201:]) and rig["drive.torque"][-1] == pytest.approx(0.0, abs=0.02)
+    assert (
+        any(watcher.seen[:150])
+        and not any(watcher.seen[201:])
+        and rig["drive.torque"][-1] == pytest.approx(0.0, abs=0.02)
+    )
 
 
-@pytest.mark.parametrize("kind, model", [(EmulatedCubeMars, "AK80-9"), (EmulatedRobStride, "RS03"), (EmulatedRobStrideMIT, "RS03")])
+@pytest.mark.parametrize(
+    "kind, model", [(EmulatedCubeMars, "AK80-9"), (EmulatedRobStride, "RS03"), (EmulatedRobStrideMIT, "RS03")]
+)
 def test_an_emulated_drive_can_be_stepped_by_hand_and_gives_nothing_before_it_is_told(kind, model):
     drive = kind(model, gear_ratio=2.0)
     for position, fault in ((0.0, 0), (1.0, 1), (-3.0, 0)):

@@ -32,7 +32,7 @@ RANGES = {name: ranges(MODELS[name]) for name in NAMES}
 
 
 def say(wired, **fields):
-    (identifier, data), = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
+    ((identifier, data),) = wired.say(**{f"{name}_command": fields.get(name, 0.0) for name in FIELDS})
     assert identifier == wired["can_id"]
     return data
 
@@ -68,7 +68,7 @@ def test_no_command_begins_with_six_bytes_of_ones(model):
 @models
 def test_both_ends_and_beyond_never_wrap_and_what_is_no_number_is_refused(model):
     limits, wired = RANGES[model], drive(model)
-    wired["limits"] = wired["limits"] * 1e6           # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = wired["limits"] * 1e6  # no command reaches the wire like this: the last line of defence alone
     for name, bits in reference.FIELDS:
         low, high = limits[name]
         for x in (high, math.nextafter(high, math.inf), high * 1.0001, high * 2.0, high * 1e5):
@@ -95,11 +95,20 @@ def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature):
     assert abs(wired["temperature"] - temperature / 10) < 1e-9 and wired["fault"] == 0
 
 
-@pytest.mark.parametrize("identifier, data, answer", [
-    (0xFD, b"\x7e" + bytes(7), FOREIGN), (0xFD, b"", FOREIGN), (0xFC, b"\x7f" + bytes(7), FOREIGN),
-    (0xFD | EXTENDED, b"\x7f" + bytes(7), FOREIGN),
-    (0xFD | REMOTE, b"\x7f" + bytes(7), FOREIGN), (0x7F, b"\x7f" + bytes(7), FOREIGN), (0xFD, b"\x7f" + bytes(6), MALFORMED),
-    (0xFD, b"\x7f" + bytes(8), MALFORMED), (0xFD, b"\x7f", MALFORMED)])
+@pytest.mark.parametrize(
+    "identifier, data, answer",
+    [
+        (0xFD, b"\x7e" + bytes(7), FOREIGN),
+        (0xFD, b"", FOREIGN),
+        (0xFC, b"\x7f" + bytes(7), FOREIGN),
+        (0xFD | EXTENDED, b"\x7f" + bytes(7), FOREIGN),
+        (0xFD | REMOTE, b"\x7f" + bytes(7), FOREIGN),
+        (0x7F, b"\x7f" + bytes(7), FOREIGN),
+        (0xFD, b"\x7f" + bytes(6), MALFORMED),
+        (0xFD, b"\x7f" + bytes(8), MALFORMED),
+        (0xFD, b"\x7f", MALFORMED),
+    ],
+)
 def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(identifier, data, answer):
     wired = Wired.again(DRIVES["RS03"])
     before = wired.arena.copy()
@@ -109,9 +118,15 @@ def test_drives_share_the_hosts_id_and_none_takes_what_is_anothers_or_broken(ide
 def test_arming_disables_chooses_operation_and_enables_and_the_cybergear_has_no_such_protocol():
     block = RobStrideMIT("RS03", can_id=5)
     to_drive = [data for identifier, _, data in block.enable_frames() if identifier == 5]
-    assert to_drive == [mit.DISABLE, mit.OPERATION, mit.FAULTS, mit.ENABLE] and block.enable_frames()[-1][2] == mit.ENABLE
+    assert (
+        to_drive == [mit.DISABLE, mit.OPERATION, mit.FAULTS, mit.ENABLE] and block.enable_frames()[-1][2] == mit.ENABLE
+    )
     frames = block.enable_frames() + block.zero_frames() + block.disable_frames()
-    assert {(identifier, extended) for identifier, extended, _ in frames} == {(5, False), (0x305, False), (0x405, False)}
+    assert {(identifier, extended) for identifier, extended, _ in frames} == {
+        (5, False),
+        (0x305, False),
+        (0x405, False),
+    }
     assert block.replies() == [(0xFD, 0x7FF, False, b"\5")], "the guardian tells drives apart by their first byte"
     with pytest.raises(DiagramError, match="the CyberGear has no MIT protocol: use RobStride"):
         RobStrideMIT("CyberGear")

@@ -15,11 +15,11 @@ from graph import Block, Diagram, DiagramError, Output, Param
 from tests.blocks.actuators.wire import AUTHORITY, FOREIGN, MALFORMED, TAKEN, Wired
 from tests.cext.rigs import Rig
 
-NOTED, COMMANDED, ANSWERED = 2, 3, 6            # cext/abi.pxd
-TIME, PERIOD = 0, 3                             # slots of the arena
+NOTED, COMMANDED, ANSWERED = 2, 3, 6  # cext/abi.pxd
+TIME, PERIOD = 0, 3  # slots of the arena
 QUESTION = bytes.fromhex("ffffffffffff00fb")
-WRITTEN = bytes.fromhex("28700000d0070000")     # 100 ms, as the manual writes it
-REST = bytes.fromhex("057fff7ff7ff012c")        # a reply of drive 5: at rest, 30 °C
+WRITTEN = bytes.fromhex("28700000d0070000")  # 100 ms, as the manual writes it
+REST = bytes.fromhex("057fff7ff7ff012c")  # a reply of drive 5: at rest, 30 °C
 
 
 def faults(word, order="little", can_id=5):
@@ -40,8 +40,14 @@ def armed():
 def test_arming_writes_and_reads_the_time_out_and_asks_for_faults_before_it_enables():
     limit = struct.pack("<f", 20.0)
     assert RobStrideMIT("RS03", can_id=5).enable_frames() == [
-        (5, False, DISABLE), (5, False, mit.OPERATION), (0x405, False, WRITTEN), (0x405, False, b"\x0b\x70\0\0" + limit),
-        (0x305, False, b"\x28\x70" + bytes(6)), (5, False, QUESTION), (5, False, ENABLE)]
+        (5, False, DISABLE),
+        (5, False, mit.OPERATION),
+        (0x405, False, WRITTEN),
+        (0x405, False, b"\x0b\x70\0\0" + limit),
+        (0x305, False, b"\x28\x70" + bytes(6)),
+        (5, False, QUESTION),
+        (5, False, ENABLE),
+    ]
     plain = RobStrideMIT("RS03", can_id=5, can_timeout=0.0)
     assert plain.enable_frames() == [(5, False, data) for data in (DISABLE, mit.OPERATION, ENABLE)]
     assert (plain.own_timeout, plain.ready, RobStrideMIT("RS03").own_timeout) == (None, None, 0.1)
@@ -66,9 +72,18 @@ def test_the_faults_come_behind_the_answer_to_the_read_and_are_no_motion():
     assert wired.hear(0xFD, faults(0)) == TAKEN, "not asked for: it is a reply, whatever it holds"
 
 
-@pytest.mark.parametrize("word, order, read", [
-    (0, "little", 0), (1, "little", 1), (0x408F, "little", 0x408F), (1 << 7, "big", 1 << 7), (0x4001, "big", 0x4001),
-    (1 << 9, "little", 1 << 9), (1 << 16, "little", 1 << 16)])
+@pytest.mark.parametrize(
+    "word, order, read",
+    [
+        (0, "little", 0),
+        (1, "little", 1),
+        (0x408F, "little", 0x408F),
+        (1 << 7, "big", 1 << 7),
+        (0x4001, "big", 0x4001),
+        (1 << 9, "little", 1 << 9),
+        (1 << 16, "little", 1 << 16),
+    ],
+)
 def test_a_word_is_read_in_the_order_in_which_its_bits_exist(word, order, read):
     wired = drive()
     wired.hear(0x305, WRITTEN)
@@ -100,7 +115,7 @@ def ticks(wired, count, rate=200.0, answer=True, first=0):
     wired.arena[PERIOD] = 1.0 / rate
     for tick in range(first, first + count):
         wired.arena[TIME] = tick / rate
-        (identifier, data), = wired.say(torque_command=1.0)
+        ((identifier, data),) = wired.say(torque_command=1.0)
         assert identifier == 5
         said.append(data)
         if answer:
@@ -115,7 +130,9 @@ def test_a_question_goes_out_once_a_second_in_place_of_a_command():
 
 def test_a_question_waits_until_no_reply_is_owed():
     wired = armed()
-    assert QUESTION not in ticks(wired, 199) + ticks(wired, 1, answer=False, first=199) + ticks(wired, 40, answer=False, first=200)
+    assert QUESTION not in ticks(wired, 199) + ticks(wired, 1, answer=False, first=199) + ticks(
+        wired, 40, answer=False, first=200
+    )
     for _ in range(41):
         wired.hear(0xFD, REST)
     assert ticks(wired, 1, first=240) == [QUESTION]
@@ -150,7 +167,7 @@ def test_what_was_sent_stays_what_was_sent_while_a_question_goes_out():
     ticks(wired, 200)
     before = wired["torque_sent"], wired["sent"].tolist()
     wired.arena[TIME] = 1.0
-    (_, data), = wired.say(torque_command=-3.0)
+    ((_, data),) = wired.say(torque_command=-3.0)
     assert data == QUESTION and (wired["torque_sent"], wired["sent"].tolist()) == before
 
 
@@ -161,12 +178,14 @@ def test_the_command_before_a_question_has_gains_for_a_longer_time():
     for tick in range(190, 203):
         wired.arena[TIME], wired.arena[PERIOD] = tick / 200, 1 / 200
         wired["age"] = 0.005 if tick != 201 else 0.010
-        (_, data), = wired.say(stiffness_command=100.0, damping_command=3.0, position_command=0.02)
+        ((_, data),) = wired.say(stiffness_command=100.0, damping_command=3.0, position_command=0.02)
         gains.append((data == QUESTION, wired["sent"][2]))
         wired.hear(0xFD, faults(0) if data == QUESTION else REST)
     assert [tick for tick, (asked, _) in enumerate(gains, 190) if asked] == [200]
     assert 0.0 < gains[9][1] < 0.9 * gains[8][1], "the tick before it"
-    assert gains[7][1] == gains[8][1] == gains[12][1] and gains[10][1] == gains[9][1], "what was sent is what is in force"
+    assert gains[7][1] == gains[8][1] == gains[12][1] and gains[10][1] == gains[9][1], (
+        "what was sent is what is in force"
+    )
 
 
 def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
@@ -183,6 +202,7 @@ def test_an_answer_that_is_lost_or_late_is_never_taken_for_motion():
 
 
 # Whole runs
+
 
 class Late(Block):
     """A word of faults from 0.5 s on."""

@@ -13,16 +13,41 @@ from graph.store import from_json, to_json
 from tests.blocks.actuators import robstride_reference as reference
 
 
-@pytest.mark.parametrize("name, model", [*((name, name) for name in MODELS), *ALSO.items(), ("RobStride EL05", "EL05"),
-                                         ("Xiaomi CyberGear", "CyberGear"), ("RobStride RS04", "RS04"), ("RobStride EduLite 05", "EL05")])
+@pytest.mark.parametrize(
+    "name, model",
+    [
+        *((name, name) for name in MODELS),
+        *ALSO.items(),
+        ("RobStride EL05", "EL05"),
+        ("Xiaomi CyberGear", "CyberGear"),
+        ("RobStride RS04", "RS04"),
+        ("RobStride EduLite 05", "EL05"),
+    ],
+)
 def test_every_model_is_found_however_its_name_is_typed(name, model):
-    for spelling in (name, name.lower(), name.upper(), name.replace("RS", "rs-"), name.replace("0", " 0", 1), f" {name}_"):
+    for spelling in (
+        name,
+        name.lower(),
+        name.upper(),
+        name.replace("RS", "rs-"),
+        name.replace("0", " 0", 1),
+        f" {name}_",
+    ):
         assert find(spelling) is MODELS[model]
         assert RobStride(spelling).model == model
 
 
-@pytest.mark.parametrize("name, wanted", [
-    ("RS3", "RS03"), ("RobStride3", "RobStride03"), ("RS09", "RS0"), ("Cybergeer", "CyberGear"), ("EduLite5", "EduLite05"), ("EL5", "EL05")])
+@pytest.mark.parametrize(
+    "name, wanted",
+    [
+        ("RS3", "RS03"),
+        ("RobStride3", "RobStride03"),
+        ("RS09", "RS0"),
+        ("Cybergeer", "CyberGear"),
+        ("EduLite5", "EduLite05"),
+        ("EL5", "EL05"),
+    ],
+)
 def test_a_misspelt_model_is_refused_with_a_suggestion(name, wanted):
     with pytest.raises(DiagramError, match=rf"'{name}' is not a RobStride model: did you mean '{wanted}"):
         RobStride(name)
@@ -46,7 +71,8 @@ def test_rated_peak_and_wire_are_three_columns_and_current_times_constant_is_the
 def test_firmware_of_one_unit_may_have_ranges_of_its_own():
     """RS00 has positions of ± 12.5 before firmware 0.0.2.6."""
     for drive, expected in (
-        (RobStride("RS00"), (12.57, 33.0, 500.0, 5.0, 5.0)), (RobStride("RS00", wire_position=12.5), (12.5, 33.0, 500.0, 5.0, 5.0)),
+        (RobStride("RS00"), (12.57, 33.0, 500.0, 5.0, 5.0)),
+        (RobStride("RS00", wire_position=12.5), (12.5, 33.0, 500.0, 5.0, 5.0)),
         (RobStride("RS00", wire_torque=4.0, wire_velocity=20.0), (12.57, 20.0, 500.0, 5.0, 4.0)),
         (CubeMars("AK80-9", wire_velocity=22.5, wire_damping=10.0), (12.5, 22.5, 500.0, 10.0, 9.0)),
     ):
@@ -55,8 +81,10 @@ def test_firmware_of_one_unit_may_have_ranges_of_its_own():
             assert tuple(drive.emulator().wire) == tuple(drive.wire)
 
 
-@pytest.mark.parametrize("kind, model, position, velocity", [
-    (CubeMars, "AK80-9", 12.5, 50.0), (RobStride, "RS03", 12.57, 20.0), (RobStrideMIT, "RS03", 12.57, 20.0)])
+@pytest.mark.parametrize(
+    "kind, model, position, velocity",
+    [(CubeMars, "AK80-9", 12.5, 50.0), (RobStride, "RS03", 12.57, 20.0), (RobStrideMIT, "RS03", 12.57, 20.0)],
+)
 def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model, position, velocity):
     plain, geared = kind(model), kind(model, gear_ratio=4.0, offset=0.5)
     p, v, k, b, t, felt, share = plain.limits
@@ -71,13 +99,25 @@ def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model,
         assert geared.emulator().peak == 4.0 * geared.found.peak and geared.emulator().wire == geared.wire
 
 
-@pytest.mark.parametrize("mode, name, limit", [
-    ("position", "position_command", 12.57 - 0.5), ("csp", "position_command", 12.57 - 0.5), ("velocity", "velocity_command", 3.0),
-    ("current", "current_command", 20.0 * math.sqrt(2.0) / 2.36)])
+@pytest.mark.parametrize(
+    "mode, name, limit",
+    [
+        ("position", "position_command", 12.57 - 0.5),
+        ("csp", "position_command", 12.57 - 0.5),
+        ("velocity", "velocity_command", 3.0),
+        ("current", "current_command", 20.0 * math.sqrt(2.0) / 2.36),
+    ],
+)
 def test_another_mode_has_one_command_with_a_limit_that_is_proved(mode, name, limit):
     drive = RobStride("RS03", mode=mode, offset=0.5, velocity_limit=3.0)
-    assert list(drive.inputs) == [name] and name.replace("command", "sent") in drive.outputs and "torque_sent" not in drive.outputs
-    assert drive.command_limits() == {name: Interval(-drive.limits[0], drive.limits[0])} and drive.limits[0] == pytest.approx(limit)
+    assert (
+        list(drive.inputs) == [name]
+        and name.replace("command", "sent") in drive.outputs
+        and "torque_sent" not in drive.outputs
+    )
+    assert drive.command_limits() == {name: Interval(-drive.limits[0], drive.limits[0])} and drive.limits[
+        0
+    ] == pytest.approx(limit)
     for command, holds in ((0.999 * limit, True), (1.001 * limit, False)):
         with Diagram("proof", rate=200) as diagram:
             RobStride("RS03", mode=mode, offset=0.5, velocity_limit=3.0, name="drive")(**{name: command})
@@ -94,15 +134,21 @@ def told(drive):
     """What arming tells a drive: types, and parameters by index."""
     listed, values = [], {}
     for identifier, extended, data in drive.enable_frames():
-        assert extended and identifier & 255 == drive.can_id and identifier >> 8 & 255 == drive.host_id and len(data) == 8
+        assert (
+            extended and identifier & 255 == drive.can_id and identifier >> 8 & 255 == drive.host_id and len(data) == 8
+        )
         listed.append(identifier >> 24)
         if identifier >> 24 == frames.WRITE:
             index = struct.unpack("<H", data[:2])[0]
-            values[index] = struct.unpack({frames.RUN_MODE: "<Bxxx"}.get(index, "<I" if index == frames.CAN_TIMEOUT else "<f"), data[4:])[0]
+            values[index] = struct.unpack(
+                {frames.RUN_MODE: "<Bxxx"}.get(index, "<I" if index == frames.CAN_TIMEOUT else "<f"), data[4:]
+            )[0]
     return listed, values
 
 
-@pytest.mark.parametrize("mode, number", [("operation", 0), ("position", 1), ("velocity", 2), ("current", 3), ("csp", 5)])
+@pytest.mark.parametrize(
+    "mode, number", [("operation", 0), ("position", 1), ("velocity", 2), ("current", 3), ("csp", 5)]
+)
 @pytest.mark.parametrize("model", [name for name in MODELS if name != "CyberGear"])
 def test_arming_stops_the_drive_tells_it_its_mode_limits_and_time_out_and_enables_it_last(model, mode, number):
     drive = RobStride(model, mode=mode, gear_ratio=2.0, velocity_limit=1.5, acceleration=4.0)
@@ -112,33 +158,56 @@ def test_arming_stops_the_drive_tells_it_its_mode_limits_and_time_out_and_enable
     assert values.pop(0x7028) == 2000 and values.pop(0x7005) == number
     assert values.pop(0x700B) == pytest.approx(drive.found.rated), "N·m at the motor"
     expected = {
-        "operation": {}, "position": {0x7024: 3.0, 0x7025: 8.0, 0x7018: 0.0}, "csp": {0x7017: 3.0, 0x7018: 0.0},
-        "velocity": {0x7022: 8.0, 0x7018: 0.0}, "current": {0x7006: 0.0}}[mode]
+        "operation": {},
+        "position": {0x7024: 3.0, 0x7025: 8.0, 0x7018: 0.0},
+        "csp": {0x7017: 3.0, 0x7018: 0.0},
+        "velocity": {0x7022: 8.0, 0x7018: 0.0},
+        "current": {0x7006: 0.0},
+    }[mode]
     assert values == expected
-    assert len(drive.zero_frames()) == len(drive.disable_frames()) == 1 and drive.disable_frames() == drive.enable_frames()[:1]
+    assert (
+        len(drive.zero_frames()) == len(drive.disable_frames()) == 1
+        and drive.disable_frames() == drive.enable_frames()[:1]
+    )
 
 
-@pytest.mark.parametrize("limit, ratio, motor", [("rated", 1.0, 6.0), ("peak", 1.0, 17.0), ("peak", 4.0, 17.0), (10.0, 4.0, 2.5)])
+@pytest.mark.parametrize(
+    "limit, ratio, motor", [("rated", 1.0, 6.0), ("peak", 1.0, 17.0), ("peak", 4.0, 17.0), (10.0, 4.0, 2.5)]
+)
 def test_arming_gives_the_drive_its_torque_limit_as_a_second_layer(limit, ratio, motor):
     assert told(RobStride("RS02", limit=limit, gear_ratio=ratio))[1][0x700B] == pytest.approx(motor), "N·m at the motor"
 
 
 def test_the_cybergear_is_told_nothing_that_it_does_not_know():
-    """No time-out, no accelerations; and on none of them type 22, which saves on a RobStride and changes the bit rate on a CyberGear."""
+    """No time-out, no accelerations; and on none of them type 22, which saves on a RobStride and changes the bit rate
+    on a CyberGear.
+    """
     for mode, expected in (
-        ("operation", {0x7005: 0}), ("position", {0x7005: 1, 0x7017: 2.0, 0x7018: 0.0}), ("velocity", {0x7005: 2, 0x7018: 0.0}),
+        ("operation", {0x7005: 0}),
+        ("position", {0x7005: 1, 0x7017: 2.0, 0x7018: 0.0}),
+        ("velocity", {0x7005: 2, 0x7018: 0.0}),
         ("current", {0x7005: 3, 0x7006: 0.0}),
     ):
         listed, values = told(RobStride("CyberGear", mode=mode))
         assert values.pop(0x700B) == 4.0 and values == expected
         for model in MODELS:
             drive = RobStride(model, mode=mode, active_reporting=model != "CyberGear")
-            assert not {22, 23, 25} & {i >> 24 for i, _, _ in (*drive.enable_frames(), *drive.zero_frames(), *drive.disable_frames())}
+            assert not {22, 23, 25} & {
+                i >> 24 for i, _, _ in (*drive.enable_frames(), *drive.zero_frames(), *drive.disable_frames())
+            }
 
 
 def test_the_drives_own_time_out_is_known_to_who_asks():
-    assert RobStride("RS03").own_timeout == RobStrideMIT("RS03").own_timeout == 0.1 and RobStride("RS03", can_timeout=5.0).own_timeout == 5.0
-    for drive in (RobStride("RS03", can_timeout=0.0), RobStride("CyberGear"), CubeMars("AK80-9"), RobStrideMIT("RS03", can_timeout=0.0)):
+    assert (
+        RobStride("RS03").own_timeout == RobStrideMIT("RS03").own_timeout == 0.1
+        and RobStride("RS03", can_timeout=5.0).own_timeout == 5.0
+    )
+    for drive in (
+        RobStride("RS03", can_timeout=0.0),
+        RobStride("CyberGear"),
+        CubeMars("AK80-9"),
+        RobStrideMIT("RS03", can_timeout=0.0),
+    ):
         assert drive.own_timeout is None
     assert told(RobStride("RS03", can_timeout=0.0))[1][0x7028] == 0, "0 writes it off"
 
@@ -153,23 +222,32 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
     compile(diagram)
 
 
-@pytest.mark.parametrize("parameters, said", [
-    ({"can_id": 0}, "can_id: must be at least 1, got 0"), ({"can_id": 128}, "can_id: must be at most 127, got 128"),
-    ({"host_id": 256}, "host_id: must be at most 255"), ({"host_id": 127}, "can_id and host_id are both 127"),
-    ({"can_timeout": 5.1}, "can_timeout: must be at most 5.0 s"), ({"can_timeout": -0.1}, "can_timeout: must be at least 0.0 s"),
-    ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"),
-    ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
-    ({"gear_ratio": math.nan}, "gear_ratio: NaN"), ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
-    ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is beyond what the drive can say"),
-    ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),
-    ({"model": "CyberGear", "active_reporting": True}, "does not report without being asked"),
-])
+@pytest.mark.parametrize(
+    "parameters, said",
+    [
+        ({"can_id": 0}, "can_id: must be at least 1, got 0"),
+        ({"can_id": 128}, "can_id: must be at most 127, got 128"),
+        ({"host_id": 256}, "host_id: must be at most 255"),
+        ({"host_id": 127}, "can_id and host_id are both 127"),
+        ({"can_timeout": 5.1}, "can_timeout: must be at most 5.0 s"),
+        ({"can_timeout": -0.1}, "can_timeout: must be at least 0.0 s"),
+        ({"mode": "torque"}, "mode: must be one of operation, position, velocity, current, csp"),
+        ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
+        ({"gear_ratio": math.nan}, "gear_ratio: NaN"),
+        ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
+        ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is beyond what the drive can say"),
+        ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),
+        ({"model": "CyberGear", "active_reporting": True}, "does not report without being asked"),
+    ],
+)
 def test_a_parameter_that_will_not_do_is_refused_with_its_name_value_and_bound(parameters, said):
     with pytest.raises(DiagramError, match=said):
         RobStride(**{"model": "RS03", **parameters})
 
 
-@pytest.mark.parametrize("mode, name", [("operation", "torque_command"), ("csp", "position_command"), ("current", "current_command")])
+@pytest.mark.parametrize(
+    "mode, name", [("operation", "torque_command"), ("csp", "position_command"), ("current", "current_command")]
+)
 def test_a_diagram_with_it_comes_back_from_json_as_it_was(mode, name):
     with Diagram("stored", rate=200) as diagram:
         drive = RobStride("RS03", mode=mode, gear_ratio=2.0, wire_torque=50.0, name="drive")
@@ -185,7 +263,11 @@ def test_a_parameter_set_before_the_compile_takes_its_mode_and_model_along():
         drive.set("mode", "operation")
         drive.set("model", "RS02")
         drive(torque_command=5.0)
-    assert drive.limits[:5] == (12.57, 44.0, 500.0, 5.0, 6.0) and list(drive.inputs)[0] == "position_command" and len(drive.inputs) == 5
+    assert (
+        drive.limits[:5] == (12.57, 44.0, 500.0, 5.0, 6.0)
+        and list(drive.inputs)[0] == "position_command"
+        and len(drive.inputs) == 5
+    )
     assert all(proof.holds for proof in compile(diagram).proofs)
 
 
@@ -212,21 +294,35 @@ def test_the_emulator_is_made_from_the_drive_it_plays():
 
 
 def test_swapping_one_actuator_for_another_changes_one_line():
-    for make in (lambda: CubeMars("AK80-9"), lambda: RobStride("RS02"), lambda: RobStrideMIT("RS02"), lambda: RobStride("CyberGear")):
+    for make in (
+        lambda: CubeMars("AK80-9"),
+        lambda: RobStride("RS02"),
+        lambda: RobStrideMIT("RS02"),
+        lambda: RobStride("CyberGear"),
+    ):
         with Diagram("swapped", rate=200) as diagram:
             knee = make()
-            knee(torque_command=1.0, stiffness_command=2.0, damping_command=0.1, position_command=0.5, velocity_command=0.0)
+            knee(
+                torque_command=1.0,
+                stiffness_command=2.0,
+                damping_command=0.1,
+                position_command=0.5,
+                velocity_command=0.0,
+            )
             assert {knee.position, knee.velocity, knee.torque, knee.temperature, knee.fault, knee.age, knee.torque_sent}
         compile(diagram)
 
 
 def test_a_stop_confirms_itself_by_feedback_and_nothing_else():
-    (wanted, mask, extended, begin), = RobStride("RS03", can_id=9).replies()
+    ((wanted, mask, extended, begin),) = RobStride("RS03", can_id=9).replies()
     limits = reference.ranges(MODELS["RS03"])
     assert extended and begin == b""
     for frame, expected in (
-        (reference.reply(limits, 9, mode=0, faults=63), True), (reference.reply(limits, 9, mode=2), True),
-        (reference.reply(limits, 8), False), (reference.reply(limits, 9, host=0xFC), False), (reference.reply(limits, 9, kind=24), False),
+        (reference.reply(limits, 9, mode=0, faults=63), True),
+        (reference.reply(limits, 9, mode=2), True),
+        (reference.reply(limits, 8), False),
+        (reference.reply(limits, 9, host=0xFC), False),
+        (reference.reply(limits, 9, kind=24), False),
         ((reference.identifier(17, 9, 0xFD), bytes(8)), False),
     ):
         assert (frame[0] & mask == wanted & mask) == expected

@@ -1,4 +1,6 @@
-"""The time-out of a RobStride drive: written at arming, read back, and no arming where the drive returns another one or none."""
+"""The time-out of a RobStride drive: written at arming, read back, and no arming where the drive returns another one or
+none.
+"""
 
 import struct
 
@@ -11,9 +13,9 @@ from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.wire import Wired
 from tests.cext.rigs import Rig
 
-NOTED, TAKEN = 2, 1             # cext/abi.pxd
+NOTED, TAKEN = 2, 1  # cext/abi.pxd
 READ_REPLY = reference.identifier(17, 127, 0xFD)
-FEEDBACK = reference.identifier(2, 2 << 14 | 127, 0xFD)         # mode 2: it runs
+FEEDBACK = reference.identifier(2, 2 << 14 | 127, 0xFD)  # mode 2: it runs
 
 
 def read_reply(counts, index=0x7028, failed=0):
@@ -23,7 +25,9 @@ def read_reply(counts, index=0x7028, failed=0):
 def test_arming_writes_the_time_out_and_reads_it_back_before_it_enables():
     listed = RobStride("RS03", can_timeout=0.1).enable_frames()
     assert [(identifier >> 24, data.hex()) for identifier, _, data in listed if data[:2] == b"\x28\x70"] == [
-        (18, "28700000d0070000"), (17, "2870000000000000")]
+        (18, "28700000d0070000"),
+        (17, "2870000000000000"),
+    ]
     assert [identifier >> 24 for identifier, _, _ in listed] == [4, 18, 18, 18, 17, 3]
     assert all(data[:2] != b"\x28\x70" for _, _, data in RobStride("CyberGear").enable_frames())
     assert RobStride("CyberGear").ready is RobStride("RS03", can_timeout=0.0).ready is None
@@ -50,7 +54,9 @@ def test_another_time_out_is_a_fault_when_it_was_read_three_times(counts, failed
 
 
 class Board(Block):
-    """In the plant: a RobStride drive that answers every frame as if it ran; reads of its time-out with `counts`, None for not at all."""
+    """In the plant: a RobStride drive that answers every frame as if it ran; reads of its time-out with `counts`, None
+    for not at all.
+    """
 
     y = Output("1")
 
@@ -76,7 +82,9 @@ def armed(counts, **parameters):
     rig = Rig(robot, plant)
     board.counts, board.end = counts, rig.buses["can"].device
     outcome = rig.run(20, fade=0.0, arming_timeout=0.5)
-    moved = [frame for frame in rig.frames if frame.sent and frame.id >> 24 & 31 == 1 and frame.id >> 8 & 0xFFFF != 0x7FFF]
+    moved = [
+        frame for frame in rig.frames if frame.sent and frame.id >> 24 & 31 == 1 and frame.id >> 8 & 0xFFFF != 0x7FFF
+    ]
     return rig, knee, outcome, moved
 
 
@@ -105,4 +113,5 @@ def test_a_mask_of_faults_is_told_bit_by_bit():
     knee = RobStride("RS03")
     assert knee.fault_in_words(0) == ""
     assert knee.fault_in_words(1 | 256 << 3 | 256 << 30) == (
-        "under-voltage (bit 0), over-voltage (bit 3 of the fault report), bit 30 of the fault report")
+        "under-voltage (bit 0), over-voltage (bit 3 of the fault report), bit 30 of the fault report"
+    )

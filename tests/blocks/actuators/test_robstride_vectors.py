@@ -1,13 +1,15 @@
-"""Frames that other implementations made or read, compared with ours; each source with the tolerance it deserves, and why.
+"""Frames that other implementations made or read, compared with ours; each source with the tolerance it deserves, and
+why.
 
-The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vectors, and are no part of the project's tree: without
-them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x 65535 / span.
+The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vectors, and are no part of the project's
+tree: without them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x
+65535 / span.
 
-    manual               the same formula in single precision: at most one code off
-    Epically Powerful    truncated too: at most one; but stiffness and damping of RS03, RS04, RS06 have ranges of 500 and 5 there
-    robstride_dynamics   (x / r + 1) 32767 instead of 65535 / 2: at most two; ranges of its own, in which it is asked
-    the vendor's C++     positions of ± 12.5: asked in its own range; single precision: at most one
-    pycybergear, Tony    the same codes, at most one off; the first leaves torque out, the second has its bytes the wrong way round
+    manual               the same formula in single precision: at most one code off Epically Powerful    truncated too:
+    at most one; but stiffness and damping of RS03, RS04, RS06 have ranges of 500 and 5 there robstride_dynamics   (x /
+    r + 1) 32767 instead of 65535 / 2: at most two; ranges of its own, in which it is asked the vendor's C++
+    positions of ± 12.5: asked in its own range; single precision: at most one pycybergear, Tony    the same codes, at
+    most one off; the first leaves torque out, the second has its bytes the wrong way round
 """
 
 import math
@@ -23,11 +25,22 @@ from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.wire import EXTENDED, NOT_FINITE, TAKEN, Wired
 from tests.shared import entries, specifications
 
-INPUTS = {"position": "position_rad", "velocity": "velocity_rad_s", "stiffness": "kp", "damping": "kd", "torque": "torque_nm"}
+INPUTS = {
+    "position": "position_rad",
+    "velocity": "velocity_rad_s",
+    "stiffness": "kp",
+    "damping": "kd",
+    "torque": "torque_nm",
+}
 LIMITS = {"position": "p", "velocity": "v", "stiffness": "kp", "damping": "kd", "torque": "t"}
 SOURCES = {
-    "EP": "epicallypowerful", "manual": "RobStride user manual", "RD": "robstride_dynamics", "RSV": "RobStride/SampleProgram",
-    "PCG": "pycybergear", "TONY": "Tony607", "RP": "robstride(PyPI",
+    "EP": "epicallypowerful",
+    "manual": "RobStride user manual",
+    "RD": "robstride_dynamics",
+    "RSV": "RobStride/SampleProgram",
+    "PCG": "pycybergear",
+    "TONY": "Tony607",
+    "RP": "robstride(PyPI",
 }
 
 
@@ -52,7 +65,9 @@ def drives():
 
 
 def compared(entry, drives):
-    """(theirs, ours) as codes. They are asked in their own ranges, and clamped there; ours is given the same share of its range."""
+    """(theirs, ours) as codes. They are asked in their own ranges, and clamped there; ours is given the same share of
+    its range.
+    """
     found, asked = MODELS[entry["model"]], {}
     for name, key in INPUTS.items():
         share = entry["inputs"][key] / entry["limits"][LIMITS[name]]
@@ -97,7 +112,9 @@ def test_pycybergear_puts_its_host_where_torque_belongs(drives):
     for entry in of("PCG", "robstride_operation_command"):
         theirs, mine = compared(entry, drives)
         if within(entry):
-            assert all(abs(theirs[name] - mine[name]) <= 1 for name in ("position", "velocity", "stiffness", "damping")), entry
+            assert all(
+                abs(theirs[name] - mine[name]) <= 1 for name in ("position", "velocity", "stiffness", "damping")
+            ), entry
         assert theirs["torque"] <= 255, "full torque backwards, whatever was asked"
 
 
@@ -105,18 +122,24 @@ def test_tonys_bytes_are_the_wrong_way_round(drives):
     for entry in of("TONY", "robstride_operation_command"):
         if within(entry):
             theirs, mine = compared(entry, drives)
-            swapped = {name: code if name == "torque" else code >> 8 | (code & 255) << 8 for name, code in theirs.items()}
+            swapped = {
+                name: code if name == "torque" else code >> 8 | (code & 255) << 8 for name, code in theirs.items()
+            }
             assert all(abs(swapped[name] - mine[name]) <= 1 for name in INPUTS), entry
 
 
-@pytest.mark.parametrize("source, tolerance", [
-    ("manual", 1e-12), ("EP", 1e-12), ("PCG", 1e-12), ("RD", 4e-5), ("RSV", 1e-6), ("RP", 1e-12)])
+@pytest.mark.parametrize(
+    "source, tolerance", [("manual", 1e-12), ("EP", 1e-12), ("PCG", 1e-12), ("RD", 4e-5), ("RSV", 1e-6), ("RP", 1e-12)]
+)
 def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance):
-    """In shares of the range, as libraries differ in ranges. RSV is single precision, RD has 0x7FFF where 65535 / 2 belongs."""
+    """In shares of the range, as libraries differ in ranges. RSV is single precision, RD has 0x7FFF where 65535 / 2
+    belongs.
+    """
     pi = 4.0 * math.pi
     dynamics = {"RS00": (50, 17), "RS03": (50, 60), "RS05": (33, 17), "RS06": (20, 60)}
     half = {
-        "RSV": lambda m: (12.5, m.wire_velocity, m.wire_torque), "RP": lambda m: (pi, m.wire_velocity, m.wire_torque),
+        "RSV": lambda m: (12.5, m.wire_velocity, m.wire_torque),
+        "RP": lambda m: (pi, m.wire_velocity, m.wire_torque),
         "RD": lambda m: (pi, *dynamics.get(m.name, (m.wire_velocity, m.wire_torque))),
     }
     mark = "RobStride manual" if source == "manual" else SOURCES[source]
@@ -126,16 +149,20 @@ def test_replies_mean_the_same_to_us_and_to_the_others(drives, source, tolerance
         model, decoded, raw = MODELS[entry["model"]], entry["decoded"], entry["raw"]
         host = entry["frame"]["arbitration_id"] & 255
         wired = Wired.again(drives(entry["model"], host))
-        wired["state"] = (1.0, 0.0, 0.0)                # seen running
-        assert wired.hear(entry["frame"]["arbitration_id"] | EXTENDED, bytes.fromhex(entry["frame"]["data_hex"])) == TAKEN
+        wired["state"] = (1.0, 0.0, 0.0)  # seen running
+        assert (
+            wired.hear(entry["frame"]["arbitration_id"] | EXTENDED, bytes.fromhex(entry["frame"]["data_hex"])) == TAKEN
+        )
         own = model.wire_position, model.wire_velocity, model.wire_torque
         theirs = half.get(source, lambda m: own)(model)
-        for name, key, a, b in zip(("position", "velocity", "torque"), ("position_rad", "velocity_rad_s", "torque_nm"), theirs, own):
+        for name, key, a, b in zip(
+            ("position", "velocity", "torque"), ("position_rad", "velocity_rad_s", "torque_nm"), theirs, own
+        ):
             assert abs(decoded[key] / a - wired[name] / b) < tolerance, (name, entry)
         assert abs(decoded["temperature_c"] - wired["temperature"]) < 1e-4 and wired["fault"] == raw["fault"]
         if "fault_bits" in decoded:
             assert decoded["fault_bits"] == raw["fault"]
-        if "mode" in decoded and source != "RP":        # which masks one bit of two
+        if "mode" in decoded and source != "RP":  # which masks one bit of two
             assert decoded["mode"] == raw["mode"] == entry["frame"]["arbitration_id"] >> 22 & 3
 
 
@@ -150,7 +177,7 @@ def test_frames_of_the_other_types_are_ours():
         if words.startswith("write param"):
             mine = frames.write(asked["index"], asked["value"], motor, host)
             if asked["index"] not in frames.WHOLE and asked.get("dtype", "float32") != "float32":
-                continue                                # zero_sta and EPScan_time, which we do not write
+                continue  # zero_sta and EPScan_time, which we do not write
         elif words.startswith("enable"):
             mine = frames.frame(frames.ENABLE, theirs[0] >> 8 & 0xFFFF, motor)
         elif words.startswith("stop") and "clear" not in words:
@@ -184,7 +211,9 @@ def test_values_of_parameters_are_little_endian():
 
 
 def test_the_vendors_mit_frames_are_ours():
-    """Its sample asks positions within ± 12.5 and clamps; single precision: at most one code off. Its FC with a mode chooses the mode."""
+    """Its sample asks positions within ± 12.5 and clamps; single precision: at most one code off. Its FC with a mode
+    chooses the mode.
+    """
     wired = Wired(RobStrideMIT, "RS01", can_id=1, wire_position=12.5, limit="peak")
     wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
     half = dict(zip(INPUTS, wired["wire"]))
@@ -198,9 +227,14 @@ def test_the_vendors_mit_frames_are_ours():
         elif "kp" in entry["inputs"]:
             asked = {name: entry["inputs"][key] for name, key in INPUTS.items()}
             low = {name: 0.0 if name in ("stiffness", "damping") else -half[name] for name in half}
-            (identifier, data), = wired.say(**{f"{name}_command": min(max(x, low[name]), half[name]) for name, x in asked.items()})
+            ((identifier, data),) = wired.say(
+                **{f"{name}_command": min(max(x, low[name]), half[name]) for name, x in asked.items()}
+            )
             assert identifier == entry["frame"]["arbitration_id"] and not entry["frame"]["is_extended"]
-            theirs, mine = mit_reference.codes_of(bytes.fromhex(entry["frame"]["data_hex"])), mit_reference.codes_of(data)
+            theirs, mine = (
+                mit_reference.codes_of(bytes.fromhex(entry["frame"]["data_hex"])),
+                mit_reference.codes_of(data),
+            )
             assert all(abs(theirs[name] - mine[name]) <= 1 for name in half), entry
         elif "enable" in entry["inputs"]["command"]:
             assert bytes.fromhex(entry["frames"][0]["data_hex"]) == mit.ENABLE
@@ -218,9 +252,18 @@ def test_the_table_of_models_is_that_of_the_specification():
     for name, row in table.items():
         model = MODELS[name.split()[0]]
         assert (model.rated, model.peak, model.wire_torque, model.wire_velocity, model.wire_position) == (
-            row["rated_nm"], row["peak_nm"], row["t"], row["v"], row["p"]), name
+            row["rated_nm"],
+            row["peak_nm"],
+            row["t"],
+            row["v"],
+            row["p"],
+        ), name
         assert (model.wire_stiffness, model.wire_damping, model.rms_constant, model.no_load) == (
-            row["kp"], row["kd"], row["kt_nm_per_arms"], row["noload_rpm"]), name
+            row["kp"],
+            row["kd"],
+            row["kt_nm_per_arms"],
+            row["noload_rpm"],
+        ), name
         assert (model.rated_current, model.peak_current) == (row["rated_apk"], row["max_apk"]), name
 
 

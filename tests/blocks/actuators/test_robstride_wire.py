@@ -1,4 +1,6 @@
-"""The bytes of RobStride's private protocol against the slow reference: every field, over its whole range, for every model."""
+"""The bytes of RobStride's private protocol against the slow reference: every field, over its whole range, for every
+model.
+"""
 
 import math
 import struct
@@ -13,10 +15,20 @@ from blocks.actuators.robstride import frames
 from blocks.actuators.robstride.models import MODELS
 from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.reference import exact_code, value
-from tests.blocks.actuators.wire import AUTHORITY, EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, OUT_OF_LIMITS, REMOTE, TAKEN, Wired
+from tests.blocks.actuators.wire import (
+    AUTHORITY,
+    EXTENDED,
+    FOREIGN,
+    MALFORMED,
+    NOT_FINITE,
+    OUT_OF_LIMITS,
+    REMOTE,
+    TAKEN,
+    Wired,
+)
 
 FIELDS = ("position", "velocity", "stiffness", "damping", "torque")
-NOTED, COMMANDED = 2, 3                         # cext/abi.pxd
+NOTED, COMMANDED = 2, 3  # cext/abi.pxd
 WRITTEN = {"position": 0x7016, "csp": 0x7016, "velocity": 0x700A, "current": 0x7006}
 
 
@@ -39,10 +51,15 @@ def say(wired, **fields):
 
 
 def same_codes(frame, ranges, fields):
-    """Codes are the reference's; where the exact code is within 1e-9 of a whole number, rounding in doubles may fall on its other side."""
+    """Codes are the reference's; where the exact code is within 1e-9 of a whole number, rounding in doubles may fall on
+    its other side.
+    """
     for name, code in reference.codes_of(frame).items():
         exact = exact_code(fields[name], *ranges[name], 16)
-        assert code == int(exact) or abs(exact - round(exact)) < 1e-9 and abs(code - exact) < 1.0 + 1e-9, (name, fields[name])
+        assert code == int(exact) or abs(exact - round(exact)) < 1e-9 and abs(code - exact) < 1.0 + 1e-9, (
+            name,
+            fields[name],
+        )
 
 
 @given(data=st.data(), model=st.sampled_from(sorted(MODELS)))
@@ -64,7 +81,11 @@ def test_every_code_is_what_the_middle_of_its_interval_encodes_to(model):
     wired, ranges = DRIVES[model], RANGES[model]
     for k in range(sorted(MODELS).index(model), 65535, len(MODELS)):
         codes = {name: (k * factor + factor) % 65535 for name, factor in zip(FIELDS, (1, 11, 13, 17, 19))}
-        fields = {name: low + (code + 0.5) * (high - low) / 65535 for name, code in codes.items() for low, high in [ranges[name]]}
+        fields = {
+            name: low + (code + 0.5) * (high - low) / 65535
+            for name, code in codes.items()
+            for low, high in [ranges[name]]
+        }
         assert reference.codes_of(say(wired, **fields)) == codes
 
 
@@ -72,8 +93,11 @@ def test_every_code_is_what_the_middle_of_its_interval_encodes_to(model):
 def test_both_ends_of_every_range_have_the_first_and_the_last_code_and_beyond_nothing_wraps(model):
     ranges, wired = RANGES[model], drive(model)
     for end, expected in ((0, 0), (1, 65535)):
-        assert set(reference.codes_of(say(wired, **{name: ranges[name][end] for name in FIELDS})).values()) == {expected}
-    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0]        # no command reaches the wire like this: the last line of defence alone
+        assert set(reference.codes_of(say(wired, **{name: ranges[name][end] for name in FIELDS})).values()) == {
+            expected
+        }
+    # no command reaches the wire like this: the last line of defence alone
+    wired["limits"] = [*(wired["wire"] * 1e6), math.inf, 1.0]
     for name in FIELDS:
         low, high = ranges[name]
         for x in (math.nextafter(high, math.inf), high * 1.0001, high * 2.0, high * 1e5):
@@ -85,7 +109,7 @@ def test_both_ends_of_every_range_have_the_first_and_the_last_code_and_beyond_no
 @models
 def test_nothing_commanded_is_the_zero_frame_of_arming(model):
     wired = DRIVES[model]
-    (identifier, extended, data), = wired.block.zero_frames()
+    ((identifier, extended, data),) = wired.block.zero_frames()
     assert extended and say(wired) == (identifier | EXTENDED, data)
     understood = reference.read_command(RANGES[model], (identifier | EXTENDED, data))
     assert understood["stiffness"] == understood["damping"] == 0.0
@@ -116,11 +140,20 @@ def test_a_command_past_its_limit_is_refused_and_makes_no_frame(model):
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(MODELS)), invert=st.booleans(), offset=st.floats(-3.0, 3.0), ratio=st.floats(0.5, 4.0),
-    authority=st.floats(0.0, 1.0))
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    invert=st.booleans(),
+    offset=st.floats(-3.0, 3.0),
+    ratio=st.floats(0.5, 4.0),
+    authority=st.floats(0.0, 1.0),
+)
 @settings(max_examples=50, deadline=None)
-def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(data, model, invert, offset, ratio, authority):
-    """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one code."""
+def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(
+    data, model, invert, offset, ratio, authority
+):
+    """At the motor: ± (joint position + offset) r, velocity r, torque / r, stiffness / r², damping / r²; within one
+    code.
+    """
     wired = Wired(RobStride, model, invert=invert, offset=offset, limit="peak", gear_ratio=ratio)
     wired.arena[AUTHORITY] = authority
     wired["limits"] = [*wired["limits"][:5], math.inf, 1.0]
@@ -130,8 +163,10 @@ def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(data,
     }
     sign = -1.0 if invert else 1.0
     at_motor = {
-        "position": sign * (fields["position"] + offset) * ratio, "velocity": sign * fields["velocity"] * ratio,
-        "torque": sign * authority * fields["torque"] / ratio, "stiffness": authority * fields["stiffness"] / ratio**2,
+        "position": sign * (fields["position"] + offset) * ratio,
+        "velocity": sign * fields["velocity"] * ratio,
+        "torque": sign * authority * fields["torque"] / ratio,
+        "stiffness": authority * fields["stiffness"] / ratio**2,
         "damping": authority * fields["damping"] / ratio**2,
     }
     frame = say(wired, **fields)
@@ -142,7 +177,12 @@ def test_a_command_is_mirrored_moved_geared_and_faded_before_it_is_encoded(data,
     assert abs(wired["torque_sent"] - sign * sent * ratio) < 1e-9 * MODELS[model].wire_torque * ratio
 
 
-@given(data=st.data(), model=st.sampled_from(sorted(MODELS)), temperature=st.integers(-400, 1500), faults=st.integers(0, 63))
+@given(
+    data=st.data(),
+    model=st.sampled_from(sorted(MODELS)),
+    temperature=st.integers(-400, 1500),
+    faults=st.integers(0, 63),
+)
 @settings(max_examples=50, deadline=None)
 def test_a_reply_is_decoded_as_the_reference_does(data, model, temperature, faults):
     """Within 1e-12 of the range: doubles against exact fractions."""
@@ -162,12 +202,21 @@ def oracle(mode, fields, found, *, invert, offset, ratio, share, limit_current):
     if mode == "current":
         return [reference.write(0x7006, sign * share * command, 127)]
     shift = offset if mode in ("position", "csp") else 0.0
-    return [reference.write(WRITTEN[mode], sign * (command + shift) * ratio, 127), reference.write(0x7018, share * limit_current, 127)]
+    return [
+        reference.write(WRITTEN[mode], sign * (command + shift) * ratio, 127),
+        reference.write(0x7018, share * limit_current, 127),
+    ]
 
 
 @given(
-    data=st.data(), model=st.sampled_from(sorted(set(MODELS) - {"CyberGear"})), mode=st.sampled_from(sorted(WRITTEN)), invert=st.booleans(),
-    offset=st.floats(-2.0, 2.0), ratio=st.floats(0.5, 3.0), share=st.floats(0.0, 1.0))
+    data=st.data(),
+    model=st.sampled_from(sorted(set(MODELS) - {"CyberGear"})),
+    mode=st.sampled_from(sorted(WRITTEN)),
+    invert=st.booleans(),
+    offset=st.floats(-2.0, 2.0),
+    ratio=st.floats(0.5, 3.0),
+    share=st.floats(0.0, 1.0),
+)
 @settings(max_examples=50, deadline=None)
 def test_other_modes_write_the_command_and_the_current_limit(data, model, mode, invert, offset, ratio, share):
     """To the byte, but for the last bit of a float, where two products may round apart."""
@@ -205,10 +254,14 @@ def test_a_drive_that_has_stopped_by_itself_is_a_fault_and_one_that_does_not_run
     wired = Wired(RobStride, "RS03")
     stopped, running = reference.reply(ranges, 127, mode=0), reference.reply(ranges, 127, mode=2)
     assert wired.hear(*stopped) == NOTED and wired["fault"] == 0 and abs(wired["temperature"] - 25.0) < 1e-9
-    assert wired.hear(*reference.reply(ranges, 127, mode=0, faults=4)) == TAKEN and wired["fault"] == 4, "a fault is an answer"
+    assert wired.hear(*reference.reply(ranges, 127, mode=0, faults=4)) == TAKEN and wired["fault"] == 4, (
+        "a fault is an answer"
+    )
     assert wired.hear(*running) == TAKEN and wired["fault"] == 0
     for _ in range(12):
-        assert wired.hear(*stopped) == TAKEN and wired["fault"] == 0, "replies to frames of arming may still be under way"
+        assert wired.hear(*stopped) == TAKEN and wired["fault"] == 0, (
+            "replies to frames of arming may still be under way"
+        )
     assert wired.hear(*stopped) == TAKEN and wired["fault"] == 64 and frames.names(64) == ["has stopped by itself"]
     assert wired.hear(*running) == TAKEN and wired["fault"] == 0
 
@@ -219,7 +272,11 @@ def test_fault_reports_are_heard_both_ways_round_and_stay():
         assert wired.hear(reference.identifier(21, field, target), struct.pack("<II", 1 << 14, 1)) == NOTED
         assert wired["fault"] == 1 << 22 and wired["warning"] == 1 and frames.names(wired["fault"]) == ["stalled"]
         assert wired.hear(*reference.reply(RANGES["RS03"], 127, faults=1)) == TAKEN and wired["fault"] == 1 | 1 << 22
-        assert wired.hear(reference.identifier(21, field, target), bytes(8)) == NOTED and wired["fault"] == 1 and wired["warning"] == 0
+        assert (
+            wired.hear(reference.identifier(21, field, target), bytes(8)) == NOTED
+            and wired["fault"] == 1
+            and wired["warning"] == 0
+        )
     assert wired.hear(reference.identifier(21, 126, 0xFD), struct.pack("<II", 1, 1)) == FOREIGN and wired["fault"] == 1
 
 
@@ -233,7 +290,10 @@ def test_the_coldest_and_the_hottest_that_feedback_can_tell_lie_in_the_range_tha
     wired = Wired(RobStride, "RS02")
     for code in (-32768, 32767):
         wired.hear(*reference.reply(RANGES["RS02"], 127, temperature=code / 10.0))
-        assert wired["temperature"] in wired.block.output_range()["temperature"] and abs(wired["temperature"] - code / 10.0) < 1e-9
+        assert (
+            wired["temperature"] in wired.block.output_range()["temperature"]
+            and abs(wired["temperature"] - code / 10.0) < 1e-9
+        )
 
 
 def test_what_somebody_else_commands_is_told_apart_from_what_harms_nobody():
@@ -247,14 +307,23 @@ def test_what_somebody_else_commands_is_told_apart_from_what_harms_nobody():
 
 ANY_FRAME = {
     "identifier": st.one_of(
-        st.integers(0, 2**32 - 1), st.integers(0, 2**29 - 1).map(lambda i: i | EXTENDED),
-        st.builds(lambda kind, bits: reference.identifier(kind, bits << 8 | 127, 0xFD), st.integers(0, 31), st.integers(0, 255))),
-    "data": st.binary(max_size=64), "length": st.integers(0, 255),
+        st.integers(0, 2**32 - 1),
+        st.integers(0, 2**29 - 1).map(lambda i: i | EXTENDED),
+        st.builds(
+            lambda kind, bits: reference.identifier(kind, bits << 8 | 127, 0xFD),
+            st.integers(0, 31),
+            st.integers(0, 255),
+        ),
+    ),
+    "data": st.binary(max_size=64),
+    "length": st.integers(0, 255),
 }
 
 
 def leaves_all_else_alone(identifier, data, length):
-    """What is not taken changes nothing; what is changes feedback and state alone; and feedback stays within its promise."""
+    """What is not taken changes nothing; what is changes feedback and state alone; and feedback stays within its
+    promise.
+    """
     wired = Wired.again(DRIVES["RS04"])
     before = wired.arena.copy()
     answer = wired.hear(identifier, data, length)
@@ -267,7 +336,10 @@ def leaves_all_else_alone(identifier, data, length):
     if answer in (TAKEN, NOTED):
         assert length == 8 and identifier & EXTENDED and not identifier & (REMOTE | 0x20000000)
         promised = wired.block.output_range()
-        assert all(wired[name] in promised[name] for name in ("position", "velocity", "torque", "temperature", "fault", "warning"))
+        assert all(
+            wired[name] in promised[name]
+            for name in ("position", "velocity", "torque", "temperature", "fault", "warning")
+        )
     else:
         assert not changed.any()
 

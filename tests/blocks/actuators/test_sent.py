@@ -1,4 +1,6 @@
-"""What an actuator remembers of its last frame: the drive's whole law, decoded from its codes, at the joint in the joint's direction."""
+"""What an actuator remembers of its last frame: the drive's whole law, decoded from its codes, at the joint in the
+joint's direction.
+"""
 
 import pytest
 
@@ -6,7 +8,7 @@ from blocks.actuators import CubeMars, CubeMarsV3, RobStride, RobStrideMIT
 from tests.blocks.actuators.wire import Wired
 
 FIELDS = ("position", "velocity", "stiffness", "damping", "torque")
-STEPS = {CubeMars: 4095, CubeMarsV3: 4095, RobStride: 65535, RobStrideMIT: 4095}       # codes of all but the position
+STEPS = {CubeMars: 4095, CubeMarsV3: 4095, RobStride: 65535, RobStrideMIT: 4095}  # codes of all but the position
 DRIVES = [(CubeMars, "AK80-9"), (CubeMarsV3, "AK10-9 V3.0"), (RobStride, "RS03"), (RobStrideMIT, "RS03")]
 
 drives = pytest.mark.parametrize("kind, model", DRIVES)
@@ -16,7 +18,7 @@ COMMAND = {"position": 0.3, "velocity": -1.5, "stiffness": 4.0, "damping": 0.4, 
 def drive(kind, model, **parameters):
     wired = Wired(kind, model, **parameters)
     wired["position"], wired["velocity"], wired["age"] = 0.3, -1.5, 0.0
-    wired.arena[3] = 0.001                              # s, the period
+    wired.arena[3] = 0.001  # s, the period
     return wired
 
 
@@ -24,7 +26,9 @@ def assert_gains_and_torque(wired, gains, torque):
     """The sent law, to a code of a 12-bit field, or 16-bit."""
     shares = {"stiffness": gains, "damping": gains, "torque": torque}
     for place, (name, share) in enumerate(shares.items(), 2):
-        assert wired["sent"][place] == pytest.approx(share * COMMAND[name], abs=2.001 * wired["wire"][place] / 4095), name
+        assert wired["sent"][place] == pytest.approx(share * COMMAND[name], abs=2.001 * wired["wire"][place] / 4095), (
+            name
+        )
 
 
 @drives
@@ -34,7 +38,11 @@ def test_the_law_that_a_frame_carries_is_remembered_at_the_joint(kind, model, pa
     assert wired["sent"].tolist() == [0.0] * 5, "nothing has been sent yet"
     wired.say(**{f"{name}_command": value for name, value in COMMAND.items()})
     for name, kept, half in zip(FIELDS, wired["sent"], wired["wire"]):
-        code = 2.0 * half / 65535 if name == "position" else (1.0 if name in ("stiffness", "damping") else 2.0) * half / STEPS[kind]
+        code = (
+            2.0 * half / 65535
+            if name == "position"
+            else (1.0 if name in ("stiffness", "damping") else 2.0) * half / STEPS[kind]
+        )
         assert kept == pytest.approx(COMMAND[name], abs=1.001 * code), name
     assert wired["sent"][4] == wired["torque_sent"]
 

@@ -5,8 +5,16 @@ import math
 import pytest
 
 from blocks.actuators import (
-    CubeMars, CubeMarsServo, CubeMarsV3, EmulatedCubeMars, EmulatedCubeMarsServo, EmulatedCubeMarsV3, EmulatedRobStride, EmulatedRobStrideMIT,
-    RobStride, RobStrideMIT,
+    CubeMars,
+    CubeMarsServo,
+    CubeMarsV3,
+    EmulatedCubeMars,
+    EmulatedCubeMarsServo,
+    EmulatedCubeMarsV3,
+    EmulatedRobStride,
+    EmulatedRobStrideMIT,
+    RobStride,
+    RobStrideMIT,
 )
 from blocks.actuators.cubemars import models, models_v3
 from blocks.actuators.mit_frames import ENABLE, NOTHING
@@ -15,8 +23,11 @@ from graph import Diagram, DiagramError
 from tests.blocks.actuators.wire import Wired
 
 DRIVES = [
-    (CubeMars, EmulatedCubeMars, "AK10-9-V2.0"), (CubeMarsV3, EmulatedCubeMarsV3, "AK10-9-V3.0"), (CubeMarsServo, EmulatedCubeMarsServo, "AK80-9"),
-    (RobStride, EmulatedRobStride, "RS03"), (RobStrideMIT, EmulatedRobStrideMIT, "RS02"),
+    (CubeMars, EmulatedCubeMars, "AK10-9-V2.0"),
+    (CubeMarsV3, EmulatedCubeMarsV3, "AK10-9-V3.0"),
+    (CubeMarsServo, EmulatedCubeMarsServo, "AK80-9"),
+    (RobStride, EmulatedRobStride, "RS03"),
+    (RobStrideMIT, EmulatedRobStrideMIT, "RS02"),
 ]
 
 
@@ -29,7 +40,11 @@ def test_every_model_states_a_turn_of_its_motor(table):
 
 @pytest.mark.parametrize("kind, emulated, model", DRIVES)
 def test_behind_a_gear_it_is_that_share_and_a_unit_may_have_another(kind, emulated, model):
-    for parameters, shift in (({"gear_ratio": 2.0}, kind(model).found.wake_shift / 2.0), ({"wake_shift": 0.0}, 0.0), ({"wake_shift": 1.5}, 1.5)):
+    for parameters, shift in (
+        ({"gear_ratio": 2.0}, kind(model).found.wake_shift / 2.0),
+        ({"wake_shift": 0.0}, 0.0),
+        ({"wake_shift": 1.5}, 1.5),
+    ):
         with Diagram("robot", rate=200):
             drive = kind(model, name="knee", **parameters)
         assert drive.shift == pytest.approx(shift)
@@ -79,10 +94,16 @@ def test_a_drive_may_be_off_from_the_start_and_one_with_a_second_encoder_never_i
     assert wired["state"][1] == 0.0
 
 
-@pytest.mark.parametrize("pose, said", [
-    ((0.0,), "an angle and a tolerance"), ((0.0, 0.4), "below 0.3491 rad, half of what a power cycle can shift, got 0.4"), ((0.0, 0.0), "above 0"),
-    ((0.0, math.nan), "an angle and a tolerance"), (("straight", 0.1), "an angle and a tolerance"),
-])
+@pytest.mark.parametrize(
+    "pose, said",
+    [
+        ((0.0,), "an angle and a tolerance"),
+        ((0.0, 0.4), "below 0.3491 rad, half of what a power cycle can shift, got 0.4"),
+        ((0.0, 0.0), "above 0"),
+        ((0.0, math.nan), "an angle and a tolerance"),
+        (("straight", 0.1), "an angle and a tolerance"),
+    ],
+)
 def test_a_known_pose_that_tells_nothing_is_refused(pose, said):
     for kind, model in ((CubeMars, "AK10-9-V2.0"), (CubeMarsServo, "AK10-9-V2.0")):
         with pytest.raises(DiagramError, match=said):

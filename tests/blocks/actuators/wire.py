@@ -1,4 +1,6 @@
-"""One device of a compiled diagram, its native decode and encode called one frame at a time through the public kernel ABI."""
+"""One device of a compiled diagram, its native decode and encode called one frame at a time through the public kernel
+ABI.
+"""
 
 import ctypes
 
@@ -7,16 +9,21 @@ import numpy as np
 from cext.handover import address, call_kernel
 from graph import Diagram, compile
 
-FOREIGN, TAKEN, MALFORMED = 0, 1, -1            # cext/abi.pxd: what a decode returns
-NOT_FINITE, OUT_OF_LIMITS = -1, -2              # and an encode that refuses
+FOREIGN, TAKEN, MALFORMED = 0, 1, -1  # cext/abi.pxd: what a decode returns
+NOT_FINITE, OUT_OF_LIMITS = -1, -2  # and an encode that refuses
 EXTENDED, REMOTE, ERROR_FRAME = 0x80000000, 0x40000000, 0x20000000
-AUTHORITY = 6                                   # slot of the share of a command that is let through
+AUTHORITY = 6  # slot of the share of a command that is let through
 
 
 class Frame(ctypes.Structure):
     _fields_ = [
-        ("time", ctypes.c_int64), ("id", ctypes.c_uint32), ("length", ctypes.c_uint8), ("flags", ctypes.c_uint8), ("bus", ctypes.c_uint8),
-        ("sent", ctypes.c_uint8), ("data", ctypes.c_uint8 * 64),
+        ("time", ctypes.c_int64),
+        ("id", ctypes.c_uint32),
+        ("length", ctypes.c_uint8),
+        ("flags", ctypes.c_uint8),
+        ("bus", ctypes.c_uint8),
+        ("sent", ctypes.c_uint8),
+        ("data", ctypes.c_uint8 * 64),
     ]
 
 
@@ -24,7 +31,9 @@ TABLES = (ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 
 class Wired:
-    """`Wired(CubeMars, "AK80-9", can_id=1)` compiles a diagram of that device alone; its ports, parameters and memory are items by name."""
+    """`Wired(CubeMars, "AK80-9", can_id=1)` compiles a diagram of that device alone; its ports, parameters and memory
+    are items by name.
+    """
 
     def __init__(self, device, *values, **parameters):
         with Diagram("wired", rate=200) as diagram:
@@ -35,12 +44,23 @@ class Wired:
         self.arena = self.schedule.arena.copy()
         self.arena[AUTHORITY] = 1.0
         self.table = steps.table
-        self.slots, self.sizes = np.array(steps.table.counts + steps.table.slots, np.int32), np.array(steps.table.sizes, np.int32)
-        told = [n for n, p in self.block.outputs.items() if p.kernel] + [n for n, p in self.block.parameters.items() if p.placed]
+        self.slots, self.sizes = (
+            np.array(steps.table.counts + steps.table.slots, np.int32),
+            np.array(steps.table.sizes, np.int32),
+        )
+        told = [n for n, p in self.block.outputs.items() if p.kernel] + [
+            n for n, p in self.block.parameters.items() if p.placed
+        ]
         items = [*self.block.inputs, *told, *self.block.memory]
-        self.place = {name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)}
-        self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.decode, "decode"))
-        self.native_encode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(address(steps.encode, "encode"))
+        self.place = {
+            name: slice(slot, slot + size) for name, slot, size in zip(items, steps.table.slots, steps.table.sizes)
+        }
+        self.native_decode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(
+            address(steps.decode, "decode")
+        )
+        self.native_encode = ctypes.CFUNCTYPE(ctypes.c_int, *TABLES, ctypes.POINTER(Frame))(
+            address(steps.encode, "encode")
+        )
         self.point()
         self.frames = (Frame * 4)()
 
@@ -64,7 +84,9 @@ class Wired:
         self.arena[self.place[name]] = value
 
     def hear(self, identifier, data, length=None, time=0):
-        """Offer it a frame of so many ns; data beyond `length` is there, as a controller's buffer would have it. Returns what decode says."""
+        """Offer it a frame of so many ns; data beyond `length` is there, as a controller's buffer would have it.
+        Returns what decode says.
+        """
         frame = Frame(id=identifier, length=len(data) if length is None else length, time=time)
         frame.data[: len(data)] = data
         return self.native_decode(*self.tables, frame)

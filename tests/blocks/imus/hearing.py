@@ -8,7 +8,7 @@ from cext.handover import feed
 from graph import Diagram
 
 EVERYTHING = ("accel", "gyro", "mag", "quaternion", "euler", "temperature", *EXTRA)
-TAKEN, NOTED, MALFORMED = 1, 2, -1              # of cext/abi.pxd
+TAKEN, NOTED, MALFORMED = 1, 2, -1  # of cext/abi.pxd
 GRAVITY = STANDARD_GRAVITY
 
 
@@ -23,7 +23,9 @@ class Hearing:
 
     def feed(self, data, chunk=64, time=0.0, flags=0, identifier=0):
         """{answer of its decode: how often}. time : s"""
-        return feed(self.block.decode, self.scratch.arena, self.scratch.table, data, chunk, round(time * 1e9), identifier, flags)
+        return feed(
+            self.block.decode, self.scratch.arena, self.scratch.table, data, chunk, round(time * 1e9), identifier, flags
+        )
 
     def __getitem__(self, name):
         slot = self.scratch.slots_of[name]

@@ -1,4 +1,6 @@
-"""IMUs of InvenSense: what their bytes mean, against other implementations and the datasheets, and what cannot be right."""
+"""IMUs of InvenSense: what their bytes mean, against other implementations and the datasheets, and what cannot be
+right.
+"""
 
 import math
 
@@ -14,7 +16,7 @@ from tests.blocks.running import run
 from tests.shared import entries
 
 NOTED, TROUBLE = 2, 15
-G = 9.80665                     # m/s², standard
+G = 9.80665  # m/s², standard
 RIGHT = 0x68
 
 
@@ -57,6 +59,7 @@ def icm(icms):
 
 # The wire
 
+
 def test_bursts_of_other_implementations_read_as_the_datasheet_says(mpus):
     """1e-12 of the value: only the order of two multiplications may differ."""
     seen = 0
@@ -65,7 +68,9 @@ def test_bursts_of_other_implementations_read_as_the_datasheet_says(mpus):
             wired = Wired.again(mpus[entry["inputs"]["acc_range_g"], entry["inputs"]["gyro_range_dps"]])
             assert wired.hear(identifier(0), bytes.fromhex(entry["i2c"]["data_hex"])) == TAKEN
             said = [*wired["accel"], *wired["gyro"], wired["temperature"]]
-            assert said == pytest.approx(entry["decoded"]["datasheet (g=9.80665) m/s^2, rad/s, C"], rel=1e-12, abs=1e-12)
+            assert said == pytest.approx(
+                entry["decoded"]["datasheet (g=9.80665) m/s^2, rad/s, C"], rel=1e-12, abs=1e-12
+            )
             seen += 1
     assert seen > 100
 
@@ -109,7 +114,7 @@ def test_a_magnetometer_without_news_changes_nothing(mpu):
     before = mpu["mag"]
     assert mpu.hear(identifier(1), mag_frame((9, 9, 9), st1=0x00)) == NOTED
     assert list(mpu["mag"]) == list(before)
-    assert mpu.hear(identifier(1), mag_frame((9, 9, 9), st1=0x02)) == NOTED             # an overrun alone is no measurement either
+    assert mpu.hear(identifier(1), mag_frame((9, 9, 9), st1=0x02)) == NOTED  # an overrun alone is no measurement either
     assert list(mpu["mag"]) == list(before)
 
 
@@ -127,7 +132,12 @@ def test_a_magnetometer_in_14_bits_has_lost_its_settings(mpu):
 
 
 def test_the_age_of_the_magnetometer_is_counted_at_each_burst(mpu):
-    frames = ((0.010, 1, mag_frame((1, 2, 3))), (0.015, 0, bytes(14)), (0.020, 1, mag_frame((4, 5, 6), st1=0)), (0.035, 0, bytes(14)))
+    frames = (
+        (0.010, 1, mag_frame((1, 2, 3))),
+        (0.015, 0, bytes(14)),
+        (0.020, 1, mag_frame((4, 5, 6), st1=0)),
+        (0.035, 0, bytes(14)),
+    )
     for at, kind, data in frames:
         mpu.hear(identifier(kind), data, time=round(at * 1e9))
     assert mpu["mag_age"] == pytest.approx(0.025, abs=1e-12)
@@ -160,22 +170,44 @@ def test_any_frame_leaves_finite_numbers_within_what_is_promised(mpus, icms, num
                 assert np.all((interval.low <= wired[name]) & (wired[name] <= interval.high)), name
 
 
-@pytest.mark.parametrize("number", [
-    identifier(0, 0x69), identifier(0, place=1), identifier(0) & ~EXTENDED, identifier(3), identifier(0) | 0x100000, identifier(0) | 0x40000000,
-])
+@pytest.mark.parametrize(
+    "number",
+    [
+        identifier(0, 0x69),
+        identifier(0, place=1),
+        identifier(0) & ~EXTENDED,
+        identifier(3),
+        identifier(0) | 0x100000,
+        identifier(0) | 0x40000000,
+    ],
+)
 def test_the_answer_of_another_is_not_taken(mpu, number):
     assert mpu.hear(number, bytes(14)) == FOREIGN
 
 
 # What is written and asked
 
+
 def test_the_registers_of_an_mpu_9250():
-    """RM-MPU-9250A-00: reset, clock, divider of 1 kHz, low-pass, ranges in bits 4 and 3, and the way through to the magnetometer."""
+    """RM-MPU-9250A-00: reset, clock, divider of 1 kHz, low-pass, ranges in bits 4 and 3, and the way through to the
+    magnetometer.
+    """
     imu = MPU9250(rate=200.0, accel_range=16, gyro_range=2000, low_pass=92)
     written = [(write.address, write.register, *write.data) for write in imu.set_up()]
     assert written == [
-        (None, 0x6B, 0x80), (None, 0x6B, 0x01), (None, 0x19, 4), (None, 0x1A, 2), (None, 0x1B, 0x18), (None, 0x1C, 0x18), (None, 0x1D, 2),
-        (None, 0x6A, 0), (None, 0x37, 0x02), (0x0C, 0x0B, 0x01), (0x0C, 0x0A, 0x00), (0x0C, 0x0A, 0x16)]
+        (None, 0x6B, 0x80),
+        (None, 0x6B, 0x01),
+        (None, 0x19, 4),
+        (None, 0x1A, 2),
+        (None, 0x1B, 0x18),
+        (None, 0x1C, 0x18),
+        (None, 0x1D, 2),
+        (None, 0x6A, 0),
+        (None, 0x37, 0x02),
+        (0x0C, 0x0B, 0x01),
+        (0x0C, 0x0A, 0x00),
+        (0x0C, 0x0A, 0x16),
+    ]
     assert imu.check() == (0x19, bytes((4, 2, 0x18, 0x18, 2)))
     assert not any(write.address for write in MPU9250(magnetometer=False).set_up())
 
@@ -189,7 +221,14 @@ def test_the_registers_of_an_icm_20948():
     imu = ICM20948(rate=225.0, accel_range=16, gyro_range=250, low_pass=24)
     written = [(write.address, write.register, *write.data) for write in imu.set_up()]
     assert written[6:13] == [
-        (None, 0x7F, 0x20), (None, 0x00, 4), (None, 0x01, 0x21), (None, 0x10, 0), (None, 0x11, 4), (None, 0x14, 0x27), (None, 0x7F, 0x00)]
+        (None, 0x7F, 0x20),
+        (None, 0x00, 4),
+        (None, 0x01, 0x21),
+        (None, 0x10, 0),
+        (None, 0x11, 4),
+        (None, 0x14, 0x27),
+        (None, 0x7F, 0x00),
+    ]
     assert written[-2:] == [(0x0C, 0x32, 0x01), (0x0C, 0x31, 0x08)]
 
 
@@ -206,32 +245,45 @@ def test_the_factory_adjustment_is_read_in_a_mode_of_its_own_and_goes_with_every
         return chip[register]
 
     imu.learn(read, write)
-    assert done[-1] == (0x0A, 0x16)                                     # it measures again
+    assert done[-1] == (0x0A, 0x16)  # it measures again
     magnetometer = imu.rounds()[1].transfers[0]
-    assert magnetometer.appended == bytes((176, 178, 166)) and magnetometer.address == 0x0C and imu.rounds()[1].period == 0.01
+    assert (
+        magnetometer.appended == bytes((176, 178, 166))
+        and magnetometer.address == 0x0C
+        and imu.rounds()[1].period == 0.01
+    )
     chip[0x00] = b"\x00"
     with pytest.raises(ValueError, match="its magnetometer says 0x00, and an AK8963 says 0x48"):
         imu.learn(read, write)
 
 
-@pytest.mark.parametrize("parameters, words", [
-    ({"address": 0x40}, "address 0x40: a MPU-9250 has 0x68, 0x69"), ({"mux": 0x20}, "a TCA9548A has 0x70 to 0x77"),
-    ({"channel": 3}, "say which one with mux"), ({"rate": 2000.0}, "at most 1000"), ({"low_pass": 43}, "must be one of 184"),
-])
+@pytest.mark.parametrize(
+    "parameters, words",
+    [
+        ({"address": 0x40}, "address 0x40: a MPU-9250 has 0x68, 0x69"),
+        ({"mux": 0x20}, "a TCA9548A has 0x70 to 0x77"),
+        ({"channel": 3}, "say which one with mux"),
+        ({"rate": 2000.0}, "at most 1000"),
+        ({"low_pass": 43}, "must be one of 184"),
+    ],
+)
 def test_what_cannot_be_is_refused_in_words(parameters, words):
     with pytest.raises(DiagramError, match=words):
         MPU9250(**parameters)
 
 
-@pytest.mark.parametrize("first, second, fine", [
-    ({"address": 0x68}, {"address": 0x69}, False),                      # their magnetometers
-    ({"address": 0x68}, {"address": 0x69, "magnetometer": False}, True),
-    ({"address": 0x68}, {"address": 0x69, "bypass": False}, True),      # it reads its own by itself
-    ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 2}, True),
-    ({"mux": 0x70, "channel": 1}, {"mux": 0x71, "channel": 1}, True),
-    ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 1}, False),
-    ({}, {"mux": 0x70, "channel": 1}, False),                           # what is on the bus itself is heard behind a multiplexer
-])
+@pytest.mark.parametrize(
+    "first, second, fine",
+    [
+        ({"address": 0x68}, {"address": 0x69}, False),  # their magnetometers
+        ({"address": 0x68}, {"address": 0x69, "magnetometer": False}, True),
+        ({"address": 0x68}, {"address": 0x69, "bypass": False}, True),  # it reads its own by itself
+        ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 2}, True),
+        ({"mux": 0x70, "channel": 1}, {"mux": 0x71, "channel": 1}, True),
+        ({"mux": 0x70, "channel": 1}, {"mux": 0x70, "channel": 1}, False),
+        ({}, {"mux": 0x70, "channel": 1}, False),  # what is on the bus itself is heard behind a multiplexer
+    ],
+)
 def test_two_chips_on_one_address_are_an_error(first, second, fine):
     with Diagram("two", rate=200) as diagram:
         MPU9250(bus="imus", **first)
@@ -250,7 +302,13 @@ def test_one_that_asks_its_magnetometer_by_itself_is_read_in_one_burst(mpus):
     (cycle,) = imu.rounds()
     assert cycle.period == 0.005 and cycle.transfers[0].steps[0].count == 22 and cycle.transfers[0].number == 2
     assert [(write.register, write.data[0]) for write in imu.set_up()][-6:] == [
-        (0x37, 0x00), (0x6A, 0x20), (0x24, 0x0D), (0x25, 0x8C), (0x26, 0x02), (0x27, 0x88)]
+        (0x37, 0x00),
+        (0x6A, 0x20),
+        (0x24, 0x0D),
+        (0x25, 0x8C),
+        (0x26, 0x02),
+        (0x27, 0x88),
+    ]
     one, two = Wired.again(mpus[8, 1000]), Wired.again(mpus[8, 1000])
     burst, field = int16s((100, -200, 4096, 5, 6, 7, 8), "big"), mag_frame((300, -200, 400), asa=(176, 178, 166))
     assert one.hear(identifier(2), burst + field) == TAKEN
@@ -269,7 +327,9 @@ def test_in_a_simulation_it_reads_its_magnetometer_by_itself_too():
     with Diagram("plant", rate=1000) as plant:
         imu.emulator(adjustment=(176, 100, 166))()
     record = run(robot, 40, plant=plant, substeps=5)
-    assert record["imu.mag[0]"][10:] == pytest.approx(20.0, abs=0.1) and record["imu.mag[2]"][10:] == pytest.approx(-44.0, abs=0.1)
+    assert record["imu.mag[0]"][10:] == pytest.approx(20.0, abs=0.1) and record["imu.mag[2]"][10:] == pytest.approx(
+        -44.0, abs=0.1
+    )
     assert max(record["imu.age"][2:]) <= 0.005 + 1e-9 and max(record["imu.mag_age"][10:]) <= 0.010 + 1e-9
 
 
@@ -283,7 +343,10 @@ PLAYED = [(MPU9250, EmulatedMPU9250, {"adjustment": (176, 100, 166)}), (ICM20948
 @settings(max_examples=60, deadline=None)
 def test_what_an_emulated_one_measures_its_block_reads(kind, emulated, parameters, data):
     """Within half a code of each quantity; the adjustment stretches that of the magnetometer."""
-    vectors = {name: data.draw(st.tuples(*[st.floats(-most, most)] * 3)) for name, most in (("accel", 78.0), ("gyro", 17.4), ("mag", 1000.0))}
+    vectors = {
+        name: data.draw(st.tuples(*[st.floats(-most, most)] * 3))
+        for name, most in (("accel", 78.0), ("gyro", 17.4), ("mag", 1000.0))
+    }
     temperature = data.draw(st.floats(-40.0, 85.0))
     wired, played = block_of(kind, {}), block_of(emulated, parameters)
     answers = played.say(**vectors, temperature=temperature)
@@ -307,9 +370,14 @@ def test_its_bytes_are_those_of_the_registers():
     """1 g at ±8 g is 4096 codes, 1 rad/s at ±1000 °/s 1877.47; the AK8963 has x and y exchanged and z the other way."""
     played = block_of(EmulatedMPU9250, {"adjustment": (176, 100, 166)})
     answers = played.say(accel=(0.0, -G, G), gyro=(1.0, 0.0, -1.0), mag=(20.0, -10.0, -44.0), temperature=21.0)
-    raw = [round(field / (4912 / 32760 * ((asa - 128) / 256 + 1))) for field, asa in ((-10.0, 176), (20.0, 100), (44.0, 166))]
+    raw = [
+        round(field / (4912 / 32760 * ((asa - 128) / 256 + 1)))
+        for field, asa in ((-10.0, 176), (20.0, 100), (44.0, 166))
+    ]
     assert answers == [
-        (identifier(0), int16s((0, -4096, 4096, 0, 1877, 0, -1877), "big")), (identifier(1), mag_frame(raw, asa=(176, 100, 166)))]
+        (identifier(0), int16s((0, -4096, 4096, 0, 1877, 0, -1877), "big")),
+        (identifier(1), mag_frame(raw, asa=(176, 100, 166))),
+    ]
 
 
 def test_a_plant_that_has_blown_up_has_no_answer():
@@ -352,7 +420,7 @@ def played(ticks, kind=MPU9250, fault=None, source=From, end=math.inf, **inputs)
 @pytest.mark.parametrize("kind", [MPU9250, ICM20948])
 def test_in_a_simulation_it_measures_gravity_and_is_new_in_every_tick(kind):
     record = played(40, kind)
-    assert record["imu.accel[2]"][5:] == pytest.approx(G, abs=0.5 * 8 * G / 32768)      # half a code
+    assert record["imu.accel[2]"][5:] == pytest.approx(G, abs=0.5 * 8 * G / 32768)  # half a code
     assert record["imu.mag[0]"][10:] == pytest.approx(20.0, abs=0.08) and max(record["imu.age"][2:]) <= 0.005 + 1e-9
     assert max(record["imu.mag_age"][10:]) <= 0.010 + 1e-9
 
@@ -384,7 +452,11 @@ def test_one_that_is_stuck_is_seen_by_answers_that_repeat():
     with Diagram("plant", rate=1000) as plant:
         imu.emulator()(stuck=From(begin=0.1, end=0.2).y, gyro=Swing().rate)
     record = run(robot, 60, plant=plant, substeps=5)
-    assert max(record["imu.repeated"][:20]) == 0.0 and record["imu.repeated"][39] >= 18 and record["imu.repeated"][45] == 0.0
+    assert (
+        max(record["imu.repeated"][:20]) == 0.0
+        and record["imu.repeated"][39] >= 18
+        and record["imu.repeated"][45] == 0.0
+    )
     assert len(set(record["imu.gyro[0]"][22:40])) == 1 and record["imu.age"][39] < 0.006
 
 
@@ -392,7 +464,7 @@ def test_a_magnet_beside_it_overflows_its_magnetometer():
     record = played(60, fault="mag_overflow", end=0.2)
     assert record["imu.mag_overflow"][30] == 1.0 and record["imu.mag_overflow"][55] == 0.0
     assert record["imu.mag_age"][39] > 0.08 and record["imu.age"][39] < 0.006
-    strong = played(20, mag=(3000.0, 0.0, -2500.0))                     # more than 4912 µT without signs
+    strong = played(20, mag=(3000.0, 0.0, -2500.0))  # more than 4912 µT without signs
     assert strong["imu.mag_overflow"][-1] == 1.0
 
 
@@ -425,11 +497,17 @@ matrix = [[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.0, 2.0]]
     assert laid["mag"] == pytest.approx((plain["mag"] - (10.0, 0.0, -4.0)) * (1.0, 0.5, 2.0), rel=1e-14)
 
 
-@pytest.mark.parametrize("text, words", [
-    ("[gyroscope]\nbias = [1.0, 2.0]", r"\[gyroscope\] bias: three finite numbers are wanted"),
-    ("[gyroscope]\nbias = [1.0, 2.0, nan]", "three finite numbers"), ("[gyro]\nbias = [0, 0, 0]", r"\[gyro\] is no part of a calibration"),
-    ("[accelerometer]\nmatrix = [1, 2, 3]", "three rows of three"), ("[magnetometer]\nscale = 2", "has no 'scale'"), ("a =", "is not TOML"),
-])
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("[gyroscope]\nbias = [1.0, 2.0]", r"\[gyroscope\] bias: three finite numbers are wanted"),
+        ("[gyroscope]\nbias = [1.0, 2.0, nan]", "three finite numbers"),
+        ("[gyro]\nbias = [0, 0, 0]", r"\[gyro\] is no part of a calibration"),
+        ("[accelerometer]\nmatrix = [1, 2, 3]", "three rows of three"),
+        ("[magnetometer]\nscale = 2", "has no 'scale'"),
+        ("a =", "is not TOML"),
+    ],
+)
 def test_a_calibration_that_says_something_else_is_refused_in_words(tmp_path, text, words):
     file = tmp_path / "imu.toml"
     file.write_text(text)

@@ -45,35 +45,63 @@ def vector(recording, name, size):
     return np.array([recording[f"imu.{name}[{index}]"] for index in range(size)]).T
 
 
-@pytest.mark.parametrize("model, attitude", [("3DM-GX5-25", "filter"), ("3DM-GX5-25", "sensor"), ("3DM-CV7-AHRS", "filter")])
+@pytest.mark.parametrize(
+    "model, attitude", [("3DM-GX5-25", "filter"), ("3DM-GX5-25", "sensor"), ("3DM-CV7-AHRS", "filter")]
+)
 def test_what_the_sensor_measures_arrives_in_si(model, attitude):
     q = turned(0.7, (0.0, 1.0, 0.0))
-    walk = simulate(40, device={"attitude": attitude}, emulated={"model": model}, accel=(1.0, -2.0, 9.0), gyro=(0.1, 0.2, -0.3),
-                    mag=(20.0, -5.0, 40.0), quaternion=q, temperature=36.5)
-    for name, wanted in (("accel", (1.0, -2.0, 9.0)), ("gyro", (0.1, 0.2, -0.3)), ("mag", (20.0, -5.0, 40.0)), ("quaternion", q), ("euler", (0, 0.7, 0))):
-        np.testing.assert_allclose(vector(walk, name, len(wanted))[-1], wanted, rtol=1e-6, atol=1e-6)        # single precision on the wire
+    walk = simulate(
+        40,
+        device={"attitude": attitude},
+        emulated={"model": model},
+        accel=(1.0, -2.0, 9.0),
+        gyro=(0.1, 0.2, -0.3),
+        mag=(20.0, -5.0, 40.0),
+        quaternion=q,
+        temperature=36.5,
+    )
+    for name, wanted in (
+        ("accel", (1.0, -2.0, 9.0)),
+        ("gyro", (0.1, 0.2, -0.3)),
+        ("mag", (20.0, -5.0, 40.0)),
+        ("quaternion", q),
+        ("euler", (0, 0.7, 0)),
+    ):
+        # single precision on the wire
+        np.testing.assert_allclose(vector(walk, name, len(wanted))[-1], wanted, rtol=1e-6, atol=1e-6)
     assert walk["imu.temperature"][-1] == 36.5 and walk["imu.corrupt"][-1] == walk["imu.lost"][-1] == 0
-    assert walk["imu.packets"][-1] == (39 if attitude == "sensor" else 78)                   # the first tick comes before the first sample
+    # the first tick comes before the first sample
+    assert walk["imu.packets"][-1] == (39 if attitude == "sensor" else 78)
     np.testing.assert_allclose(walk["imu.rotation[0][2]"][-1], math.sin(0.7), rtol=1e-6)
 
 
 def test_before_its_first_sample_it_says_that_it_knows_nothing():
     walk = simulate(5, faults={"silent": True})
-    assert np.isnan(vector(walk, "accel", 3)).all() and np.isnan(vector(walk, "quaternion", 4)).all() and walk["imu.packets"][-1] == 0
+    assert (
+        np.isnan(vector(walk, "accel", 3)).all()
+        and np.isnan(vector(walk, "quaternion", 4)).all()
+        and walk["imu.packets"][-1] == 0
+    )
 
 
 def test_what_it_was_not_asked_for_is_no_number_and_what_it_was_asked_for_besides_has_a_port():
     walk = simulate(10, device={"channels": ("gyro", "pressure", "linear_accel")}, accel=(1.0, 2.0, 3.0))
     assert np.isnan(vector(walk, "accel", 3)[-1]).all() and np.isnan(walk["imu.temperature"][-1])
-    assert walk["imu.pressure"][-1] == pytest.approx(101325.0) and vector(walk, "linear_accel", 3)[-1] == pytest.approx([1.0, 2.0, 3.0])
+    assert walk["imu.pressure"][-1] == pytest.approx(101325.0) and vector(walk, "linear_accel", 3)[-1] == pytest.approx(
+        [1.0, 2.0, 3.0]
+    )
 
 
 def test_an_unknown_channel_is_refused_with_those_that_there_are():
-    with Diagram("robot", rate=RATE), pytest.raises(DiagramError, match="channels are among accel, gyro, mag.*got 'acel'"):
+    with (
+        Diagram("robot", rate=RATE),
+        pytest.raises(DiagramError, match="channels are among accel, gyro, mag.*got 'acel'"),
+    ):
         MicroStrain(channels=("acel",))
 
 
 # Tare
+
 
 def test_a_tare_at_the_start_is_over_before_anything_is_armed():
     q = turned(0.4, (1.0, 0.0, 0.0))
@@ -85,7 +113,9 @@ def test_a_tare_at_the_start_is_over_before_anything_is_armed():
 
 
 def test_a_sensor_that_nobody_waits_for_is_tared_while_the_run_goes_on():
-    walk = simulate(300, device={"tare_at_start": True, "tare_time": 1.0, "timeout": 0.0}, quaternion=turned(0.4, (1.0, 0.0, 0.0)))
+    walk = simulate(
+        300, device={"tare_at_start": True, "tare_time": 1.0, "timeout": 0.0}, quaternion=turned(0.4, (1.0, 0.0, 0.0))
+    )
     before, after = walk.time < 0.95, walk.time > 1.1
     np.testing.assert_allclose(walk["imu.euler[0]"][before][5:], 0.4, atol=1e-6)
     np.testing.assert_allclose(walk["imu.euler[0]"][after], 0.0, atol=1e-6)
@@ -104,12 +134,14 @@ def test_the_first_tick_has_what_arming_has_heard():
 
 def test_a_tare_on_its_input_counts_from_where_it_rises():
     ticks = 400
-    angles = np.where(np.arange(5 * ticks) < 5 * 200, 0.2, 0.5)          # tared at 0.2 rad, turned to 0.5 rad later
+    angles = np.where(np.arange(5 * ticks) < 5 * 200, 0.2, 0.5)  # tared at 0.2 rad, turned to 0.5 rad later
     path = np.array([turned(angle, (0.0, 0.0, 1.0)) for angle in angles])
     asked = np.zeros(ticks, dtype=bool)
     asked[50:60] = True
     walk = simulate(ticks, device={"tare_time": 0.2}, tare=asked, quaternion=path)
-    assert walk["imu.euler[2]"][45] == pytest.approx(0.2, abs=1e-6) and walk["imu.euler[2]"][150] == pytest.approx(0.0, abs=1e-6)
+    assert walk["imu.euler[2]"][45] == pytest.approx(0.2, abs=1e-6) and walk["imu.euler[2]"][150] == pytest.approx(
+        0.0, abs=1e-6
+    )
     assert walk["imu.euler[2]"][-1] == pytest.approx(0.3, abs=1e-6) and walk["imu.tared"][-1]
 
 
@@ -121,10 +153,12 @@ def test_an_attitude_of_angles_alone_gives_the_same_quaternion():
 
 # Faults
 
+
 def test_a_sensor_that_stops_ends_the_run_past_its_timeout():
     walk = simulate(200, device={"timeout": 0.1}, faults={"silent": np.arange(1000) >= 500})
     assert walk.outcome.status == "silent" and walk.outcome.culprit == "imu"
-    assert 0.5 + 0.1 - 0.01 <= walk.outcome.tick / RATE <= 0.5 + 0.1 + 0.01     # its last sample came up to two ticks before
+    # its last sample came up to two ticks before
+    assert 0.5 + 0.1 - 0.01 <= walk.outcome.tick / RATE <= 0.5 + 0.1 + 0.01
     assert walk["imu.age"][-1] == pytest.approx(0.1, abs=0.01)
 
 
@@ -143,7 +177,9 @@ def test_nan_from_a_sensor_never_becomes_a_torque():
 
 def test_what_the_filter_calls_invalid_is_no_number_and_told():
     walk = simulate(100, faults={"uninitialised": np.arange(500) < 250})
-    assert np.isnan(walk["imu.quaternion[0]"][20]) and not walk["imu.valid"][20] and not np.isnan(walk["imu.accel[2]"][20])
+    assert (
+        np.isnan(walk["imu.quaternion[0]"][20]) and not walk["imu.valid"][20] and not np.isnan(walk["imu.accel[2]"][20])
+    )
     assert walk["imu.quaternion[0]"][-1] == 1.0 and walk["imu.valid"][-1]
 
 
@@ -152,13 +188,13 @@ def test_a_plug_that_is_pulled_is_seen_and_so_is_its_return():
     connected = walk["imu.connected"].astype(bool)
     assert connected[20] and not connected[70] and connected[130]
     assert walk["imu.age"][118] == pytest.approx(0.295, abs=0.01) and walk["imu.age"][-1] < 0.011
-    assert walk["imu.lost"][-1] == pytest.approx(2 * 60, abs=2)                 # of both sets, as its clock tells
+    assert walk["imu.lost"][-1] == pytest.approx(2 * 60, abs=2)  # of both sets, as its clock tells
 
 
 def test_samples_that_never_came_are_counted_one_by_one():
     walk = simulate(2000, device={"attitude": "sensor"}, faults={"skipped": 0.1})
     assert walk["imu.lost"][-1] == pytest.approx(2000 - walk["imu.packets"][-1], abs=2)
-    assert 150 < walk["imu.lost"][-1] < 250                                      # 200 on the mean, 13 the standard deviation
+    assert 150 < walk["imu.lost"][-1] < 250  # 200 on the mean, 13 the standard deviation
 
 
 def test_packets_with_a_wrong_bit_are_counted_and_none_is_believed():
@@ -170,7 +206,7 @@ def test_packets_with_a_wrong_bit_are_counted_and_none_is_believed():
 @pytest.mark.parametrize("faults", [{"garbage": 20.0}, {"dropped": 0.002}])
 def test_garbage_and_lost_bytes_cost_the_packets_that_they_hit_and_no_others(faults):
     walk = simulate(2000, device={"channels": ("gyro",)}, faults=faults, gyro=(0.1, 0.2, 0.3))
-    sent = 2000                                                                  # 34 bytes each, with the time
+    sent = 2000  # 34 bytes each, with the time
     hit = sent * (1.0 - (1.0 - faults.get("dropped", 0.0)) ** 34)
     spread = 5.0 * math.sqrt(hit) + 3.0
     assert abs(walk["imu.packets"][-1] - (sent - hit)) <= spread
@@ -179,12 +215,13 @@ def test_garbage_and_lost_bytes_cost_the_packets_that_they_hit_and_no_others(fau
 
 # The clock
 
+
 @pytest.mark.parametrize("error", [0.0, 50e-6, -200e-6])
 def test_its_clock_is_mapped_to_the_computers_and_the_drift_found(error):
     walk = simulate(20 * RATE, emulated={"clock_error": error, "clock_start": 12345.0})
     assert walk["imu.clock_drift"][-1] == pytest.approx(error, abs=2e-6)
     late = walk.time[2 * RATE :] - walk["imu.sample_time"][2 * RATE :]
-    assert late.min() >= -1e-9 and late.max() <= 0.0061                          # a tick and a step of the plant: none is from the future
+    assert late.min() >= -1e-9 and late.max() <= 0.0061  # a tick and a step of the plant: none is from the future
 
 
 def test_the_rate_that_came_is_told():
@@ -194,7 +231,9 @@ def test_the_rate_that_came_is_told():
 
 # Bytes
 
-STREAM = b"".join(mip.packet(0x80, (0x05, bytes([number]) * 12), (0xD5, number.to_bytes(8, "big"))) for number in range(100))
+STREAM = b"".join(
+    mip.packet(0x80, (0x05, bytes([number]) * 12), (0xD5, number.to_bytes(8, "big"))) for number in range(100)
+)
 LENGTH = len(STREAM) // 100
 
 
@@ -218,7 +257,7 @@ def test_what_follows_a_gap_is_not_glued_to_what_was_before_it():
     sensor.feed(packet, flags=1)
     assert sensor["packets"] == 1
     sensor.feed(packet[:20])
-    sensor.feed(b"", identifier=1)                # the line is gone
+    sensor.feed(b"", identifier=1)  # the line is gone
     assert sensor["connected"] == 0
     sensor.feed(packet)
     assert sensor["packets"] == 2 and sensor["connected"] == 1
@@ -230,7 +269,8 @@ def test_a_packet_whose_fields_do_not_fill_it_is_not_taken():
         head = mip.SYNC + bytes((0x80, len(payload))) + payload
         sensor.feed(head + mip.fletcher(head))
     assert sensor["packets"] == 0
-    sensor.feed(mip.packet(0x80, (0x05, bytes(4)), (0x05, b"")))                 # fields that are too short: nothing is read beyond them
+    # fields that are too short: nothing is read beyond them
+    sensor.feed(mip.packet(0x80, (0x05, bytes(4)), (0x05, b"")))
     assert np.isnan(sensor["gyro"]).all()
 
 
@@ -267,4 +307,6 @@ def test_its_line_is_named_after_its_path():
     with Diagram("robot", rate=RATE) as robot:
         with subsystem("left"):
             MicroStrain(name="shank_imu")
-    assert compile(robot).buses == ["left/shank_imu"] and compile(robot).media == ["stream"] and not compile(robot).loads
+    assert (
+        compile(robot).buses == ["left/shank_imu"] and compile(robot).media == ["stream"] and not compile(robot).loads
+    )

@@ -1,4 +1,6 @@
-"""MIP's native parser against anything that may come off a line: no crash, no wrong checksum believed, every good packet after garbage found."""
+"""MIP's native parser against anything that may come off a line: no crash, no wrong checksum believed, every good
+packet after garbage found.
+"""
 
 import random
 
@@ -9,7 +11,7 @@ from hypothesis import strategies as st
 from blocks.imus.microstrain import mip
 from tests.blocks.imus.hearing import Hearing
 
-FLUSH = bytes(300)              # more than the longest packet: whatever a false header waits for has come
+FLUSH = bytes(300)  # more than the longest packet: whatever a false header waits for has come
 
 
 def numbered(number):
@@ -47,7 +49,9 @@ def streams(draw):
 
 
 def whole(data):
-    """Places of `data` at which something begins whose checksum is right, looked for by brute force, and how long it is."""
+    """Places of `data` at which something begins whose checksum is right, looked for by brute force, and how long it
+    is.
+    """
     found = {}
     for at in range(len(data) - 5):
         if data[at : at + 2] == mip.SYNC and at + 6 + data[at + 3] <= len(data):
@@ -70,7 +74,7 @@ def test_every_good_packet_is_found_and_no_wrong_one_believed(stream, chunk):
     assert sensor["packets"] == len(wanted) and sensor["corrupt"] == corrupt
     assert len(packets) <= len(places)
     numbers = [int.from_bytes(mip.fields(packet)[0][1], "big") for packet in wanted if mip.fields(packet)[0][0] == 0xD1]
-    if len(places) == len(good):                                # no garbage that is a packet by accident
+    if len(places) == len(good):  # no garbage that is a packet by accident
         assert numbers == good
     if numbers:
         assert sensor["ticks"] == numbers[-1]
@@ -86,7 +90,10 @@ def test_noise_is_survived_and_what_comes_after_it_is_heard(noise, chunk):
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=40)), max_size=6), st.sampled_from((0x80, 0x82, 0xA0, 0xFF)))
+@given(
+    st.lists(st.tuples(st.integers(0, 255), st.binary(max_size=40)), max_size=6),
+    st.sampled_from((0x80, 0x82, 0xA0, 0xFF)),
+)
 def test_fields_of_any_length_are_survived(fields, descriptor_set):
     """Right checksums around anything: known descriptors with too few bytes, unknown ones, none."""
     payload = b"".join(bytes((len(data) + 2, descriptor)) + data for descriptor, data in fields)

@@ -1,4 +1,6 @@
-"""What an emulated MicroStrain sensor answers when its settings are read back, byte for byte as the vendor's SDK lays out the reply."""
+"""What an emulated MicroStrain sensor answers when its settings are read back, byte for byte as the vendor's SDK lays
+out the reply.
+"""
 
 import pytest
 
@@ -6,8 +8,8 @@ from blocks.imus import EmulatedMicroStrain
 from blocks.imus.microstrain import mip
 from tests.blocks.actuators.wire import TAKEN, Wired
 
-BYTES = 0                       # cext/stream_frames.pxd: a chunk of a line
-OK, INVALID = 0, 3              # codes of an acknowledgement
+BYTES = 0  # cext/stream_frames.pxd: a chunk of a line
+OK, INVALID = 0, 3  # codes of an acknowledgement
 
 
 def sensor(model="3DM-GX5-25"):
@@ -36,7 +38,9 @@ def test_the_low_pass_of_each_field_is_read_as_it_was_written():
     wired = sensor()
     assert ask(wired, 0x0C, 0x50, mip.WRITE, 0x04, 1, 1, 0x01, 0x2C, 0) == (OK, [])
     assert ask(wired, 0x0C, 0x50, mip.READ, 0x04) == (OK, [(0x8B, bytes([0x04, 1, 1, 0x01, 0x2C, 0]))])
-    assert ask(wired, 0x0C, 0x50, mip.READ, 0x05) == (OK, [(0x8B, bytes([0x05, 1, 0, 0, 100, 0]))]), "automatic: half of 200 Hz"
+    assert ask(wired, 0x0C, 0x50, mip.READ, 0x05) == (OK, [(0x8B, bytes([0x05, 1, 0, 0, 100, 0]))]), (
+        "automatic: half of 200 Hz"
+    )
     assert ask(wired, 0x0C, 0x50, mip.WRITE, 0x00, 0, 1, 0x00, 0x32, 0) == (OK, []), "field 0: all of them"
     for field in (0x04, 0x05, 0x06, 0x17):
         assert ask(wired, 0x0C, 0x50, mip.READ, field) == (OK, [(0x8B, bytes([field, 0, 1, 0x00, 0x32, 0]))])

@@ -106,7 +106,9 @@ def test_z_up_is_the_printed_frame_turned_about_x():
     printed, up = (together(60, given, axes=axes, slope=True) for axes in ("printed", "z up"))
     for port in ("accel", "gyro", "mag"):
         assert vector(up, port)[-1] == pytest.approx(vector(printed, port)[-1] * (1.0, -1.0, -1.0))
-    assert printed["imu.pitch"][-1] == pytest.approx(0.2, abs=1e-5) and up["imu.pitch"][-1] == pytest.approx(-0.2, abs=1e-5)
+    assert printed["imu.pitch"][-1] == pytest.approx(0.2, abs=1e-5) and up["imu.pitch"][-1] == pytest.approx(
+        -0.2, abs=1e-5
+    )
     assert printed["imu.roll"][-1] == up["imu.roll"][-1] == pytest.approx(-0.1, abs=1e-5)
 
 
@@ -123,7 +125,9 @@ def test_several_by_source_address_share_a_bus():
         for name, turn in (("shank", 0.5), ("thigh", -1.5)):
             EmulatedOpenImu.of(diagram[name], name=name)(gyro=(turn, 0.0, 0.0))
     recording = run(diagram, 60, plant=made, substeps=5)
-    assert recording["shank.gyro[0]"][-1] == pytest.approx(0.5, abs=2e-4) and recording["thigh.gyro[0]"][-1] == pytest.approx(-1.5, abs=2e-4)
+    assert recording["shank.gyro[0]"][-1] == pytest.approx(0.5, abs=2e-4) and recording["thigh.gyro[0]"][
+        -1
+    ] == pytest.approx(-1.5, abs=2e-4)
     with Diagram("twice", rate=200) as diagram:
         OpenImu(name="a"), OpenImu(name="b")
     with pytest.raises(DiagramError) as caught:
@@ -155,7 +159,8 @@ def test_one_that_loses_its_power_gives_nothing_until_it_has_been_told_again():
     lost = np.zeros(3000, bool)
     lost[500:600] = True
     given = {"accel": (3.0, -2.0, -9.0), "gyro": (0.5, 1.5, -1.0)}
-    recording = together(300, {"power_lost": lost, **given}, timeout=0.0)        # arming does not wait for it: it is told while running
+    # arming does not wait for it: it is told while running
+    recording = together(300, {"power_lost": lost, **given}, timeout=0.0)
     accel, gyro = (vector(recording, port)[20:] for port in ("accel", "gyro"))
     assert recording["imu.age"].max() >= 0.1 and recording["imu.age"][-1] < 0.02
     assert np.abs(accel - given["accel"]).max() < 0.011 and np.abs(gyro - given["gyro"]).max() < 0.0002
@@ -170,7 +175,7 @@ def test_after_a_silence_in_which_it_may_have_lost_its_power_it_must_tell_its_se
     told = recording["imu.settings"]
     assert recording.outcome.status == "ok" and told[90] == told[-1] == 31.0
     assert 0.0 in told[100:] and recording["imu.age"].max() < 0.12
-    silent[530:] = False                                            # three samples late: no power is lost and back so soon
+    silent[530:] = False  # three samples late: no power is lost and back so soon
     assert (together(200, {"silent": silent})["imu.settings"] == 31.0).all()
 
 
@@ -180,7 +185,9 @@ def test_a_long_arming_takes_nothing_back():
     silent[:400] = True
     recording = together(100, {"silent": silent, "gyro": (0.5, 0.0, 0.0)})
     assert (recording["imu.settings"] == 31.0).all() and recording["imu.age"].max() < 0.02
-    assert np.isfinite(vector(recording, "accel")).all() and recording["imu.gyro[0]"] == pytest.approx(np.full(100, 0.5), abs=2e-4)
+    assert np.isfinite(vector(recording, "accel")).all() and recording["imu.gyro[0]"] == pytest.approx(
+        np.full(100, 0.5), abs=2e-4
+    )
 
 
 def test_drives_and_a_unit_as_it_is_sold_on_one_bus_are_refused():
@@ -195,8 +202,17 @@ def test_drives_and_a_unit_as_it_is_sold_on_one_bus_are_refused():
 def test_a_sample_is_whole_before_it_counts(listener):
     wired = listener(128)
     rest = bytes.fromhex("007d007d007d0000")
-    answers = [wired.hear(identifier(group), rest) for group in (
-        frames.ACCELERATION, frames.ANGULAR_RATE, frames.ANGULAR_RATE, frames.SLOPE, frames.MAGNETIC_FIELD, frames.ACCELERATION)]
+    answers = [
+        wired.hear(identifier(group), rest)
+        for group in (
+            frames.ACCELERATION,
+            frames.ANGULAR_RATE,
+            frames.ANGULAR_RATE,
+            frames.SLOPE,
+            frames.MAGNETIC_FIELD,
+            frames.ACCELERATION,
+        )
+    ]
     assert answers == [NOTED, NOTED, NOTED, NOTED, TAKEN, NOTED]
 
 
@@ -239,6 +255,7 @@ def test_a_timeout_shorter_than_its_samples_is_refused():
 
 # What a 335RI alone sends
 
+
 def packed(*fields):
     """Codes of so many bits, the least significant first: (code, bits)"""
     word, at = 0, 0
@@ -250,11 +267,17 @@ def packed(*fields):
 FINE = {"model": "335RI", "high_resolution": True, "told": False, "slope": True, "slope_sensor": 1}
 
 
-@given(codes=st.lists(st.integers(0, 2**19 - 1), min_size=3, max_size=3), merits=st.lists(st.integers(0, 3), min_size=3, max_size=3))
+@given(
+    codes=st.lists(st.integers(0, 2**19 - 1), min_size=3, max_size=3),
+    merits=st.lists(st.integers(0, 3), min_size=3, max_size=3),
+)
 @settings(max_examples=100, deadline=None)
 def test_packets_of_high_resolution_have_three_codes_of_19_bits(codes, merits):
     wired = fine()
-    for group, port, count, least in ((frames.FINE_ACCELERATION, "accel", 1 / 800, -320.0), (frames.FINE_RATE, "gyro", 1 / 1024, -250.0)):
+    for group, port, count, least in (
+        (frames.FINE_ACCELERATION, "accel", 1 / 800, -320.0),
+        (frames.FINE_RATE, "gyro", 1 / 1024, -250.0),
+    ):
         before = wired["invalid"]
         data = packed(*((code, 19) for code in codes), *((merit, 2) for merit in merits))
         assert wired.hear(identifier(group), data) in (NOTED, TAKEN)
@@ -276,17 +299,28 @@ def fine(**more):
 def test_slope_sensor_1_has_500_codes_a_degree_and_reaches_64():
     wired = fine()
     for pitch, roll in ((32000, 32000), (0, 64000), (42000, 12345)):
-        wired.hear(identifier(frames.SLOPE_1), packed((pitch, 16), (roll, 16), (32000, 16), (0, 2), (0, 2), (2, 2), (0, 2), (5, 8)))
-        assert np.degrees([wired["pitch"], wired["roll"]]) == pytest.approx([pitch / 500 - 64, roll / 500 - 64], abs=1e-12)
-    assert wired["invalid"] == 0.0                                      # the merit of the pitch rate is another's
+        wired.hear(
+            identifier(frames.SLOPE_1),
+            packed((pitch, 16), (roll, 16), (32000, 16), (0, 2), (0, 2), (2, 2), (0, 2), (5, 8)),
+        )
+        assert np.degrees([wired["pitch"], wired["roll"]]) == pytest.approx(
+            [pitch / 500 - 64, roll / 500 - 64], abs=1e-12
+        )
+    assert wired["invalid"] == 0.0  # the merit of the pitch rate is another's
     wired.hear(identifier(frames.SLOPE_1), packed((0, 16), (0, 16), (0, 16), (2, 2), (3, 2), (0, 2), (0, 2), (0, 8)))
     assert wired["invalid"] == 2.0
 
 
 def test_all_three_together_are_a_sample_and_a_field_is_none_of_it():
     wired = fine()
-    assert wired.hear(identifier(frames.FINE_RATE), bytes(8)) == wired.hear(identifier(frames.SLOPE_1), bytes(8)) == NOTED
-    assert wired.hear(identifier(frames.MAGNETIC_FIELD), bytes(8)) == wired.hear(identifier(frames.ACCELERATION), bytes(8)) == NOTED
+    assert (
+        wired.hear(identifier(frames.FINE_RATE), bytes(8)) == wired.hear(identifier(frames.SLOPE_1), bytes(8)) == NOTED
+    )
+    assert (
+        wired.hear(identifier(frames.MAGNETIC_FIELD), bytes(8))
+        == wired.hear(identifier(frames.ACCELERATION), bytes(8))
+        == NOTED
+    )
     assert np.isnan(wired["mag"]).all() and wired.hear(identifier(frames.FINE_ACCELERATION), bytes(8)) == TAKEN
 
 
@@ -296,7 +330,9 @@ def test_a_unit_is_set_to_high_resolution_and_measures_so():
     assert recording.outcome.status == "ok" and recording["imu.settings"][-1] >= 7.0
     assert vector(recording, "accel")[-1] == pytest.approx(given["accel"], abs=0.51 / 800)
     assert vector(recording, "gyro")[-1] == pytest.approx(given["gyro"], abs=math.radians(0.51 / 1024))
-    assert [recording["imu.pitch"][-1], recording["imu.roll"][-1]] == pytest.approx([0.2, -0.1], abs=math.radians(0.003))
+    assert [recording["imu.pitch"][-1], recording["imu.roll"][-1]] == pytest.approx(
+        [0.2, -0.1], abs=math.radians(0.003)
+    )
 
 
 def test_a_300ri_has_none_of_it():

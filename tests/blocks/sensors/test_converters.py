@@ -14,8 +14,8 @@ from tests.blocks.running import run
 from tests.shared import entries
 
 NOTED, TROUBLE = 2, 15
-RANGES = {2 / 3: 6.144, 1: 4.096, 2: 2.048, 4: 1.024, 8: 0.512, 16: 0.256}      # V, by Adafruit's gain
-CHANNELS = {0: "a0_a1", 4: "a0", 6: "a2"}                                       # by code of MUX
+RANGES = {2 / 3: 6.144, 1: 4.096, 2: 2.048, 4: 1.024, 8: 0.512, 16: 0.256}  # V, by Adafruit's gain
+CHANNELS = {0: "a0_a1", 4: "a0", 6: "a2"}  # by code of MUX
 
 
 def identifier(transfer, address):
@@ -60,14 +60,21 @@ def test_an_answer_says_by_itself_whose_it_is(converters):
     for name, code in (("a3", 1000), ("a0", -2000)):
         configuration = wired.block.configuration(name).to_bytes(2, "big")
         assert wired.hear(identifier(0, 0x48), code.to_bytes(2, "big", signed=True) + configuration) == TAKEN
-    assert wired["a3"] == pytest.approx(0.125, rel=1e-12) and wired["a0"] == pytest.approx(-0.25, rel=1e-12) and wired["a1"] == 0.0
+    assert (
+        wired["a3"] == pytest.approx(0.125, rel=1e-12)
+        and wired["a0"] == pytest.approx(-0.25, rel=1e-12)
+        and wired["a1"] == 0.0
+    )
 
 
-@pytest.mark.parametrize("configuration, answer", [
-    (0x43E3, NOTED),                                # it converts still
-    (0x8583, MALFORMED),                            # what it has after power on: another range
-    (0x93E3, MALFORMED),                            # a difference that nobody has asked for
-])
+@pytest.mark.parametrize(
+    "configuration, answer",
+    [
+        (0x43E3, NOTED),  # it converts still
+        (0x8583, MALFORMED),  # what it has after power on: another range
+        (0x93E3, MALFORMED),  # a difference that nobody has asked for
+    ],
+)
 def test_what_was_converted_with_another_configuration_is_not_taken(converters, configuration, answer):
     wired = Wired.again(converters[4.096])
     assert wired.hear(identifier(0, 0x48), b"\x10\x00" + configuration.to_bytes(2, "big")) == answer
@@ -83,10 +90,16 @@ def test_each_conversion_is_read_when_the_slowest_clock_has_finished_it_and_the_
     assert converter.set_up()[0].data.hex() == "c3e3" and converter.set_up()[0].wait == cycle.period
 
 
-@pytest.mark.parametrize("parameters, words", [
-    ({"channels": ("a0", "a9")}, "there is no 'a9'"), ({"channels": ()}, "one or more"), ({"channels": ("a0", "a0")}, "each once"),
-    ({"full_scale": 5.0}, "must be one of"), ({"address": 0x50}, "address 0x50: a ADS1115 has 0x48"),
-])
+@pytest.mark.parametrize(
+    "parameters, words",
+    [
+        ({"channels": ("a0", "a9")}, "there is no 'a9'"),
+        ({"channels": ()}, "one or more"),
+        ({"channels": ("a0", "a0")}, "each once"),
+        ({"full_scale": 5.0}, "must be one of"),
+        ({"address": 0x50}, "address 0x50: a ADS1115 has 0x48"),
+    ],
+)
 def test_channels_that_it_does_not_have_are_refused(parameters, words):
     with pytest.raises(DiagramError, match=words):
         ADS1115(**parameters)
@@ -117,7 +130,7 @@ def test_a_conversion_that_was_read_before_is_none(amplifier):
 
 
 def test_it_is_tared_with_its_first_samples_and_again_on_an_edge():
-    wired = Wired(NAU7802, tare_time=0.1, rate=80, scale=0.01)              # 8 samples
+    wired = Wired(NAU7802, tare_time=0.1, rate=80, scale=0.01)  # 8 samples
 
     def hear(*counts):
         for count in counts:
@@ -128,7 +141,7 @@ def test_it_is_tared_with_its_first_samples_and_again_on_an_edge():
     assert hear(1105) == pytest.approx(1.0, abs=1e-12) and hear(1005) == pytest.approx(0.0, abs=1e-12)
     wired["tare"] = 1.0
     hear(*[2000] * 8)
-    assert hear(2100) == pytest.approx(1.0, abs=1e-12)                      # still held: that is no second edge
+    assert hear(2100) == pytest.approx(1.0, abs=1e-12)  # still held: that is no second edge
     wired["tare"] = 0.0
     assert hear(2200) == pytest.approx(2.0, abs=1e-12)
     wired["tare"] = 1.0
@@ -136,10 +149,21 @@ def test_it_is_tared_with_its_first_samples_and_again_on_an_edge():
 
 
 def test_the_registers_of_an_nau7802():
-    """Reset, digital part, analogue part with its own supply, 3.0 V and gain 128, rate, chopper, capacitor, calibration, start."""
+    """Reset, digital part, analogue part with its own supply, 3.0 V and gain 128, rate, chopper, capacitor,
+    calibration, start.
+    """
     amplifier = NAU7802(rate=320, gain=128, supply=3.0)
     assert [(write.register, *write.data) for write in amplifier.set_up()] == [
-        (0x00, 0x01), (0x00, 0x02), (0x00, 0x86), (0x01, 0x2F), (0x02, 0x70), (0x15, 0x30), (0x1C, 0x80), (0x02, 0x74), (0x00, 0x96)]
+        (0x00, 0x01),
+        (0x00, 0x02),
+        (0x00, 0x86),
+        (0x01, 0x2F),
+        (0x02, 0x70),
+        (0x15, 0x30),
+        (0x1C, 0x80),
+        (0x02, 0x74),
+        (0x00, 0x96),
+    ]
     assert amplifier.check() == (0x01, b"\x2f")
     with pytest.raises(ValueError, match="its own calibration has failed"):
         amplifier.learn(lambda register, count: b"\x78", None)
@@ -167,7 +191,7 @@ def test_an_emulated_converter_is_read_to_half_a_code(converters, volts, span):
         PLAYED[span] = Wired(EmulatedADS1115, full_scale=span)
     played = Wired.again(PLAYED[span])
     for k in range(4):
-        played.arena[0] = 0.01 * k                                          # s
+        played.arena[0] = 0.01 * k  # s
         (answer,) = played.say(**{f"a{n}": value for n, value in enumerate(volts)})
         assert wired.hear(*answer) == TAKEN
     for k in range(4):
@@ -200,6 +224,7 @@ class From(Block):
 @pytest.mark.parametrize("fault, old", [("silent", True), ("not_ready", True), ("stuck", False)])
 def test_faults_in_a_simulation(kind, fault, old):
     """One that is silent or never ready grows old; one that is stuck does not, and says the same."""
+
     class Wave(Block):
         y = Output("V" if kind is ADS1115 else "1")
 

@@ -1,4 +1,6 @@
-"""The clock of a device, mapped to the computer's: drift, counters that begin anew, and clocks that cannot be believed."""
+"""The clock of a device, mapped to the computer's: drift, counters that begin anew, and clocks that cannot be
+believed.
+"""
 
 import binascii
 import random
@@ -12,7 +14,7 @@ from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.sensors.test_insole import frame
 from tests.blocks.sensors.test_microcontroller import packet
 
-DELAY = 0.0008                  # s, of the shortest way
+DELAY = 0.0008  # s, of the shortest way
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +24,9 @@ def microcontrollers():
     def fresh(kind="uint32", unit="s", scale=1e-6, **parameters):
         key = (kind, unit, scale, *parameters.items())
         if key not in made:
-            made[key] = Wired(Microcontroller, fields=(("force", "float32", "N"), ("t", kind, unit, scale)), clock="t", **parameters)
+            made[key] = Wired(
+                Microcontroller, fields=(("force", "float32", "N"), ("t", kind, unit, scale)), clock="t", **parameters
+            )
         return Wired.again(made[key])
 
     return fresh
@@ -35,7 +39,9 @@ def hear(wired, number, count, came, layout="I"):
 
 
 def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus=2**32, layout="I", **declared):
-    """s by which sample_time is wrong, of each packet, and the drift that is told. drift : by how much the device's clock is slower"""
+    """s by which sample_time is wrong, of each packet, and the drift that is told. drift : by how much the device's
+    clock is slower
+    """
     wired, chance, found = fresh(**declared), random.Random(3), []
     for number in range(round(seconds * rate)):
         taken = 5.0 + number / rate
@@ -49,14 +55,21 @@ def errors(fresh, seconds, *, rate=100, drift=0.0, start=0.0, tick=1e-6, modulus
 def test_it_follows_the_devices_clock_where_that_drifts(drift, microcontrollers):
     found, told = errors(microcontrollers, 25, drift=drift)
     assert told == pytest.approx(drift, abs=2e-5)
-    assert all(-1e-4 < error < DELAY + 5e-4 for error in found[500:])           # though packets come up to 20 ms late
+    assert all(-1e-4 < error < DELAY + 5e-4 for error in found[500:])  # though packets come up to 20 ms late
 
 
-@pytest.mark.parametrize(("declared", "tick", "modulus", "layout"), [
-    ({}, 1e-6, 2**32, "I"), ({"kind": "uint16", "unit": "ms", "scale": 1.0}, 1e-3, 2**16, "H"),
-    ({"kind": "int32", "unit": "µs", "scale": 10.0, "clock_wrap": 10.0}, 1e-5, 10**6, "i")])
+@pytest.mark.parametrize(
+    ("declared", "tick", "modulus", "layout"),
+    [
+        ({}, 1e-6, 2**32, "I"),
+        ({"kind": "uint16", "unit": "ms", "scale": 1.0}, 1e-3, 2**16, "H"),
+        ({"kind": "int32", "unit": "µs", "scale": 10.0, "clock_wrap": 10.0}, 1e-5, 10**6, "i"),
+    ],
+)
 def test_a_counter_begins_anew_and_time_goes_on(declared, tick, modulus, layout, microcontrollers):
-    found, _ = errors(microcontrollers, 12, start=modulus * tick - 6.0, tick=tick, modulus=modulus, layout=layout, **declared)
+    found, _ = errors(
+        microcontrollers, 12, start=modulus * tick - 6.0, tick=tick, modulus=modulus, layout=layout, **declared
+    )
     assert all(-1e-3 - tick < error < DELAY + 1e-3 for error in found[300:])
 
 
@@ -64,7 +77,7 @@ def test_after_a_silence_of_several_rounds_of_its_counter_it_is_still_known(micr
     wired = microcontrollers("uint16", "ms", 0.1)
     for number in range(200):
         hear(wired, number, number * 100, 1.0 + number * 0.01, "H")
-    later = 199 * 100 + 200_000                                                 # 0.1 ms: more than three rounds
+    later = 199 * 100 + 200_000  # 0.1 ms: more than three rounds
     assert hear(wired, 0, later % 65536, 1.0 + later / 1e4 + 0.004, "H") == pytest.approx(1.0 + later / 1e4, abs=1e-3)
 
 
@@ -105,10 +118,15 @@ def test_an_insole_puts_microseconds_into_its_frames_if_it_is_said_to():
         assert wired["received"] == 101 and wired["sample_time"] == pytest.approx(expected, abs=1e-4)
 
 
-@pytest.mark.parametrize(("fields", "clock", "words"), [
-    ((("t", "uint32", "s", 1e-6),), "time", "clock is one of the fields, t, got 'time'"),
-    ((("t", "uint32", "N", 1e-6),), "t", "is no clock"), ((("t", "uint32[2]", "s"),), "t", "is no clock"),
-    ((("t", "int8", "s", -1.0),), "t", "is no clock")])
+@pytest.mark.parametrize(
+    ("fields", "clock", "words"),
+    [
+        ((("t", "uint32", "s", 1e-6),), "time", "clock is one of the fields, t, got 'time'"),
+        ((("t", "uint32", "N", 1e-6),), "t", "is no clock"),
+        ((("t", "uint32[2]", "s"),), "t", "is no clock"),
+        ((("t", "int8", "s", -1.0),), "t", "is no clock"),
+    ],
+)
 def test_a_field_that_is_no_clock_is_refused_in_words(fields, clock, words):
     with pytest.raises(DiagramError, match=words):
         Microcontroller(fields=fields, clock=clock)

@@ -26,7 +26,7 @@ def test_a_load_cell_is_tared_on_an_edge_and_no_tare_takes_in_nan():
     assert cell.step(1.5, False) == pytest.approx(5.0)
     assert math.isnan(cell.step(math.nan, True))
     assert cell.step(1.0, True) == 0.0
-    assert cell.step(2.0, True) == pytest.approx(2.5)               # the mean of both is its zero
+    assert cell.step(2.0, True) == pytest.approx(2.5)  # the mean of both is its zero
     assert cell.step(3.5, True) == pytest.approx(10.0)
 
 
@@ -45,18 +45,27 @@ def test_contact_has_a_hysteresis_and_nan_leaves_it_as_it_was():
     def voltage(force):
         return 3.3 * 10e3 / (10e3 + 25e3 / force)
 
-    assert [fsr.step(voltage(force))[1] for force in (4.0, 5.1, 4.0, 3.1, 2.9, 4.9)] == [False, True, True, True, False, False]
+    assert [fsr.step(voltage(force))[1] for force in (4.0, 5.1, 4.0, 3.1, 2.9, 4.9)] == [
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
     fsr.step(voltage(9.0))
     force, pressed = fsr.step(math.nan)
     assert math.isnan(force) and pressed
 
 
-@pytest.mark.parametrize("kind, parameters, words", [
-    (FSR, {"press": 2.0, "release": 3.0}, "release is at most press"), (LoadCell, {"at_capacity": 0.0}, "is not 0"),
-    (LoadCell, {"capacity": 0.0}, "above 0"),
-])
+@pytest.mark.parametrize(
+    "kind, parameters, words",
+    [
+        (FSR, {"press": 2.0, "release": 3.0}, "release is at most press"),
+        (LoadCell, {"at_capacity": 0.0}, "is not 0"),
+        (LoadCell, {"capacity": 0.0}, "above 0"),
+    ],
+)
 def test_what_cannot_be_is_refused(kind, parameters, words):
     with pytest.raises(DiagramError, match=words):
         kind(**parameters)
-
-

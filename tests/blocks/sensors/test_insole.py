@@ -37,7 +37,11 @@ def summed(pressures):
     p = np.nan_to_num(pressures) * AREA
     x, y = (np.arange(ROWS) + 0.5) * LENGTH / ROWS, WIDTH / 2 - (np.arange(COLUMNS) + 0.5) * WIDTH / COLUMNS
     ends = [0, *(math.ceil(share * ROWS) for share in (0.3, 0.6, 0.85)), ROWS]
-    return p.sum(), ((p.sum(axis=1) @ x) / p.sum(), (p.sum(axis=0) @ y) / p.sum()), [p[a:b].sum() for a, b in zip(ends, ends[1:])]
+    return (
+        p.sum(),
+        ((p.sum(axis=1) @ x) / p.sum(), (p.sum(axis=0) @ y) / p.sum()),
+        [p[a:b].sum() for a, b in zip(ends, ends[1:])],
+    )
 
 
 def random_pressures(seed):
@@ -73,13 +77,20 @@ def test_force_centre_and_regions_are_the_sums_over_the_cells(insole, cut):
     wired, pressures = insole(), random_pressures(1)
     force, centre, regions = summed(pressures)
     assert TAKEN in hear(wired, frame(1, pressures), cut)
-    assert wired["force"] == pytest.approx(force) and wired["centre"] == pytest.approx(centre) and wired["regions"] == pytest.approx(regions)
+    assert (
+        wired["force"] == pytest.approx(force)
+        and wired["centre"] == pytest.approx(centre)
+        and wired["regions"] == pytest.approx(regions)
+    )
     assert wired["dead"] == 7.0 and sum(wired["regions"]) == pytest.approx(force)
 
 
 def test_x_is_forward_from_the_heel_and_y_to_the_left(insole):
     wired = insole()
-    for row, column, centre in ((0, 4, (LENGTH / ROWS / 2, 0.0)), (ROWS - 1, 0, (LENGTH * (1 - 0.5 / ROWS), WIDTH * 4 / 9))):
+    for row, column, centre in (
+        (0, 4, (LENGTH / ROWS / 2, 0.0)),
+        (ROWS - 1, 0, (LENGTH * (1 - 0.5 / ROWS), WIDTH * 4 / 9)),
+    ):
         pressures = np.zeros((ROWS, COLUMNS))
         pressures[row, column] = 5e5
         hear(wired, frame(row, pressures))
@@ -96,13 +107,18 @@ def test_frames_that_are_missing_broken_or_of_the_other_foot(insole):
     broken[100] ^= 4
     assert MALFORMED in hear(wired, bytes(broken)) and counts(wired) == (2, 2, 1)
     assert set(hear(wired, frame(4, pressures, side=1))) == {NOTED} and counts(wired) == (2, 2, 1)
-    hear(wired, frame(5, pressures[:30], rows=30) * 2)                  # another insole: of another size
+    hear(wired, frame(5, pressures[:30], rows=30) * 2)  # another insole: of another size
     assert counts(wired)[0] == 2 and wired["corrupt"] >= 2.0
     hear(wired, frame(3, pressures) + frame(4, pressures))
     assert wired["received"] >= 3.0 and wired["force"] == pytest.approx(summed(pressures)[0])
 
 
-@given(garbage=st.lists(st.one_of(st.binary(max_size=30), st.just(b"SOLE"), st.just(b"SOLE\1\0"), st.just(b"SO")), max_size=6), cut=st.integers(1, 64))
+@given(
+    garbage=st.lists(
+        st.one_of(st.binary(max_size=30), st.just(b"SOLE"), st.just(b"SOLE\1\0"), st.just(b"SO")), max_size=6
+    ),
+    cut=st.integers(1, 64),
+)
 @settings(max_examples=60, deadline=None)
 def test_a_good_frame_behind_any_garbage_is_found(garbage, cut, insole):
     """Over TCP, as a bridge that was begun in the middle would send; at most one frame later."""
@@ -149,7 +165,7 @@ def test_a_walk_shows_its_force_its_centre_and_its_steps():
     assert (offs[0] - strikes[0]) % 1.1 == pytest.approx(0.66, abs=0.03)
     middle = (recording.time > strikes[1] + 0.15) & (recording.time < strikes[1] + 0.5)
     rolled = np.polyfit(recording.time[middle], recording["sole.centre[0]"][middle], 1)[0]
-    assert rolled == pytest.approx(0.17 / 0.66, rel=0.02)              # m/s, from heel to toes
+    assert rolled == pytest.approx(0.17 / 0.66, rel=0.02)  # m/s, from heel to toes
 
 
 def test_the_emulated_insole_keeps_force_and_centre():
@@ -170,7 +186,7 @@ def test_a_foot_is_down_with_hysteresis_and_strikes_with_its_heel_or_does_not():
     with Diagram("steps", 100):
         block = FootContact(shortest=0.02)
     outputs = by_hand(block, len(force), force=force, heel=heel)
-    assert list(outputs["contact"]) == [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0]      # at the sixth it had just left the ground
+    assert list(outputs["contact"]) == [0, 0, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0]  # at the sixth it had just left the ground
     assert list(np.flatnonzero(outputs["heel_strike"])) == [2] and list(np.flatnonzero(outputs["toe_off"])) == [4, 11]
     with pytest.raises(DiagramError, match="release is at most press, 50 N, got 60 N"):
         FootContact(release=60.0)
@@ -233,7 +249,8 @@ def test_an_address_that_cannot_be_is_told_in_words():
     taken.bind(("127.0.0.1", 0))
     port = taken.getsockname()[1]
     for transport, address, code, words in (
-        ("udp", "5005", "TW102", "expected HOST:PORT"), ("udp", f"127.0.0.1:{port}", "TW121", f"another program has UDP port {port} open"),
+        ("udp", "5005", "TW102", "expected HOST:PORT"),
+        ("udp", f"127.0.0.1:{port}", "TW121", f"another program has UDP port {port} open"),
         ("udp", "192.0.2.1:5005", "TW122", "is an address of another machine"),
         ("tcp", f"127.0.0.1:{free_port(socket.SOCK_STREAM)}", "TW128", "Connection refused"),
     ):

@@ -1,4 +1,6 @@
-"""A microcontroller over serial: its packets against an oracle in Python, whatever comes between them, and the sketch in docs/."""
+"""A microcontroller over serial: its packets against an oracle in Python, whatever comes between them, and the sketch
+in docs/.
+"""
 
 import binascii
 import math
@@ -26,7 +28,16 @@ from tests.runtime.runs import ROOT
 
 NOTED, BYTES, LOST, BACK = 2, 0, 1, 2
 FORCE = (("force", "int24", "N", 0.01), ("accel", "int16[3]", "m/s²", 0.0048))
-PYTHON_TYPES = {"uint8": "B", "int8": "b", "uint16": "H", "int16": "h", "uint32": "I", "int32": "i", "float32": "f", "float64": "d"}
+PYTHON_TYPES = {
+    "uint8": "B",
+    "int8": "b",
+    "uint16": "H",
+    "int16": "h",
+    "uint32": "I",
+    "int32": "i",
+    "float32": "f",
+    "float64": "d",
+}
 
 
 def stuffed(plain):
@@ -76,31 +87,57 @@ def counts(wired):
 def test_a_packet_is_what_its_fields_say(parser):
     wired = parser(*FORCE)
     assert hear(wired, force_packet(7, -1234, (1, -2, 2043))) == [TAKEN]
-    assert wired["force"] == -12.34 and wired["accel"] == pytest.approx([0.0048, -0.0096, 9.8064]) and counts(wired) == (1, 0, 0)
+    assert (
+        wired["force"] == -12.34
+        and wired["accel"] == pytest.approx([0.0048, -0.0096, 9.8064])
+        and counts(wired) == (1, 0, 0)
+    )
 
 
-@given(data=st.data(), declared=st.lists(st.tuples(st.sampled_from(sorted(PYTHON_TYPES)), st.integers(1, 5)), min_size=1, max_size=6),
-       counter=st.one_of(st.none(), st.integers(0, 255)), cut=st.integers(1, 64))
+@given(
+    data=st.data(),
+    declared=st.lists(st.tuples(st.sampled_from(sorted(PYTHON_TYPES)), st.integers(1, 5)), min_size=1, max_size=6),
+    counter=st.one_of(st.none(), st.integers(0, 255)),
+    cut=st.integers(1, 64),
+)
 @settings(max_examples=60, deadline=None)
 def test_every_type_comes_out_as_it_was_packed_wherever_it_is_cut(data, declared, counter, cut):
     names = [f"x{i}" for i in range(len(declared))]
-    wired = Wired(Microcontroller, fields=tuple((name, f"{kind}[{n}]") for name, (kind, n) in zip(names, declared)), counter=counter is not None)
+    wired = Wired(
+        Microcontroller,
+        fields=tuple((name, f"{kind}[{n}]") for name, (kind, n) in zip(names, declared)),
+        counter=counter is not None,
+    )
     values = {}
     for name, (kind, n) in zip(names, declared):
         bits = 8 * SIZES[kind]
-        one = (st.floats(width=bits, allow_nan=False) if kind.startswith("float") else
-               st.integers(0, 2**bits - 1) if kind.startswith("u") else st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1))
+        one = (
+            st.floats(width=bits, allow_nan=False)
+            if kind.startswith("float")
+            else st.integers(0, 2**bits - 1)
+            if kind.startswith("u")
+            else st.integers(-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        )
         values[name] = data.draw(st.lists(one, min_size=n, max_size=n))
-    payload = b"".join(struct.pack(f"<{n}{PYTHON_TYPES[kind]}", *values[name]) for name, (kind, n) in zip(names, declared))
+    payload = b"".join(
+        struct.pack(f"<{n}{PYTHON_TYPES[kind]}", *values[name]) for name, (kind, n) in zip(names, declared)
+    )
     assert TAKEN in hear(wired, packet(counter, payload), cut)
     for name in names:
         assert np.array_equal(np.atleast_1d(wired[name]), np.array(values[name], float))
 
 
-@given(data=st.data(), values=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4), form=st.sampled_from(["cobs", "lines"]))
+@given(
+    data=st.data(),
+    values=st.lists(st.floats(-1e9, 1e9), min_size=4, max_size=4),
+    form=st.sampled_from(["cobs", "lines"]),
+)
 @settings(max_examples=60, deadline=None)
 def test_the_emulated_one_sends_what_is_read_rounded_as_its_types_are(data, values, form):
-    unit, wired = Wired(EmulatedMicrocontroller, fields=FORCE, format=form), Wired(Microcontroller, fields=FORCE, format=form)
+    unit, wired = (
+        Wired(EmulatedMicrocontroller, fields=FORCE, format=form),
+        Wired(Microcontroller, fields=FORCE, format=form),
+    )
     unit["force"], unit["accel"] = values[0], values[1:]
     wired.hear(BYTES, b"\n" if form == "lines" else b"\0")
     for _, sent in unit.say():
@@ -114,13 +151,13 @@ def test_the_emulated_one_sends_what_is_read_rounded_as_its_types_are(data, valu
 
 def test_what_is_lost_and_what_is_corrupt_is_counted(parser):
     wired = parser(*FORCE)
-    hear(wired, force_packet(254, 1) + force_packet(255, 2) + force_packet(3, 3))       # 0, 1 and 2 are missing
+    hear(wired, force_packet(254, 1) + force_packet(255, 2) + force_packet(3, 3))  # 0, 1 and 2 are missing
     assert counts(wired) == (3, 3, 0) and wired["force"] == 0.03
     broken = bytearray(force_packet(4, 77))
     broken[3] ^= 0x80
     assert hear(wired, bytes(broken)) == [MALFORMED] and counts(wired) == (3, 3, 1) and wired["force"] == 0.03
     assert hear(wired, packet(5, b"short")) == [MALFORMED] and counts(wired) == (3, 3, 2)
-    assert hear(wired, b"\0\0\0") == [NOTED]                                            # ends of nothing
+    assert hear(wired, b"\0\0\0") == [NOTED]  # ends of nothing
     assert set(hear(wired, b"\x55" * 1000 + b"\0")) == {NOTED, MALFORMED} and counts(wired) == (3, 3, 3)
     hear(wired, force_packet(6, 5))
     assert counts(wired) == (4, 5, 3) and wired["force"] == 0.05
@@ -216,8 +253,10 @@ def together(ticks, form="cobs", **faults):
     diagram = robot(format=form, timeout=0.1)
     with Diagram("plant", rate=1000) as plant:
         unit = EmulatedMicrocontroller.of(diagram["teensy"], name="unit")
-        unit(force=player(np.arange(5.0 * (ticks + 50)) * 0.01, "N"), **{
-            name: player(values, "1", bool) if np.ndim(values) else values for name, values in faults.items()})
+        unit(
+            force=player(np.arange(5.0 * (ticks + 50)) * 0.01, "N"),
+            **{name: player(values, "1", bool) if np.ndim(values) else values for name, values in faults.items()},
+        )
     return run(diagram, ticks, plant=plant, substeps=5)
 
 
@@ -225,7 +264,7 @@ def together(ticks, form="cobs", **faults):
 def test_in_simulation_its_bytes_are_parsed_as_on_a_rig(form):
     recording = together(100, form)
     assert recording.outcome.status == "ok" and recording["teensy.age"].max() < 0.011
-    heard = recording["teensy.force"][2 * (form == "lines") :]           # the line that was on its way when it was armed is none
+    heard = recording["teensy.force"][2 * (form == "lines") :]  # the line that was on its way when it was armed is none
     assert np.diff(heard) == pytest.approx(np.full(len(heard) - 1, 0.05), abs=0.0101)
     assert recording["teensy.lost"][-1] == recording["teensy.corrupt"][-1] == 0.0
 
@@ -233,7 +272,11 @@ def test_in_simulation_its_bytes_are_parsed_as_on_a_rig(form):
 def test_faults_of_the_emulated_one_are_seen():
     recording = together(400, dropped=0.2, broken=0.1)
     received, lost, corrupt = (recording[f"teensy.{name}"][-1] for name in ("received", "lost", "corrupt"))
-    assert received + lost == pytest.approx(400, abs=4) and lost == pytest.approx(0.28 * 400, rel=0.3) and corrupt == pytest.approx(0.08 * 400, rel=0.5)
+    assert (
+        received + lost == pytest.approx(400, abs=4)
+        and lost == pytest.approx(0.28 * 400, rel=0.3)
+        and corrupt == pytest.approx(0.08 * 400, rel=0.5)
+    )
     silent = np.zeros(1000, bool)
     silent[400:] = True
     recording = together(150, silent=silent)
@@ -300,25 +343,42 @@ def test_the_sketch_of_the_docs_sends_what_the_block_reads(tmp_path):
     (tmp_path / "Arduino.h").write_text(ARDUINO)
     (tmp_path / "sketch.ino").write_text(text)
     (tmp_path / "main.cpp").write_text(MAIN)
-    subprocess.run(["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"], check=True, timeout=60)
+    subprocess.run(
+        ["g++", "-Wall", "-Werror", "-I", tmp_path, tmp_path / "main.cpp", "-o", tmp_path / "sketch"],
+        check=True,
+        timeout=60,
+    )
     said = subprocess.run([tmp_path / "sketch"], capture_output=True, timeout=10).stdout
     [declared] = [line for line in text.splitlines() if "Microcontroller(fields=" in line]
     block = eval(declared.removeprefix("//").strip(), {"Microcontroller": Microcontroller})
     wired = Wired(Microcontroller, fields=block.fields)
     hear(wired, said)
-    assert counts(wired) == (300, 0, 0) and wired["load"] == -12345.0 and wired["analog"] == pytest.approx([3.3, 256 * 3.3 / 1023])
+    assert (
+        counts(wired) == (300, 0, 0)
+        and wired["load"] == -12345.0
+        and wired["analog"] == pytest.approx([3.3, 256 * 3.3 / 1023])
+    )
 
 
-@pytest.mark.parametrize("declared, words", [
-    ((), "fields are wanted, at least one"),
-    ((("force",),), "field 1 is .name, type, unit, scale., the last two 1 by default"),
-    ((("2nd", "int16"),), "field 1: a name is a word as in Python"),
-    ((("force", "int12"),), "field 'force': a type is one of uint8, int8, .* or several as in int16.3., got 'int12'"),
-    ((("force", "int16", "N", 0.0),), "field 'force': a scale is a number other than 0"),
-    ((("force", "int16"), ("force", "int16")), "field 'force': the name is taken"),
-    ((("age", "int16"),), "field 'age': the name is taken"),
-    ((("force", "float64[40]"),), "a packet has at most 250 bytes and 200 numbers, and these fields have 320 and 40"),
-])
+@pytest.mark.parametrize(
+    "declared, words",
+    [
+        ((), "fields are wanted, at least one"),
+        ((("force",),), "field 1 is .name, type, unit, scale., the last two 1 by default"),
+        ((("2nd", "int16"),), "field 1: a name is a word as in Python"),
+        (
+            (("force", "int12"),),
+            "field 'force': a type is one of uint8, int8, .* or several as in int16.3., got 'int12'",
+        ),
+        ((("force", "int16", "N", 0.0),), "field 'force': a scale is a number other than 0"),
+        ((("force", "int16"), ("force", "int16")), "field 'force': the name is taken"),
+        ((("age", "int16"),), "field 'age': the name is taken"),
+        (
+            (("force", "float64[40]"),),
+            "a packet has at most 250 bytes and 200 numbers, and these fields have 320 and 40",
+        ),
+    ],
+)
 def test_a_wrong_field_is_told(declared, words):
     with pytest.raises(DiagramError, match=words):
         Microcontroller(fields=declared)

@@ -7,7 +7,9 @@ from graph import Block, Input, Memory, Output, Param
 
 
 class CadenceMeter(Block):
-    """Steps a minute from heel strikes: 60 over the time between the last two. Zero until there are two; NaN and infinity pass."""
+    """Steps a minute from heel strikes: 60 over the time between the last two. Zero until there are two; NaN and
+    infinity pass.
+    """
 
     strike = Input("1", "above 0.5 while the heel is on the ground")
     cadence = Output("1", "steps a minute")

@@ -40,9 +40,26 @@ def browse(text, script, folder, address="", motion=False):
     as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     still = [] if motion else ["--force-prefers-reduced-motion"]
     process = subprocess.run(
-        [BROWSER, "--headless", *as_root, *still, "--disable-gpu", "--no-first-run", "--disable-background-networking",
-         "--disable-component-update", "--disable-sync", f"--user-data-dir={folder / 'profile'}", "--window-size=1400,900",
-         "--virtual-time-budget=4000", "--dump-dom", file.as_uri() + address], capture_output=True, text=True, timeout=120)
+        [
+            BROWSER,
+            "--headless",
+            *as_root,
+            *still,
+            "--disable-gpu",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            f"--user-data-dir={folder / 'profile'}",
+            "--window-size=1400,900",
+            "--virtual-time-budget=4000",
+            "--dump-dom",
+            file.as_uri() + address,
+        ],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     found = re.search(r'<pre id="told">(.*?)</pre>', process.stdout, re.S)
     assert found and found[1], f"the page did not answer: {process.stderr[-500:]}"
     told = json.loads(html.unescape(found[1]))

@@ -52,7 +52,7 @@ def grow(chance, size, signals, delays, depth):
                 grow(chance, inside, signals, delays, depth + 1)
             size -= inside
             continue
-        signals.append(one_more(chance, signals[-chance.randint(1, 30):], delays))
+        signals.append(one_more(chance, signals[-chance.randint(1, 30) :], delays))
         size -= 1
 
 
@@ -70,7 +70,9 @@ def one_more(chance, near, delays):
 
 
 def nested():
-    """Subsystems in subsystems on both sides of a body, one of them slow and one that is switched on; constants and a long name."""
+    """Subsystems in subsystems on both sides of a body, one of them slow and one that is switched on; constants and a
+    long name.
+    """
     with Diagram("nested", rate=200) as diagram:
         switch = StepSource(name="switch")()
         with subsystem("supervisor", every=10):
@@ -94,7 +96,11 @@ def wrong():
     """A gain behind the limiter, and an input that nothing is wired to."""
     with Diagram("wrong", rate=100) as diagram:
         knee = CubeMars("AK80-9", name="knee")
-        knee(torque_command=Gain(3.0)(TorqueLimiter(limit=8.0)(Impedance()(position=knee.position, velocity=knee.velocity))))
+        knee(
+            torque_command=Gain(3.0)(
+                TorqueLimiter(limit=8.0)(Impedance()(position=knee.position, velocity=knee.velocity))
+            )
+        )
         Sum("++", name="lonely")(knee.torque)
         CsvRecorder()
     return diagram

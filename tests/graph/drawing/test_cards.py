@@ -36,36 +36,68 @@ def test_the_summary_is_the_first_sentence():
     assert summary(Undocumented) == "" and documentation(Undocumented) == ()
 
 
-@pytest.mark.parametrize("kind, name", [
-    (CubeMars, "actuator"), (CsvRecorder, "sink"), (TorqueLimiter, "limiter"), (Impedance, "controller"), (Sine, "source"), (Sum, "other"),
-    (type("Imu", (Device,), {}), "sensor"),
-])
+@pytest.mark.parametrize(
+    "kind, name",
+    [
+        (CubeMars, "actuator"),
+        (CsvRecorder, "sink"),
+        (TorqueLimiter, "limiter"),
+        (Impedance, "controller"),
+        (Sine, "source"),
+        (Sum, "other"),
+        (type("Imu", (Device,), {}), "sensor"),
+    ],
+)
 def test_families_follow_what_a_block_is_and_where_it_stands(kind, name):
     assert family(kind) == name
 
 
-@pytest.mark.parametrize("param, words", [
-    (Param(1.0, min=0.0, max=2.5), "0 to 2.5"), (Param(1.0, above=0.0), "above 0"),
-    (Param(1.0, min=0.0, below=1.5), "at least 0 and below 1.5"),
-    (Param("a", choices=("a", "b")), "one of a, b"), (Param(",", choices=(",", "\t")), "one of ,, '\\t'"), (Param(1.0), ""),
-])
+@pytest.mark.parametrize(
+    "param, words",
+    [
+        (Param(1.0, min=0.0, max=2.5), "0 to 2.5"),
+        (Param(1.0, above=0.0), "above 0"),
+        (Param(1.0, min=0.0, below=1.5), "at least 0 and below 1.5"),
+        (Param("a", choices=("a", "b")), "one of a, b"),
+        (Param(",", choices=(",", "\t")), "one of ,, '\\t'"),
+        (Param(1.0), ""),
+    ],
+)
 def test_bounds_in_words(param, words):
     assert bounds_text(param) == words
 
 
-@pytest.mark.parametrize("value, unit, words", [
-    (12.0, "N·m", "12 N·m"), (0.5, "1", "0.5"), (math.inf, "N·m/s", "inf N·m/s"), (True, "1", "yes"), (None, "s", "none"),
-    ("rated", "1", "rated"), ("\t", "1", "\\t"), ("", "1", "none"), ((1, 2), "1", "1, 2"), ({"u": "1"}, "1", "u"),
-    (tuple((i / 7, i) for i in range(8)), "1", "8 entries"),
-])
+@pytest.mark.parametrize(
+    "value, unit, words",
+    [
+        (12.0, "N·m", "12 N·m"),
+        (0.5, "1", "0.5"),
+        (math.inf, "N·m/s", "inf N·m/s"),
+        (True, "1", "yes"),
+        (None, "s", "none"),
+        ("rated", "1", "rated"),
+        ("\t", "1", "\\t"),
+        ("", "1", "none"),
+        ((1, 2), "1", "1, 2"),
+        ({"u": "1"}, "1", "u"),
+        (tuple((i / 7, i) for i in range(8)), "1", "8 entries"),
+    ],
+)
 def test_values_in_words(value, unit, words):
     assert quantity(value, unit) == words
 
 
-@pytest.mark.parametrize("interval, words", [
-    (Interval(-12.0, 12.0), "-12 to 12 N·m"), (Interval(0.0), "at least 0 N·m"), (Interval(high=3.0), "at most 3 N·m"),
-    (Interval.point(2.0), "2 N·m"), (Interval(), ""), (None, ""),
-])
+@pytest.mark.parametrize(
+    "interval, words",
+    [
+        (Interval(-12.0, 12.0), "-12 to 12 N·m"),
+        (Interval(0.0), "at least 0 N·m"),
+        (Interval(high=3.0), "at most 3 N·m"),
+        (Interval.point(2.0), "2 N·m"),
+        (Interval(), ""),
+        (None, ""),
+    ],
+)
 def test_intervals_in_words(interval, words):
     assert interval_text(interval, "N·m") == words
 
@@ -73,7 +105,9 @@ def test_intervals_in_words(interval, words):
 def test_a_class_shows_the_ports_that_its_parameters_make_by_an_example():
     card = class_card(Sum)
     assert [port["name"] for port in card["inputs"]] == ["u1", "u2"] and card["made"]
-    assert [port["name"] for port in class_card(GaitPhase)["inputs"]] == ["angle", "velocity"] and not class_card(GaitPhase)["made"]
+    assert [port["name"] for port in class_card(GaitPhase)["inputs"]] == ["angle", "velocity"] and not class_card(
+        GaitPhase
+    )["made"]
 
 
 def test_a_class_whose_example_cannot_be_made_shows_what_it_declares():
@@ -85,9 +119,17 @@ def test_the_card_of_a_block_tells_its_wires_its_values_its_proof_and_its_line()
     cards = draw(leg()).cards
     limiter, knee = cards["left/torque_limiter"], cards["left/knee"]
     assert limiter["inputs"][0]["source"] == "left/impedance.torque"
-    assert limiter["outputs"][0]["targets"] == ["left/knee.torque_command"] and limiter["outputs"][0]["range"] == "-12 to 12 N·m"
-    assert {p["name"]: (p["value"], p["own"]) for p in limiter["parameters"]} == {"limit": ("12 N·m", True), "slew": ("200 N·m/s", True)}
-    assert limiter["bounds"] == ["left/knee.torque_command"] and limiter["made"].partition(":")[0].endswith("diagrams.py")
+    assert (
+        limiter["outputs"][0]["targets"] == ["left/knee.torque_command"]
+        and limiter["outputs"][0]["range"] == "-12 to 12 N·m"
+    )
+    assert {p["name"]: (p["value"], p["own"]) for p in limiter["parameters"]} == {
+        "limit": ("12 N·m", True),
+        "slew": ("200 N·m/s", True),
+    }
+    assert limiter["bounds"] == ["left/knee.torque_command"] and limiter["made"].partition(":")[0].endswith(
+        "diagrams.py"
+    )
     assert knee["proofs"][0] == "torque_command: -12 to 12 N·m, inside -18 to 18 N·m; bounded by left/torque_limiter"
     assert knee["proofs"][1].startswith("constant: position_command 0 rad, ")
     assert knee["runs"] == "native, on a bus" and cards["csv_recorder"]["runs"] == "in the recorder process"

@@ -35,4 +35,4 @@ def test_two_lines_that_change_places_are_drawn_with_one_of_them_on_two_tracks()
     assert one.left == split.left and other.right == split.right and one.right == other.left
     (height,) = one.right
     assert all(abs(height - taken) >= 4.0 for taken in (10.0, 50.0))
-    assert one.track < whole.track < other.track            # each turns off before the other turns on
+    assert one.track < whole.track < other.track  # each turns off before the other turns on

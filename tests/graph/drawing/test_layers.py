@@ -70,7 +70,10 @@ def test_pins_stand_in_the_outermost_columns():
 
 def test_a_long_line_has_one_place_in_each_column_however_many_it_leads_to():
     chain = [node(str(i)) for i in range(5)]
-    edges = [edge(a, b) for a, b in pairwise(chain)] + [Edge(chain[0], "out", chain[3], "late"), Edge(chain[0], "out", chain[4], "late")]
+    edges = [edge(a, b) for a, b in pairwise(chain)] + [
+        Edge(chain[0], "out", chain[3], "late"),
+        Edge(chain[0], "out", chain[4], "late"),
+    ]
     columns, nets, hops = arrange(chain, edges)
     [long] = [net for net in nets if net.source is chain[0]]
     assert sorted(long.stops) == [1, 2, 3] and [len(column) for column in columns] == [1, 2, 2, 2, 1]
@@ -87,8 +90,13 @@ def test_two_crossed_lines_are_uncrossed():
 def test_crossings_are_counted_as_by_looking_at_every_pair(seed):
     chance = random.Random(seed)
     left, right = [node(f"l{i}") for i in range(6)], [node(f"r{i}") for i in range(6)]
-    _, _, hops = arrange(left + right, [edge(chance.choice(left), chance.choice(right), chance.random() < 0.5) for _ in range(12)])
+    _, _, hops = arrange(
+        left + right, [edge(chance.choice(left), chance.choice(right), chance.random() < 0.5) for _ in range(12)]
+    )
     leaving = {n: [hop for hop in hops if hop.source is n] for n in left + right}
-    ends = [(left.index(h.source) + share(h.source.right, h.output), right.index(h.target) + share(h.target.left, h.input)) for h in hops]
+    ends = [
+        (left.index(h.source) + share(h.source.right, h.output), right.index(h.target) + share(h.target.left, h.input))
+        for h in hops
+    ]
     expected = sum(a < c and b > d for (a, b), (c, d) in permutations(ends, 2))
     assert crossings([left, right], leaving) == expected

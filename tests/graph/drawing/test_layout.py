@@ -35,7 +35,9 @@ def segments(line):
 def test_every_block_is_drawn_once_and_every_subsystem_has_a_frame(case):
     diagram, drawing = case
     assert sorted(box.path for box in drawing.boxes) == sorted(diagram.blocks)
-    subsystems = {"/".join(path.split("/")[:depth]) for path in diagram.blocks for depth in range(1, path.count("/") + 1)}
+    subsystems = {
+        "/".join(path.split("/")[:depth]) for path in diagram.blocks for depth in range(1, path.count("/") + 1)
+    }
     assert sorted(frame.path for frame in drawing.frames) == sorted(subsystems)
 
 
@@ -59,7 +61,12 @@ def test_frames_hold_what_stands_in_them_and_nothing_else(case):
 def test_everything_lies_on_the_page(case):
     _, drawing = case
     for thing in drawing.boxes + drawing.frames:
-        assert thing.x >= 0 and thing.y >= 0 and thing.x + thing.width <= drawing.width and thing.y + thing.height <= drawing.height
+        assert (
+            thing.x >= 0
+            and thing.y >= 0
+            and thing.x + thing.width <= drawing.width
+            and thing.y + thing.height <= drawing.height
+        )
     for line in drawing.lines:
         assert all(0 <= x <= drawing.width and 0 <= y <= drawing.height for x, y in line.points)
 
@@ -70,7 +77,12 @@ def test_lines_run_level_or_upright_and_around_boxes(case):
         for left, top, right, bottom in segments(line):
             assert left == right or top == bottom
             for thing in drawing.boxes:
-                inside = left < thing.x + thing.width and thing.x < right and top < thing.y + thing.height and thing.y < bottom
+                inside = (
+                    left < thing.x + thing.width
+                    and thing.x < right
+                    and top < thing.y + thing.height
+                    and thing.y < bottom
+                )
                 assert not inside, f"{line.signal} runs through {thing.path}"
 
 
@@ -81,9 +93,19 @@ def test_lines_stay_inside_their_frame_and_outside_others(case):
         for left, top, right, bottom in segments(line):
             for path, frame in frames.items():
                 if line.subsystem == path or line.subsystem.startswith(f"{path}/"):
-                    assert frame.x <= left and right <= frame.x + frame.width and frame.y <= top and bottom <= frame.y + frame.height
+                    assert (
+                        frame.x <= left
+                        and right <= frame.x + frame.width
+                        and frame.y <= top
+                        and bottom <= frame.y + frame.height
+                    )
                 else:
-                    through = left < frame.x + frame.width and frame.x < right and top < frame.y + frame.height and frame.y < bottom
+                    through = (
+                        left < frame.x + frame.width
+                        and frame.x < right
+                        and top < frame.y + frame.height
+                        and frame.y < bottom
+                    )
                     assert not through, f"{line.signal} runs through {path}"
 
 
@@ -105,7 +127,9 @@ def test_every_wire_runs_from_its_port_to_its_port_through_the_pins_of_the_frame
     ends = places | pins
     after = {}
     for line in drawing.lines:
-        assert line.points[0] == ends[line.source] and line.points[-1] == ends[line.target], f"{line.source} to {line.target}"
+        assert line.points[0] == ends[line.source] and line.points[-1] == ends[line.target], (
+            f"{line.source} to {line.target}"
+        )
         after.setdefault((line.signal, line.source), set()).add(line.target)
     for wire in diagram.wires:
         if isinstance(wire.source, Signal):

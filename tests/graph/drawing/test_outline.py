@@ -38,7 +38,11 @@ def box(drawing, path):
 
 def test_a_subsystem_tells_its_rate_and_its_condition():
     frames = {frame.path: frame for frame in draw(nested()).frames}
-    assert frames["supervisor"].note == "every 10 ticks" and frames["left/extra"].note == "while switch.y" and frames["left"].note == ""
+    assert (
+        frames["supervisor"].note == "every 10 ticks"
+        and frames["left/extra"].note == "while switch.y"
+        and frames["left"].note == ""
+    )
 
 
 def test_what_enables_a_subsystem_is_wired_to_its_frame():
@@ -58,7 +62,11 @@ def test_a_slow_block_in_a_fast_subsystem_says_so():
 
 
 def test_constants_stand_beside_their_port():
-    [port] = [port for port in box(draw(nested()), "left/hip/a_spring_with_a_rather_long_name").ports if port.name == "equilibrium"]
+    [port] = [
+        port
+        for port in box(draw(nested()), "left/hip/a_spring_with_a_rather_long_name").ports
+        if port.name == "equilibrium"
+    ]
     assert port.note == "= 0.25"
 
 

@@ -27,61 +27,92 @@ def ask(tmp_path):
 
 
 def test_every_text_fits_into_its_box(ask):
-    wide = ask(nested(), """
+    wide = ask(
+        nested(),
+        """
         return visible(".box").flatMap((box) => [...box.querySelectorAll("text")].filter((text) => {
           const edge = box.querySelector(".edge").getBBox(), own = text.getBBox();
           return own.x < edge.x || own.x + own.width > edge.x + edge.width || own.y < edge.y || own.y + own.height > edge.y + edge.height;
-        }).map((text) => box.dataset.path + ": " + text.textContent));""")
+        }).map((text) => box.dataset.path + ": " + text.textContent));""",
+    )
     assert wide == []
 
 
 def test_the_names_of_the_ports_on_both_sides_do_not_touch(ask):
-    touching = ask(nested(), """
+    touching = ask(
+        nested(),
+        """
         const hit = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height - 4 && b.y < a.y + a.height - 4;
         return visible(".box").flatMap((box) => {
           const texts = [...box.querySelectorAll("text")].map((text) => [text.textContent, text.getBBox()]);
           const touched = ([name, a], i) => texts.slice(i + 1).filter(([, b]) => hit(a, b)).map(([other]) => `${name}, ${other}`);
           return texts.flatMap(touched).map((names) => `${box.dataset.path}: ${names}`);
-        });""")
+        });""",
+    )
     assert touching == []
 
 
 def test_a_click_on_a_block_tells_its_docstring_ports_parameters_and_line(ask):
-    told = ask(leg(), """
+    told = ask(
+        leg(),
+        """
         find("box", "left/torque_limiter").dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        return { text: panel.innerText, hidden: panel.hidden, hash: decodeURIComponent(location.hash) };""")
+        return { text: panel.innerText, hidden: panel.hidden, hash: decodeURIComponent(location.hash) };""",
+    )
     assert not told["hidden"] and told["hash"] == "#left/torque_limiter"
-    for words in ("TorqueLimiter", "Bounds a torque and how fast it changes", "bounds left/knee.torque_command",
-                  "from left/impedance.torque", "to left/knee.torque_command", "-12 to 12 N·m", "limit", "12 N·m", "200 N·m/s",
-                  "at least 0", "native", "diagrams.py:"):
+    for words in (
+        "TorqueLimiter",
+        "Bounds a torque and how fast it changes",
+        "bounds left/knee.torque_command",
+        "from left/impedance.torque",
+        "to left/knee.torque_command",
+        "-12 to 12 N·m",
+        "limit",
+        "12 N·m",
+        "200 N·m/s",
+        "at least 0",
+        "native",
+        "diagrams.py:",
+    ):
         assert words in told["text"], words
 
 
 def test_a_link_in_a_card_leads_to_the_block_at_the_other_end(ask):
-    assert ask(leg(), """
+    assert ask(
+        leg(),
+        """
         choose("left/torque_limiter");
         [...panel.querySelectorAll("a")].find((a) => a.textContent === "left/knee.torque_command").click();
-        return [chosen, panel.querySelector("h2").textContent];""") == ["left/knee", "left/knee"]
+        return [chosen, panel.querySelector("h2").textContent];""",
+    ) == ["left/knee", "left/knee"]
 
 
 def test_escape_closes_the_card(ask):
-    assert ask(leg(), """
+    assert ask(
+        leg(),
+        """
         choose("left/knee");
         document.dispatchEvent(new KeyboardEvent("keydown", { key: "Escape", bubbles: true }));
-        return [panel.hidden, location.hash];""") == [True, ""]
+        return [panel.hidden, location.hash];""",
+    ) == [True, ""]
 
 
 def test_a_block_is_reached_by_its_address_and_by_the_keyboard(ask):
-    assert ask(leg(), 'return chosen;', address="#left%2Fknee") == "left/knee"
-    assert ask(leg(), """
+    assert ask(leg(), "return chosen;", address="#left%2Fknee") == "left/knee"
+    assert ask(
+        leg(),
+        """
         const box = find("box", "left/knee");
         box.focus();
         box.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
-        return [document.activeElement === box, chosen];""") == [True, "left/knee"]
+        return [document.activeElement === box, chosen];""",
+    ) == [True, "left/knee"]
 
 
 def test_search_finds_by_name_type_and_port_and_enter_goes_there(ask):
-    told = ask(leg(), """
+    told = ask(
+        leg(),
+        """
         const list = (text) => {
           search.value = text;
           search.dispatchEvent(new Event("input"));
@@ -90,20 +121,24 @@ def test_search_finds_by_name_type_and_port_and_enter_goes_there(ask):
         const found = [list("knee"), list("TorqueLimiter"), list("velocity"), list("no such thing"), list("")];
         list("impedance");
         search.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
-        return [...found, chosen, search.value];""")
+        return [...found, chosen, search.value];""",
+    )
     assert told[:2] == [["left/knee"], ["left/torque_limiter"]]
     assert set(told[2]) >= {"left/knee", "left/impedance"} and told[3] == [] and told[4] == []
     assert told[5:] == ["left/impedance", ""]
 
 
 def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
-    told = ask(leg(), """
+    told = ask(
+        leg(),
+        """
         const before = goal.y(drawing.height);
         find("frame", "left").querySelector(".head").dispatchEvent(new MouseEvent("click", { bubbles: true }));
         const boxes = visible(".box").map((box) => box.dataset.path);
         const folded = { boxes, lines: visible(".line").length, height: goal.y(drawing.height) };
         find("frame", "left").querySelector(".head").dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        return { before, folded, after: goal.y(drawing.height), boxes: visible(".box").length, lines: visible(".line").length };""")
+        return { before, folded, after: goal.y(drawing.height), boxes: visible(".box").length, lines: visible(".line").length };""",
+    )
     assert told["folded"]["boxes"] == ["csv_recorder"] and told["folded"]["lines"] == 0
     assert told["folded"]["height"] < 0.6 * told["before"] and told["after"] == told["before"]
     assert told["boxes"] == 5 and told["lines"] == 5
@@ -111,7 +146,9 @@ def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
 
 @pytest.mark.parametrize("seed", [3, 7, 11])
 def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines_end_at_their_ports(seed, ask):
-    told = ask(by_chance(seed, size=50), """
+    told = ask(
+        by_chance(seed, size=50),
+        """
         const wrong = [];
         let turn = 1;
         for (let round = 0; round < 12; round++) {
@@ -147,18 +184,27 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
             if (!ends.has(`${Math.round(end.x)} ${Math.round(end.y)}`)) wrong.push(`${line.dataset.signal} ends nowhere`);
           }
         }
-        return { wrong, frames: drawing.frames.length };""")
+        return { wrong, frames: drawing.frames.length };""",
+    )
     assert told["frames"] > 2 and told["wrong"] == []
 
 
 def test_going_to_a_block_unfolds_what_holds_it_and_brings_it_into_view(ask):
-    told = ask(nested(), """
+    told = ask(
+        nested(),
+        """
         foldAll(true);
         choose("left/hip/limiter", true);
         const seen = find("box", "left/hip/limiter").getBoundingClientRect();
         const inside = seen.left > 0 && seen.top > 0 && seen.right < innerWidth - panel.offsetWidth && seen.bottom < innerHeight;
-        return { folded: [...folded], inside };""")
-    assert "left" not in told["folded"] and "left/hip" not in told["folded"] and "right" in told["folded"] and told["inside"]
+        return { folded: [...folded], inside };""",
+    )
+    assert (
+        "left" not in told["folded"]
+        and "left/hip" not in told["folded"]
+        and "right" in told["folded"]
+        and told["inside"]
+    )
 
 
 def test_what_moves_arrives_where_what_jumps_does(ask):
@@ -170,7 +216,9 @@ def test_what_moves_arrives_where_what_jumps_does(ask):
 
 
 def test_the_wheel_zooms_about_the_pointer_and_dragging_moves(ask):
-    told = ask(leg(), """
+    told = ask(
+        leg(),
+        """
         const under = (x, y) => [(x - view.x) / view.k, (y - view.y) / view.k];
         const before = under(500, 400), k = view.k;
         canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, clientX: 500, clientY: 400, cancelable: true }));
@@ -181,32 +229,44 @@ def test_the_wheel_zooms_about_the_pointer_and_dragging_moves(ask):
         window.dispatchEvent(pointer("pointerup", 380));
         const moved = view.x - at;
         window.dispatchEvent(pointer("pointermove", 500));
-        return { before, after, zoomed, moved, later: view.x - at };""")
+        return { before, after, zoomed, moved, later: view.x - at };""",
+    )
     assert told["after"] == pytest.approx(told["before"], abs=1e-6) and told["zoomed"] > 1.3
     assert told["moved"] == pytest.approx(80.0) and told["later"] == pytest.approx(80.0)
 
 
 def test_dragging_across_a_block_does_not_open_its_card(ask):
-    assert ask(leg(), """
+    assert (
+        ask(
+            leg(),
+            """
         const box = find("box", "left/knee");
         const pointer = (name, x) => new PointerEvent(name, { pointerId: 1, clientX: x, clientY: 300, bubbles: true });
         box.dispatchEvent(pointer("pointerdown", 300));
         window.dispatchEvent(pointer("pointermove", 340));
         window.dispatchEvent(pointer("pointerup", 340));
         box.dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        return panel.hidden;""") is True
+        return panel.hidden;""",
+        )
+        is True
+    )
 
 
 def test_pointing_at_a_line_lights_the_whole_signal(ask):
-    lit = ask(leg(), """
+    lit = ask(
+        leg(),
+        """
         const line = scene.querySelector('.line[data-signal="left/butterworth.y"]');
         line.dispatchEvent(new PointerEvent("pointerenter"));
         const during = scene.querySelectorAll(".lit").length;
         line.dispatchEvent(new PointerEvent("pointerleave"));
-        return [during, scene.querySelectorAll(".lit").length, line.querySelector("title").textContent];""")
+        return [during, scene.querySelectorAll(".lit").length, line.querySelector("title").textContent];""",
+    )
     assert lit[:2] == [1, 0] and lit[2].startswith("left/butterworth.y   rad/s")
 
 
 def test_nothing_in_a_diagram_is_read_as_html(ask):
     name = "<img src=x onerror=alert(1)>"
-    assert ask(leg(name), 'return [document.title, document.querySelectorAll("img").length, document.scripts.length];') == [name, 0, 3]
+    assert ask(
+        leg(name), 'return [document.title, document.querySelectorAll("img").length, document.scripts.length];'
+    ) == [name, 0, 3]

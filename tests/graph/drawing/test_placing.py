@@ -19,7 +19,8 @@ def test_a_column_stands_where_linear_programming_says_it_bends_least(seed):
     chance = random.Random(seed)
     nodes = column(chance, 7)
     wishes = {
-        node: [(float(chance.randint(-200, 200)), chance.choice((1.0, 2.0, 8.0))) for _ in range(chance.randint(1, 4))] for node in nodes
+        node: [(float(chance.randint(-200, 200)), chance.choice((1.0, 2.0, 8.0))) for _ in range(chance.randint(1, 4))]
+        for node in nodes
     }
     stack(nodes, {node: 0.0 for node in nodes}, wishes)
     bends = sum(weight * abs(node.y - y) for node in nodes for y, weight in wishes[node])
@@ -27,7 +28,7 @@ def test_a_column_stands_where_linear_programming_says_it_bends_least(seed):
 
     flat = [(index, y, weight) for index, node in enumerate(nodes) for y, weight in wishes[node]]
     rows, limits = [], []
-    for k, (index, y, _) in enumerate(flat):                # |height - wish| <= slack
+    for k, (index, y, _) in enumerate(flat):  # |height - wish| <= slack
         for sign in (1.0, -1.0):
             row = np.zeros(len(nodes) + len(flat))
             row[index], row[len(nodes) + k] = sign, -1.0

@@ -23,25 +23,38 @@ def test_it_is_xml_with_a_size_and_names_what_is_drawn():
     assert root.tag == f"{SPACE}svg" and float(root.get("width")) > 400
     assert root.get("viewBox") == f"0 0 {root.get('width')} {root.get('height')}"
     found = texts(root)
-    for words in ("left", "knee", "CubeMars", "Butterworth", "TorqueLimiter", "torque_command", "position", "limit 12 N·m", "leg, 200 Hz",
-                  "takes every port"):
+    for words in (
+        "left",
+        "knee",
+        "CubeMars",
+        "Butterworth",
+        "TorqueLimiter",
+        "torque_command",
+        "position",
+        "limit 12 N·m",
+        "leg, 200 Hz",
+        "takes every port",
+    ):
         assert words in found
 
 
 def test_it_needs_nothing_from_elsewhere():
     text = svg(draw(nested()))
-    assert "<script" not in text and "href" not in text and "url(" not in text and text.count("http") == 1      # the name space
+    # the name space
+    assert "<script" not in text and "href" not in text and "url(" not in text and text.count("http") == 1
 
 
 def test_names_are_escaped():
-    name = "<b> & \"c\""
+    name = '<b> & "c"'
     root = parse(leg(name))
     assert root.find(f"{SPACE}title").text == name and f"{name}, 200 Hz" in texts(root)
 
 
 def test_feedback_is_dashed_and_units_and_ranges_are_told_on_hover():
     root = parse(leg())
-    [back] = [path for path in root.iter(f"{SPACE}path") if path.get("class") == "line back" and path.get("data-signal")]
+    [back] = [
+        path for path in root.iter(f"{SPACE}path") if path.get("class") == "line back" and path.get("data-signal")
+    ]
     assert back.find(f"{SPACE}title").text == "left/torque_limiter.limited   N·m   -12 to 12 N·m"
     assert ".back { stroke: #a8480f; stroke-dasharray: 7 4;" in root.find(f"{SPACE}style").text
 
@@ -54,7 +67,11 @@ def test_the_legend_names_the_families_that_are_there_and_no_others():
 
 
 def test_every_family_looks_different():
-    assert len({family.edge for family in FAMILIES.values()}) == len({family.head for family in FAMILIES.values()}) == len(FAMILIES)
+    assert (
+        len({family.edge for family in FAMILIES.values()})
+        == len({family.head for family in FAMILIES.values()})
+        == len(FAMILIES)
+    )
 
 
 def test_ports_without_wires_are_left_out_unless_asked_for():
@@ -63,7 +80,9 @@ def test_ports_without_wires_are_left_out_unless_asked_for():
 
 def test_what_is_wrong_is_marked():
     root = parse(wrong())
-    marked = {group.get("data-path") for group in root.iter(f"{SPACE}g") if "wrong" in (group.get("class") or "").split()}
+    marked = {
+        group.get("data-path") for group in root.iter(f"{SPACE}g") if "wrong" in (group.get("class") or "").split()
+    }
     assert marked == {"knee", "lonely"}
     [command] = [path for path in root.iter(f"{SPACE}path") if {"line", "wrong"} <= set(path.get("class").split())]
     assert command.get("data-signal") == "gain.y"

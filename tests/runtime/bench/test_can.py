@@ -16,7 +16,9 @@ from runtime.bench import can_cost, python_can
 from runtime.bench.by_hand import build
 from runtime.errors import OK
 
-needs_compiler = pytest.mark.skipif(shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler")
+needs_compiler = pytest.mark.skipif(
+    shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler"
+)
 
 
 @needs_compiler
@@ -57,7 +59,7 @@ def test_a_tick_that_loses_a_frame_is_no_measurement():
     with pytest.raises(ValueError, match="1 to 64 frames, not 0"):
         time_of_control(program, MemoryBus().device, [], 1)
     with pytest.raises(OSError, match="0 of 8 frames came"):
-        time_of_control(program, MemoryBus().device, can_cost.ANSWERS, 1)       # the far end of another bus
+        time_of_control(program, MemoryBus().device, can_cost.ANSWERS, 1)  # the far end of another bus
 
 
 def test_python_can_waits_for_answers_in_vain(monkeypatch):

@@ -1,4 +1,6 @@
-"""`python -m runtime bench clock`: what it counts, and that what it says of itself holds. How well this machine keeps time is not tested."""
+"""`python -m runtime bench clock`: what it counts, and that what it says of itself holds. How well this machine keeps
+time is not tested.
+"""
 
 import json
 
@@ -16,17 +18,27 @@ def test_it_tells_of_both_loops_at_every_rate_and_what_parts_of_a_tick_cost(comm
     code, out, err = command_line("bench", "clock", "--seconds", "0.1", "--repeats", "1", "--ticks", "20000", "--json")
     told = json.loads(out)
     assert (code, err) == (OK, "")
-    assert list(told["clock"]) == [f"{rate} Hz, {name}" for rate in (200, 1000, 2000) for name in (clock.C, clock.NATIVE, clock.PYTHON)]
+    assert list(told["clock"]) == [
+        f"{rate} Hz, {name}" for rate in (200, 1000, 2000) for name in (clock.C, clock.NATIVE, clock.PYTHON)
+    ]
     for name, row in told["clock"].items():
         assert row["ticks"] + row["missed"] == 0.1 * int(name.split()[0])
         assert 0.0 <= row["period_p50_us"] <= row["period_p99_us"]
-    assert told["costs"]["drift_ns"] <= 0.5 and 0.0 < told["costs"]["histogram_add_ns"] and 0.0 < told["costs"]["knee_minute_s"]
+    assert (
+        told["costs"]["drift_ns"] <= 0.5
+        and 0.0 < told["costs"]["histogram_add_ns"]
+        and 0.0 < told["costs"]["knee_minute_s"]
+    )
     assert len(told["goals"]) == 14 and list(command_line.folder.iterdir()) == []
 
 
 def test_under_load_the_processors_are_kept_busy_and_left_alone_afterwards(command_line):
     code, out, _ = command_line("bench", "clock", "--seconds", "0.05", "--repeats", "1", "--load", "--busy-thread")
-    assert code == OK and "every processor loaded, a busy Python thread" in out and "1000 Hz, ticks lost beyond the C loop's" in out
+    assert (
+        code == OK
+        and "every processor loaded, a busy Python thread" in out
+        and ("1000 Hz, ticks lost beyond the C loop's") in out
+    )
     assert [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE] == []
 
 

@@ -17,7 +17,11 @@ def test_a_diagram_is_a_table_of_all_who_computed_it(command_line):
     matches = map(re.compile(r"  (\S.{34,}?)((?:\s+[\d.e+]+){5})").fullmatch, lines)
     rows = {match[1]: list(map(float, match[2].split())) for match in matches if match}
     assert [name.strip() for name in rows] == [
-        "Tickwork, native blocks", "Tickwork, Python blocks", "plain Python, one straight line", "C, one straight line"]
+        "Tickwork, native blocks",
+        "Tickwork, Python blocks",
+        "plain Python, one straight line",
+        "C, one straight line",
+    ]
     for least, median, most, a_block, _ in rows.values():
         assert least <= median <= most and abs(a_block - median * 1e3 / 102) < 0.01 * a_block
 

@@ -14,7 +14,8 @@ def test_it_tells_what_eight_sensors_cost_and_lose(command_line):
     assert 8 * 2 * 500 * 0.15 < found["packets"] < 8 * 2 * 500 * 0.4 and found["corrupt"] == found["overflows"] == 0
     assert 0.0 < found["processor"] < 1.0 and found["native_mb_s"] > found["python_mb_s"] > 0.0
     assert all(0.0 < found[name][row] for name in ("late_p50_us", "late_p99_us") for row in ("alone", "beside"))
-    assert 1200.0 < told["i2c"]["exchanges"] < 1450.0 and 850.0 < told["i2c"]["answers"] < 960.0        # 3 (200 + 100) answers, checks, two switches a round
+    # 3 (200 + 100) answers, checks, two switches a round
+    assert 1200.0 < told["i2c"]["exchanges"] < 1450.0 and 850.0 < told["i2c"]["answers"] < 960.0
     assert 0.0 < told["i2c"]["processor"] < 0.5
     assert [goal["unit"] for goal in told["goals"]] == ["", "", "times", "MB/s", "times"]
 
@@ -25,4 +26,12 @@ def test_both_parsers_read_every_packet_of_the_stream():
     data = sensors.stream()
     packets, rest, corrupt = mip.split(data)
     assert len(packets) == 2 * sensors.PACKETS and not rest and not corrupt
-    assert set(sensors.in_python(data[:2000])) <= {"accel", "gyro", "mag", "temperatures", "sensor_time", "filter_time", "filter_quaternion"}
+    assert set(sensors.in_python(data[:2000])) <= {
+        "accel",
+        "gyro",
+        "mag",
+        "temperatures",
+        "sensor_time",
+        "filter_time",
+        "filter_quaternion",
+    }

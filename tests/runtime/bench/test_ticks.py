@@ -26,7 +26,11 @@ def test_blocks_and_lines_written_by_hand_compute_the_same(netlist):
 
 def test_the_diagrams_have_the_sizes_that_the_peers_were_measured_with():
     assert [(netlist.name, netlist.blocks, netlist.width) for netlist in NETLISTS] == [
-        ("knee", 20, 1), ("wide", 200, 1), ("wide6", 200, 6), ("chain", 102, 1)]
+        ("knee", 20, 1),
+        ("wide", 200, 1),
+        ("wide6", 200, 6),
+        ("chain", 102, 1),
+    ]
 
 
 def test_what_computes_something_else_is_not_timed():
@@ -83,7 +87,10 @@ def test_without_a_compiler_straight_c_is_left_out_in_words(monkeypatch):
         StraightC(NETLISTS[0])
     found, left_out = contenders_of(NETLISTS[0], with_peers=False)
     assert [contender.name for contender in found] == [
-        "Tickwork, native blocks", "Tickwork, Python blocks", "plain Python, one straight line"]
+        "Tickwork, native blocks",
+        "Tickwork, Python blocks",
+        "plain Python, one straight line",
+    ]
     assert list(left_out) == ["C, one straight line"]
 
 

@@ -1,4 +1,6 @@
-"""`python -m runtime bench views`: everything is on where it says so. How late this machine is with that is not tested."""
+"""`python -m runtime bench views`: everything is on where it says so. How late this machine is with that is not
+tested.
+"""
 
 import json
 
@@ -14,9 +16,17 @@ def test_it_tells_how_late_the_loop_is_with_everything_on_and_with_nothing(comma
     assert (code, err) == (OK, "")
     assert list(told["views"]) == [views.NONE, views.ALL] and told["problems"] == []
     for row in told["views"].values():
-        assert row["ticks"] + row["missed"] == 300 and 0.0 < row["late_p50_us"] <= row["late_p99_us"] <= row["late_p99.9_us"]
-    assert [goal["what"] for goal in told["goals"]] == ["all viewers on, lateness p99", "all viewers on, records dropped"]
-    assert told["goals"][0]["value"] == pytest.approx(told["views"][views.ALL]["late_p99_us"] / told["views"][views.NONE]["late_p99_us"])
+        assert (
+            row["ticks"] + row["missed"] == 300
+            and 0.0 < row["late_p50_us"] <= row["late_p99_us"] <= row["late_p99.9_us"]
+        )
+    assert [goal["what"] for goal in told["goals"]] == [
+        "all viewers on, lateness p99",
+        "all viewers on, records dropped",
+    ]
+    assert told["goals"][0]["value"] == pytest.approx(
+        told["views"][views.ALL]["late_p99_us"] / told["views"][views.NONE]["late_p99_us"]
+    )
     assert list(command_line.folder.iterdir()) == []
 
 

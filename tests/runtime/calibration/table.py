@@ -1,4 +1,5 @@
-"""A diagram of one IMU, `shank`, and a plant that turns it as a person would; the sensor is off by what a calibration has to find.
+"""A diagram of one IMU, `shank`, and a plant that turns it as a person would; the sensor is off by what a calibration
+has to find.
 
 It lies on each of its six sides for two seconds, with a second of turning between, and is then turned to all sides.
 """
@@ -10,14 +11,14 @@ import numpy as np
 from blocks.imus import MPU9250
 from graph import Block, Diagram, Output
 
-G = 9.80665                     # m/s²
-BIAS = np.array((0.03, -0.02, 0.01))                                            # rad/s
-OFFSET, SCALE = np.array((0.3, -0.2, 0.4)), np.array((1.02, 0.97, 1.01))        # m/s², and what takes it away
-IRON = np.array((25.0, -15.0, 8.0))                                             # µT
-SOFT = np.array(((1.1, 0.05, 0.0), (0.05, 0.9, 0.02), (0.0, 0.02, 1.0)))        # what makes a sphere of it
-FIELD = np.array((20.0, 0.0, -44.0))                                            # µT
+G = 9.80665  # m/s²
+BIAS = np.array((0.03, -0.02, 0.01))  # rad/s
+OFFSET, SCALE = np.array((0.3, -0.2, 0.4)), np.array((1.02, 0.97, 1.01))  # m/s², and what takes it away
+IRON = np.array((25.0, -15.0, 8.0))  # µT
+SOFT = np.array(((1.1, 0.05, 0.0), (0.05, 0.9, 0.02), (0.0, 0.02, 1.0)))  # what makes a sphere of it
+FIELD = np.array((20.0, 0.0, -44.0))  # µT
 UP = np.array([(0, 0, 1), (0, 0, -1), (0, 1, 0), (0, -1, 0), (1, 0, 0), (-1, 0, 0)], float)
-SIDE = 3.0                      # s, of which the last is a turn
+SIDE = 3.0  # s, of which the last is a turn
 
 with Diagram("leg", rate=100) as diagram:
     MPU9250(name="shank", bus="imus", rate=100.0, timeout=0.0)

@@ -17,7 +17,7 @@ from tests.runtime.calibration.table import BIAS, FIELD, IRON, OFFSET, SCALE, SO
 from tests.runtime.rig.wires import MemoryI2c, Wires, add_mpu
 
 TABLE = Path(table.__file__)
-CODE = (8 * G / 32768, np.radians(1000.0) / 32768, 4912 / 32760)       # of the emulated sensor: m/s², rad/s, µT
+CODE = (8 * G / 32768, np.radians(1000.0) / 32768, 4912 / 32760)  # of the emulated sensor: m/s², rad/s, µT
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +35,22 @@ def calibrated(tmp_path_factory):
 
 
 def test_what_was_wrong_is_found(calibrated):
-    """Means over hundreds of codes: half a code of each quantity is the tolerance, of the matrices what that is of g and of the field."""
+    """Means over hundreds of codes: half a code of each quantity is the tolerance, of the matrices what that is of g
+    and of the field.
+    """
     folder, said = calibrated
     found = Calibration.read(folder / "shank.toml")
     assert found.gyro_bias == pytest.approx(BIAS, abs=CODE[1])
-    assert found.accel_offset == pytest.approx(OFFSET, abs=CODE[0]) and np.diag(found.accel_matrix) == pytest.approx(SCALE, abs=CODE[0] / G)
-    sphere = SOFT / np.linalg.det(SOFT) ** (1 / 3)                      # its size is not to be known: that of the ellipsoid is kept
-    assert np.array(found.mag_matrix) == pytest.approx(sphere, abs=CODE[2] / 48.0) and found.mag_offset == pytest.approx(IRON, abs=CODE[2])
-    assert "6 positions at rest (+x, -x, +y, -y, +z, -z up)" in said and f'calibration = "{folder / "shank.toml"}"' in said
+    assert found.accel_offset == pytest.approx(OFFSET, abs=CODE[0]) and np.diag(found.accel_matrix) == pytest.approx(
+        SCALE, abs=CODE[0] / G
+    )
+    sphere = SOFT / np.linalg.det(SOFT) ** (1 / 3)  # its size is not to be known: that of the ellipsoid is kept
+    assert np.array(found.mag_matrix) == pytest.approx(
+        sphere, abs=CODE[2] / 48.0
+    ) and found.mag_offset == pytest.approx(IRON, abs=CODE[2])
+    assert (
+        "6 positions at rest (+x, -x, +y, -y, +z, -z up)" in said and f'calibration = "{folder / "shank.toml"}"' in said
+    )
 
 
 def test_there_is_a_picture_of_before_and_after(calibrated):
@@ -54,7 +62,15 @@ def test_there_is_a_picture_of_before_and_after(calibrated):
 def test_a_block_that_reads_the_file_measures_right(calibrated, command_line):
     folder, _ = calibrated
     code, out, err = command_line(
-        TABLE, "--fast", "--duration", "2", "--set", f"shank.calibration={folder / 'shank.toml'}", "--record", command_line.folder / "out")
+        TABLE,
+        "--fast",
+        "--duration",
+        "2",
+        "--set",
+        f"shank.calibration={folder / 'shank.toml'}",
+        "--record",
+        command_line.folder / "out",
+    )
     assert code == OK, err
     rows = [line.split(",") for line in next((command_line.folder / "out").glob("*.csv")).read_text().splitlines()]
     column = {name.split(" [")[0]: place for place, name in enumerate(rows[0])}
@@ -75,24 +91,41 @@ def test_a_part_that_was_not_asked_for_is_kept_from_before(command_line):
     code, out, err = command_line("calibrate", TABLE, "--only", "gyroscope", "--duration", "6", "--out", folder)
     assert code == OK and "kept from before: magnetometer" in out, err
     found = Calibration.read(folder / "shank.toml")
-    assert found.mag_offset == (1.0, 2.0, 3.0) and found.gyro_bias == pytest.approx(BIAS, abs=CODE[1]) and found.accel_offset == (0.0,) * 3
+    assert (
+        found.mag_offset == (1.0, 2.0, 3.0)
+        and found.gyro_bias == pytest.approx(BIAS, abs=CODE[1])
+        and found.accel_offset == (0.0,) * 3
+    )
 
 
 def test_what_was_not_seen_is_told_and_the_rest_is_written(command_line):
     code, out, err = command_line("calibrate", TABLE, "--duration", "8", "--out", command_line.folder)
     assert code == CHECK_FAILED
-    assert "accelerometer  not calibrated: it has not lain still with +x, -x, -y up" in out and "magnetometer   not calibrated" in out
+    assert (
+        "accelerometer  not calibrated: it has not lain still with +x, -x, -y up" in out
+        and "magnetometer   not calibrated" in out
+    )
     assert "gyroscope      bias" in out and (command_line.folder / "shank.toml").exists()
 
 
 def test_nothing_is_written_where_nothing_was_found(command_line):
-    code, out, err = command_line("calibrate", TABLE, "--only", "magnetometer", "--duration", "1", "--out", command_line.folder)
-    assert code == CHECK_FAILED and "nothing could be calibrated" in err and not (command_line.folder / "shank.toml").exists()
+    code, out, err = command_line(
+        "calibrate", TABLE, "--only", "magnetometer", "--duration", "1", "--out", command_line.folder
+    )
+    assert (
+        code == CHECK_FAILED
+        and "nothing could be calibrated" in err
+        and not (command_line.folder / "shank.toml").exists()
+    )
 
 
-@pytest.mark.parametrize("words, said", [
-    (("thigh",), "thigh is no sensor that can be calibrated; there is shank"), (("--only", "gyroscop"), "did you mean 'gyroscope'?"),
-])
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (("thigh",), "thigh is no sensor that can be calibrated; there is shank"),
+        (("--only", "gyroscop"), "did you mean 'gyroscope'?"),
+    ],
+)
 def test_wrong_words_are_refused(command_line, words, said):
     code, out, err = command_line("calibrate", TABLE, *words)
     assert code == BAD_INPUT and said in err
@@ -107,18 +140,24 @@ def test_on_a_rig_the_sensor_alone_is_opened_and_read(tmp_path, monkeypatch):
     number, _ = add_mpu(wires)
     wires.write(number, 0x3B, b"\x00\x00\x00\x00\x10\x00" + bytes(8))
     monkeypatch.setattr("runtime.rig.i2c.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
-    rig = parse(tmp_path / "lab.toml", '[bus.imus]\ninterface = "i2c"\nchannel = "/dev/i2c-99"\n[bus.legs]\ninterface = "socketcan"\nchannel = "nocan"\n')
+    rig = parse(
+        tmp_path / "lab.toml",
+        '[bus.imus]\ninterface = "i2c"\nchannel = '
+        '"/dev/i2c-99"\n[bus.legs]\ninterface = "socketcan"\nchannel = "nocan"\n',
+    )
     with Diagram("robot", rate=200) as robot:
         MPU9250(name="shank", bus="imus")
         CubeMars("AK80-9", bus="legs", can_id=1)(torque_command=0.0)
     with OnRig(rig, robot["shank"]) as there:
         first = there.read(0.1)
         both = first.plus(there.read(0.1))
-    assert 5 <= len(first.time) <= 20 and len(both.time) >= len(first.time) + 5 and np.all(np.diff(both.time) > 0.0)   # a busy machine skips ticks
+    # a busy machine skips ticks
+    assert 5 <= len(first.time) <= 20 and len(both.time) >= len(first.time) + 5 and np.all(np.diff(both.time) > 0.0)
     assert both.accel[-1] == pytest.approx([0.0, 0.0, G], rel=1e-12)
 
 
 # The fits
+
 
 def directions(count):
     """Points of a sphere, evenly."""
@@ -151,8 +190,12 @@ def test_six_positions_need_not_be_level():
 def test_an_ellipsoid_becomes_a_sphere_of_its_volume():
     field = 50.0 * directions(400) @ np.linalg.inv(SOFT).T + IRON
     offset, matrix = fits.magnetometer(field)
-    assert offset == pytest.approx(IRON, abs=1e-9) and matrix == pytest.approx(SOFT / np.linalg.det(SOFT) ** (1 / 3), abs=1e-10)
-    assert np.linalg.norm((field - offset) @ matrix.T, axis=1) == pytest.approx(np.full(400, 50.0 / np.linalg.det(SOFT) ** (1 / 3)), rel=1e-12)
+    assert offset == pytest.approx(IRON, abs=1e-9) and matrix == pytest.approx(
+        SOFT / np.linalg.det(SOFT) ** (1 / 3), abs=1e-10
+    )
+    assert np.linalg.norm((field - offset) @ matrix.T, axis=1) == pytest.approx(
+        np.full(400, 50.0 / np.linalg.det(SOFT) ** (1 / 3)), rel=1e-12
+    )
 
 
 def test_an_ellipsoid_is_found_in_noise():
@@ -162,10 +205,16 @@ def test_an_ellipsoid_is_found_in_noise():
     assert offset == pytest.approx(IRON, abs=0.1) and matrix == pytest.approx(np.eye(3), abs=0.01)
 
 
-@pytest.mark.parametrize("field", [
-    50.0 * directions(400)[:100], 50.0 * directions(400) * (1.0, 1.0, 0.0), np.zeros((400, 3)), np.tile((20.0, 0.0, -44.0), (400, 1)),
-    50.0 * directions(30),
-])
+@pytest.mark.parametrize(
+    "field",
+    [
+        50.0 * directions(400)[:100],
+        50.0 * directions(400) * (1.0, 1.0, 0.0),
+        np.zeros((400, 3)),
+        np.tile((20.0, 0.0, -44.0), (400, 1)),
+        50.0 * directions(30),
+    ],
+)
 def test_a_magnetometer_that_saw_too_little_is_not_calibrated(field):
     with pytest.raises(fits.Unfit):
         fits.magnetometer(field)

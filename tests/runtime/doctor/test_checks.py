@@ -39,19 +39,38 @@ def cure(findings, name):
 def test_a_pi_4_with_a_hat_as_it_is_after_a_day_of_work(look):
     findings = look(PI_4)
     assert verdicts(findings) == {
-        "preemption": OK, "real-time share": OK, "clock source": OK, "word size": OK, "processors": OK, "hardware": OK, "governor": WORSE,
-        "idle states": OK, "throttling": WORSE, "swap": WORSE, "interrupts": OK, "rtprio": WORSE, "memlock": WORSE, "groups": OK,
-        "can0": WORSE, "serial ports": OK, "I2C": OK, "I2C speed": WORSE}
+        "preemption": OK,
+        "real-time share": OK,
+        "clock source": OK,
+        "word size": OK,
+        "processors": OK,
+        "hardware": OK,
+        "governor": WORSE,
+        "idle states": OK,
+        "throttling": WORSE,
+        "swap": WORSE,
+        "interrupts": OK,
+        "rtprio": WORSE,
+        "memlock": WORSE,
+        "groups": OK,
+        "can0": WORSE,
+        "serial ports": OK,
+        "I2C": OK,
+        "I2C speed": WORSE,
+    }
     assert one(findings, "hardware")[1] == "Raspberry Pi 4 Model B Rev 1.5"
     assert one(findings, "preemption")[1] == "preemptible (PREEMPT), not PREEMPT_RT"
     assert one(findings, "governor")[1] == "ondemand on 4 of 4 processors"
     assert one(findings, "throttling")[1] == "since the start: too little voltage, throttled (0x50000)"
     assert one(findings, "swap")[1] == "/var/swap"
     assert one(findings, "memlock")[1] == "the limit of pi is 8192 KiB"
-    assert one(findings, "serial ports")[1] == "ttyAMA0"                    # the console has ttyS0
+    assert one(findings, "serial ports")[1] == "ttyAMA0"  # the console has ttyS0
     assert one(findings, "I2C speed")[1] == "100 kHz"
     assert [finding.found for finding in findings if finding.name == "can0"] == [
-        "does not restart by itself", "room for 10 frames", "an MCP2515, which holds two frames"]
+        "does not restart by itself",
+        "room for 10 frames",
+        "an MCP2515, which holds two frames",
+    ]
 
 
 def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
@@ -59,7 +78,10 @@ def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
     assert one(findings, "power mode") == (WORSE, "15W, and MAXN_SUPER is there")
     assert cure(findings, "power mode") == "sudo nvpmodel -m 2"
     assert one(findings, "clocks") == (WORSE, "from 0.73 to 1.51 GHz")
-    assert one(findings, "idle states") == (WORSE, "c7 takes 5000 µs to wake from, and jetson may not open /dev/cpu_dma_latency")
+    assert one(findings, "idle states") == (
+        WORSE,
+        "c7 takes 5000 µs to wake from, and jetson may not open /dev/cpu_dma_latency",
+    )
     assert one(findings, "processors") == (OK, "6, isolated: 5")
     assert one(findings, "control group") == (WORSE, "/sys/fs/cgroup/cpu,cpuacct/user.slice/cpu.rt_runtime_us is 0")
     assert one(findings, "memlock") == (OK, "jetson may lock 954 MiB of memory")
@@ -69,7 +91,9 @@ def test_a_jetson_in_its_box_with_a_sensor_on_the_bus_at_another_bitrate(look):
     assert one(findings, "I2C") == (BAD, "jetson may not use i2c-1, i2c-7 of group i2c")
     assert cure(findings, "I2C").startswith("log in again")
     assert [(finding.verdict, finding.found) for finding in findings if finding.name == "can0"][0] == (
-        BAD, "ERROR-PASSIVE (0 errors sending, 127 receiving)")
+        BAD,
+        "ERROR-PASSIVE (0 errors sending, 127 receiving)",
+    )
     assert "throttling" not in verdicts(findings)
 
 
@@ -77,7 +101,9 @@ def test_a_laptop_with_a_usb_adapter(look):
     findings = look(LAPTOP)
     assert one(findings, "hardware") == (OK, "LENOVO ThinkPad X1 Carbon Gen 9")
     assert one(findings, "preemption") == (WORSE, "voluntary (PREEMPT_DYNAMIC)")
-    assert cure(findings, "preemption") == "add preempt=full to the kernel's command line, or better: sudo pro enable realtime-kernel"
+    assert cure(findings, "preemption") == (
+        "add preempt=full to the kernel's command line, or better: sudo pro enable realtime-kernel"
+    )
     assert one(findings, "clock source") == (WORSE, "hpet") and "clocksource=tsc" in cure(findings, "clock source")
     assert one(findings, "governor") == (WORSE, "powersave on 8 of 8 processors")
     assert one(findings, "idle states")[1].startswith("C3_ACPI takes 1048 µs")
@@ -90,58 +116,95 @@ def test_a_laptop_with_a_usb_adapter(look):
     assert one(findings, "interrupts") == (OK, "balanced by irqbalance")
 
 
-@pytest.mark.parametrize("changes, found", [
-    ({"/sys/kernel/realtime": "1\n"}, (OK, "PREEMPT_RT")),
-    ({"/proc/version": "Linux version 6.1.0-rt7 (x) #1 SMP PREEMPT_RT Debian\n"}, (OK, "PREEMPT_RT")),
-    ({"/proc/version": "Linux version 4.9.201-rt134-tegra (x) #1 SMP PREEMPT RT Mon\n"}, (OK, "PREEMPT_RT")),
-    ({"/proc/version": "Linux version 5.10.0 (x) #1 SMP Debian\n"}, (WORSE, "the kernel is not preemptible")),
-    ({"/sys/kernel/debug/sched/preempt": "none voluntary (full)\n"}, (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT")),
-    ({"/proc/cmdline": "quiet preempt=full\n"}, (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT")),
-    ({"/boot/config-6.8.0-45-generic": None}, (UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model")),
-    ({"/boot/config-6.8.0-45-generic": None, "/proc/config.gz": gzip.compress(b"CONFIG_PREEMPT=y\n")},
-     (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT")),
-    ({"/proc/config.gz": b"no gzip"}, (WORSE, "voluntary (PREEMPT_DYNAMIC)")),
-])
+@pytest.mark.parametrize(
+    "changes, found",
+    [
+        ({"/sys/kernel/realtime": "1\n"}, (OK, "PREEMPT_RT")),
+        ({"/proc/version": "Linux version 6.1.0-rt7 (x) #1 SMP PREEMPT_RT Debian\n"}, (OK, "PREEMPT_RT")),
+        ({"/proc/version": "Linux version 4.9.201-rt134-tegra (x) #1 SMP PREEMPT RT Mon\n"}, (OK, "PREEMPT_RT")),
+        ({"/proc/version": "Linux version 5.10.0 (x) #1 SMP Debian\n"}, (WORSE, "the kernel is not preemptible")),
+        (
+            {"/sys/kernel/debug/sched/preempt": "none voluntary (full)\n"},
+            (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT"),
+        ),
+        ({"/proc/cmdline": "quiet preempt=full\n"}, (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT")),
+        ({"/boot/config-6.8.0-45-generic": None}, (UNKNOWN, "PREEMPT_DYNAMIC, of which only root can tell the model")),
+        (
+            {"/boot/config-6.8.0-45-generic": None, "/proc/config.gz": gzip.compress(b"CONFIG_PREEMPT=y\n")},
+            (OK, "preemptible (PREEMPT_DYNAMIC, full), not PREEMPT_RT"),
+        ),
+        ({"/proc/config.gz": b"no gzip"}, (WORSE, "voluntary (PREEMPT_DYNAMIC)")),
+    ],
+)
 def test_models_of_preemption(look, changes, found):
     assert one(look(LAPTOP, changes), "preemption") == found
 
 
-@pytest.mark.parametrize("runtime, verdict, found", [
-    ("-1", OK, "unlimited; a run's own guard ends the priority of a loop that hangs"),
-    ("0", BAD, "none"),
-    ("500000", WORSE, "50 % of the time"),
-])
+@pytest.mark.parametrize(
+    "runtime, verdict, found",
+    [
+        ("-1", OK, "unlimited; a run's own guard ends the priority of a loop that hangs"),
+        ("0", BAD, "none"),
+        ("500000", WORSE, "50 % of the time"),
+    ],
+)
 def test_shares_of_real_time(look, runtime, verdict, found):
     assert one(look(PI_4, {"/proc/sys/kernel/sched_rt_runtime_us": runtime}), "real-time share") == (verdict, found)
 
 
-@pytest.mark.parametrize("machine, bits, found", [
-    ("aarch64", "32", (BAD, "32-bit programs on a 64-bit kernel (aarch64)")), ("armv7l", "32", (BAD, "32-bit programs (armv7l)")),
-])
+@pytest.mark.parametrize(
+    "machine, bits, found",
+    [
+        ("aarch64", "32", (BAD, "32-bit programs on a 64-bit kernel (aarch64)")),
+        ("armv7l", "32", (BAD, "32-bit programs (armv7l)")),
+    ],
+)
 def test_systems_of_32_bits(look, machine, bits, found):
     findings = look(PI_4, {"/commands/uname -m": machine, "/commands/getconf LONG_BIT": bits})
     assert one(findings, "word size") == found and cure(findings, "word size") == "install the 64-bit Raspberry Pi OS"
 
 
-@pytest.mark.parametrize("changes, found", [
-    ({"/sys/devices/platform/soc/soc:firmware/get_throttled": "0\n"}, (OK, "never since the start")),
-    ({"/sys/devices/platform/soc/soc:firmware/get_throttled": "50005\n"}, (BAD, "now: too little voltage, throttled (0x50005)")),
-    ({"/sys/devices/platform/soc/soc:firmware/get_throttled": None, "/commands/vcgencmd get_throttled": "throttled=0x80008\n"},
-     (BAD, "now: too hot (0x80008)")),
-    ({"/sys/devices/platform/soc/soc:firmware/get_throttled": None}, (UNKNOWN, "neither the firmware nor vcgencmd tells")),
-    ({"/sys/devices/platform/soc/soc:firmware/get_throttled": "?\n"},
-     (UNKNOWN, "cannot be told: ValueError: invalid literal for int() with base 16: '?'")),
-])
+@pytest.mark.parametrize(
+    "changes, found",
+    [
+        ({"/sys/devices/platform/soc/soc:firmware/get_throttled": "0\n"}, (OK, "never since the start")),
+        (
+            {"/sys/devices/platform/soc/soc:firmware/get_throttled": "50005\n"},
+            (BAD, "now: too little voltage, throttled (0x50005)"),
+        ),
+        (
+            {
+                "/sys/devices/platform/soc/soc:firmware/get_throttled": None,
+                "/commands/vcgencmd get_throttled": "throttled=0x80008\n",
+            },
+            (BAD, "now: too hot (0x80008)"),
+        ),
+        (
+            {"/sys/devices/platform/soc/soc:firmware/get_throttled": None},
+            (UNKNOWN, "neither the firmware nor vcgencmd tells"),
+        ),
+        (
+            {"/sys/devices/platform/soc/soc:firmware/get_throttled": "?\n"},
+            (UNKNOWN, "cannot be told: ValueError: invalid literal for int() with base 16: '?'"),
+        ),
+    ],
+)
 def test_voltage_and_heat_of_a_pi(look, changes, found):
     assert one(look(PI_4, changes), "throttling") == found
 
 
-@pytest.mark.parametrize("changes, mode", [
-    ({"/commands/nvpmodel -q": "NV Power Mode: MAXN_SUPER\n2\n"}, (OK, "MAXN_SUPER")),
-    ({"/commands/nvpmodel -q": None, "/var/lib/nvpmodel/status": "pmode:0003 fmode:quiet\n"}, (WORSE, "7W, and MAXN_SUPER is there")),
-    ({"/etc/nvpmodel.conf": "< POWER_MODEL ID=0 NAME=15W >\n< POWER_MODEL ID=1 NAME=7W >\n"}, (OK, "15W")),
-    ({"/etc/nvpmodel.conf": None}, (UNKNOWN, "nvpmodel does not tell")),
-])
+@pytest.mark.parametrize(
+    "changes, mode",
+    [
+        ({"/commands/nvpmodel -q": "NV Power Mode: MAXN_SUPER\n2\n"}, (OK, "MAXN_SUPER")),
+        (
+            {"/commands/nvpmodel -q": None, "/var/lib/nvpmodel/status": "pmode:0003 fmode:quiet\n"},
+            (WORSE, "7W, and MAXN_SUPER is there"),
+        ),
+        ({"/etc/nvpmodel.conf": "< POWER_MODEL ID=0 NAME=15W >\n< POWER_MODEL ID=1 NAME=7W >\n"}, (OK, "15W")),
+        ({"/etc/nvpmodel.conf": None}, (UNKNOWN, "nvpmodel does not tell")),
+    ],
+)
 def test_power_modes_are_known_by_name_not_by_number(look, changes, mode):
     assert one(look(ORIN_NANO, changes), "power mode") == mode
 
@@ -153,24 +216,39 @@ def test_clocks_that_jetson_clocks_has_locked(look):
 
 def test_limits_privilege_and_the_idle_device_are_enough(look):
     """After `doctor --script` and a new login."""
-    findings = look(PI_4, idle(("WFI", 1), ("deep", 900)), {
-        "/proc/self/limits": LIMITS.format(memlock="unlimited", rtprio=90),
-        "/commands/id": "uid=1000(pi) gid=1000(pi) groups=1000(pi),20(dialout),994(i2c),1001(realtime)\n",
-        "/commands/ls -l _dev": "crw-rw---- 1 root realtime 10, 261 Nov 21 09:12 cpu_dma_latency\n"})
+    findings = look(
+        PI_4,
+        idle(("WFI", 1), ("deep", 900)),
+        {
+            "/proc/self/limits": LIMITS.format(memlock="unlimited", rtprio=90),
+            "/commands/id": "uid=1000(pi) gid=1000(pi) groups=1000(pi),20(dialout),994(i2c),1001(realtime)\n",
+            "/commands/ls -l _dev": "crw-rw---- 1 root realtime 10, 261 Nov 21 09:12 cpu_dma_latency\n",
+        },
+    )
     assert {name: one(findings, name)[0] for name in ("rtprio", "memlock", "swap", "idle states")} == dict.fromkeys(
-        ("rtprio", "memlock", "swap", "idle states"), OK)
-    findings = look(PI_4, {"/proc/self/status": "CapEff:\t0000000000804000\n"})         # CAP_SYS_NICE and CAP_IPC_LOCK
+        ("rtprio", "memlock", "swap", "idle states"), OK
+    )
+    findings = look(PI_4, {"/proc/self/status": "CapEff:\t0000000000804000\n"})  # CAP_SYS_NICE and CAP_IPC_LOCK
     assert (one(findings, "rtprio")[0], one(findings, "memlock")[0]) == (OK, OK)
 
 
-@pytest.mark.parametrize("link, troubles", [
-    (can_link("can0", bitrate=500_000, restart=100), [(BAD, "500 kbit/s, not 1 Mbit/s")]),
-    (can_link("can0", state="BUS-OFF", errors=(248, 0), restart=100), [(BAD, "BUS-OFF (248 errors sending, 0 receiving)")]),
-    (can_link("can0", state="ERROR-WARNING", restart=100), [(WORSE, "ERROR-WARNING (0 errors sending, 0 receiving)")]),
-    (None, [(UNKNOWN, "its bitrate cannot be told")]),
-    ({"ifname": "can0", "linkinfo": {"info_kind": "can"}}, [(UNKNOWN, "its bitrate cannot be told")]),
-    ({"ifname": "can0"}, [(UNKNOWN, "its bitrate cannot be told")]),
-])
+@pytest.mark.parametrize(
+    "link, troubles",
+    [
+        (can_link("can0", bitrate=500_000, restart=100), [(BAD, "500 kbit/s, not 1 Mbit/s")]),
+        (
+            can_link("can0", state="BUS-OFF", errors=(248, 0), restart=100),
+            [(BAD, "BUS-OFF (248 errors sending, 0 receiving)")],
+        ),
+        (
+            can_link("can0", state="ERROR-WARNING", restart=100),
+            [(WORSE, "ERROR-WARNING (0 errors sending, 0 receiving)")],
+        ),
+        (None, [(UNKNOWN, "its bitrate cannot be told")]),
+        ({"ifname": "can0", "linkinfo": {"info_kind": "can"}}, [(UNKNOWN, "its bitrate cannot be told")]),
+        ({"ifname": "can0"}, [(UNKNOWN, "its bitrate cannot be told")]),
+    ],
+)
 def test_troubles_of_a_can_interface(look, link, troubles):
     findings = look(LAPTOP, {"/commands/ip -details -json link": ip(link) if link else None})
     assert [(finding.verdict, finding.found) for finding in findings if finding.name == "can0"] == troubles
@@ -180,7 +258,8 @@ def test_a_can_interface_that_is_down_has_one_trouble_and_the_line_that_ends_it(
     findings = look(PI_4, {"/sys/class/net/can0/operstate": "down\n"}, bitrate=500_000)
     assert one(findings, "can0") == (BAD, "is down")
     assert cure(findings, "can0") == (
-        "sudo ip link set can0 type can bitrate 500000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up")
+        "sudo ip link set can0 type can bitrate 500000 restart-ms 100 && sudo ip link set can0 txqueuelen 128 up"
+    )
 
 
 def test_another_bitrate_is_right_where_it_is_wanted(look):
@@ -197,12 +276,23 @@ def test_a_robot_computer_without_can_is_told_how_to_get_it(look):
 
 
 def test_permissions_are_those_of_owner_group_and_others(tmp_path):
-    folder = lay_out(tmp_path, PI_4, {"/commands/ls -l _dev": (
-        "crw------- 1 pi   root 89, 1 Nov 21 09:12 i2c-1\ncrw-rw---- 1 root spi 89, 2 Nov 21 09:12 i2c-2\n"
-        "crw-rw-rw-+ 1 root root 89, 3 Nov 21 09:12 i2c-3\ncrw-r----- 1 root spi 89, 4 Nov 21 09:12 i2c-4\n"
-        "brw-rw-rw- 1 root disk 8, 0 Nov 21 09:12 i2c-5\n")})
+    folder = lay_out(
+        tmp_path,
+        PI_4,
+        {
+            "/commands/ls -l _dev": (
+                "crw------- 1 pi   root 89, 1 Nov 21 09:12 i2c-1\ncrw-rw---- 1 root spi 89, 2 Nov 21 09:12 i2c-2\n"
+                "crw-rw-rw-+ 1 root root 89, 3 Nov 21 09:12 i2c-3\ncrw-r----- 1 root spi 89, 4 Nov 21 09:12 i2c-4\n"
+                "brw-rw-rw- 1 root disk 8, 0 Nov 21 09:12 i2c-5\n"
+            )
+        },
+    )
     assert Machine(folder).devices("i2c-*") == [
-        Device("i2c-1", "root", True), Device("i2c-2", "spi", True), Device("i2c-3", "root", True), Device("i2c-4", "spi", False)]
+        Device("i2c-1", "root", True),
+        Device("i2c-2", "spi", True),
+        Device("i2c-3", "root", True),
+        Device("i2c-4", "spi", False),
+    ]
 
 
 def test_an_empty_machine_is_strange_and_harmless(look):
@@ -210,7 +300,8 @@ def test_an_empty_machine_is_strange_and_harmless(look):
     findings = look({})
     assert {finding.verdict for finding in findings} <= {OK, UNKNOWN, WORSE}
     assert {"preemption", "real-time share", "clock source", "word size", "processors", "rtprio", "groups"} <= {
-        finding.name for finding in findings if finding.verdict == UNKNOWN}
+        finding.name for finding in findings if finding.verdict == UNKNOWN
+    }
 
 
 @pytest.mark.parametrize("noise", [b"", b"\xff\xfe\0\n", b"(((", b"0", b"-1\n", b"[]", b"{}", b"a:b\nc", b"uid="])

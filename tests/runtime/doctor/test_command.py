@@ -25,15 +25,22 @@ def test_the_worst_comes_first_with_why_and_what_to_do(command_line, laid_out):
     lines = out.splitlines()
     assert (code, err) == (CHECK_FAILED, "")
     assert lines[0] == (
-        "NVIDIA Jetson Orin Nano Engineering Reference Developer Kit Super, Ubuntu 22.04.5 LTS, Linux 5.15.148-tegra, user jetson")
+        "NVIDIA Jetson Orin Nano Engineering Reference Developer Kit Super, Ubuntu 22.04.5 LTS, Linux "
+        "5.15.148-tegra, user jetson"
+    )
     assert lines[2:5] == [
         "bad    can0             ERROR-PASSIVE (0 errors sending, 127 receiving)",
         "                        no frame is acknowledged: a wire, a terminator, the bitrate, or drives without power",
-        "                        → 120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all"]
+        "                        → 120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all",
+    ]
     marks = [line.split()[0] for line in lines[2:-1] if line and not line.startswith(" ")]
     assert marks == sorted(marks, key=["bad", "worse", "?", "ok"].index)
-    assert lines[-1] == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; what sets most of it right, to be read and run: " \
-                        "python -m runtime doctor --script"
+    assert (
+        lines[-1]
+        == f"3 bad, {marks.count('worse')} worse, {marks.count('ok')} ok; what sets most of it right, to be read and "
+        "run: "
+        "python -m runtime doctor --script"
+    )
 
 
 def test_what_is_only_worse_is_no_failure(command_line, laid_out):
@@ -48,16 +55,21 @@ def test_it_has_no_characters_that_only_a_terminal_understands(command_line, lai
 def test_machines_read_the_same(command_line, laid_out):
     code, out, err = command_line("doctor", "--json", "--root", laid_out(LAPTOP))
     data = json.loads(out)
-    assert (data["ok"], code) == (False, CHECK_FAILED)                      # nobody has let ada use the serial port of this session
+    assert (data["ok"], code) == (False, CHECK_FAILED)  # nobody has let ada use the serial port of this session
     assert (data["kind"], data["user"], data["kernel"]) == ("other", "ada", "6.8.0-45-generic")
     [latency] = [finding for finding in data["findings"] if finding["name"] == "serial latency"]
     assert (latency["verdict"], latency["found"], latency["part"]) == ("worse", "16 ms on ttyUSB0", "ftdi")
 
 
 def test_the_bitrate_that_is_wanted_can_be_said(command_line, laid_out):
-    folder = laid_out({**LAPTOP, "/commands/ip -details -json link": ip(can_link("can0", bitrate=500_000, restart=100, queue=128))})
+    folder = laid_out(
+        {**LAPTOP, "/commands/ip -details -json link": ip(can_link("can0", bitrate=500_000, restart=100, queue=128))}
+    )
     assert "bad    can0             500 kbit/s, not 1 Mbit/s" in command_line("doctor", "--root", folder)[1]
-    assert "ok     can0             500 kbit/s, ERROR-ACTIVE" in command_line("doctor", "--root", folder, "--bitrate", "500000")[1]
+    assert (
+        "ok     can0             500 kbit/s, ERROR-ACTIVE"
+        in command_line("doctor", "--root", folder, "--bitrate", "500000")[1]
+    )
 
 
 def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
@@ -66,14 +78,20 @@ def test_the_script_is_printed_and_nothing_else(command_line, laid_out):
     assert out.startswith("#!/bin/sh\n# NVIDIA Jetson Orin Nano") and "\nset -eu\n\nuser=ada\n" in out
 
 
-@pytest.mark.parametrize("words, said", [
-    (["--bitrate", "0"], "--bitrate 0: expected a whole number, 1 or more"),
-    (["--bitrate", "5000000"], "--bitrate 5000000: at most 1000000"),
-    (["--overlay", "x; rm"],
-     "--overlay x; rm: expected what stands behind dtoverlay=, as in mcp2515-can0,oscillator=12000000,interrupt=25"),
-    (["--user", "a b"], "--user a b: expected the name of a user"),
-    (["--root", "nowhere"], "--root nowhere: there is no such folder"),
-])
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--bitrate", "0"], "--bitrate 0: expected a whole number, 1 or more"),
+        (["--bitrate", "5000000"], "--bitrate 5000000: at most 1000000"),
+        (
+            ["--overlay", "x; rm"],
+            "--overlay x; rm: expected what stands behind dtoverlay=, as in "
+            "mcp2515-can0,oscillator=12000000,interrupt=25",
+        ),
+        (["--user", "a b"], "--user a b: expected the name of a user"),
+        (["--root", "nowhere"], "--root nowhere: there is no such folder"),
+    ],
+)
 def test_what_cannot_be_used_is_refused_in_one_line(command_line, words, said):
     assert command_line.refused("doctor", *words) == said
 
@@ -91,17 +109,31 @@ def test_this_machine_is_examined_in_a_process_of_its_own(tmp_path):
 
 def test_root_is_told_that_its_answers_are_its_own(command_line, laid_out):
     folder = laid_out({**PI_4, "/commands/id": "uid=0(root) gid=0(root) groups=0(root)"})
-    assert command_line("doctor", "--root", folder)[1].splitlines()[0].endswith(", user root: ask as the one who runs the robot")
+    assert (
+        command_line("doctor", "--root", folder)[1]
+        .splitlines()[0]
+        .endswith(", user root: ask as the one who runs the robot")
+    )
 
 
 def test_the_page_tells_what_is_so(command_line):
     """Its numbers are the program's, and its options exist."""
     page = (ROOT / "docs" / "realtime.md").read_text()
-    assert f"priority {PRIORITY} (`--priority`, {HIGHEST} at most)" in page and SPIN == 0.5 and "half a second without a sleep" in page
+    assert (
+        f"priority {PRIORITY} (`--priority`, {HIGHEST} at most)" in page
+        and SPIN == 0.5
+        and "half a second without a sleep" in page
+    )
     offered = ""
     for command in ("run", "doctor"):
         with pytest.raises(SystemExit):
             command_line(command, "--help")
         offered += command_line.capsys.readouterr().out
-    ours = [line for line in page.splitlines() if "docker" not in line and "container" not in line and "powerprofilesctl" not in line]
-    assert {option for option in re.findall(r"(?<![\w-])--[a-z]+", "\n".join(ours))} <= set(re.findall(r"--[a-z]+", offered))
+    ours = [
+        line
+        for line in page.splitlines()
+        if "docker" not in line and "container" not in line and "powerprofilesctl" not in line
+    ]
+    assert {option for option in re.findall(r"(?<![\w-])--[a-z]+", "\n".join(ours))} <= set(
+        re.findall(r"--[a-z]+", offered)
+    )

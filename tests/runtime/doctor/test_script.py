@@ -12,14 +12,28 @@ from runtime.doctor.machine import Machine
 from runtime.doctor.script import PARTS, script
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, ip, lay_out
 
-NO_CAN_ON_PI = {**{name: content for name, content in PI_4.items() if "can0" not in name}, "/commands/ip -details -json link": ip()}
+NO_CAN_ON_PI = {
+    **{name: content for name, content in PI_4.items() if "can0" not in name},
+    "/commands/ip -details -json link": ip(),
+}
 NO_CAN_ON_JETSON = {name: content for name, content in ORIN_NANO.items() if "can0" not in name}
-OUTSIDE = {**LAPTOP, "/etc/group": "dialout:x:20:\n", "/commands/ls -l _dev": (
-    "crw------- 1 root root 89, 1 Nov 21 09:12 i2c-1\ncrw------- 1 root root 188, 0 Nov 21 10:40 ttyUSB0\n")}
+OUTSIDE = {
+    **LAPTOP,
+    "/etc/group": "dialout:x:20:\n",
+    "/commands/ls -l _dev": (
+        "crw------- 1 root root 89, 1 Nov 21 09:12 i2c-1\ncrw------- 1 root root 188, 0 Nov 21 10:40 ttyUSB0\n"
+    ),
+}
 SLEEPY = {**LAPTOP, "/proc/sys/kernel/sched_rt_runtime_us": "0\n"}
 MACHINES = {
-    "pi": PI_4, "pi without can": NO_CAN_ON_PI, "jetson": ORIN_NANO, "jetson without can": NO_CAN_ON_JETSON, "laptop": LAPTOP,
-    "outside": OUTSIDE, "sleepy": SLEEPY, "nothing": {},
+    "pi": PI_4,
+    "pi without can": NO_CAN_ON_PI,
+    "jetson": ORIN_NANO,
+    "jetson without can": NO_CAN_ON_JETSON,
+    "laptop": LAPTOP,
+    "outside": OUTSIDE,
+    "sleepy": SLEEPY,
+    "nothing": {},
 }
 
 
@@ -40,7 +54,9 @@ def written(tmp_path):
 
 def look(path, folder):
     """Run the script with its files below a folder. Returns what it says."""
-    process = subprocess.run(["sh", path], env={**os.environ, "DESTDIR": str(folder)}, capture_output=True, text=True, timeout=10)
+    process = subprocess.run(
+        ["sh", path], env={**os.environ, "DESTDIR": str(folder)}, capture_output=True, text=True, timeout=10
+    )
     assert (process.returncode, process.stderr) == (0, ""), process
     return process.stdout.splitlines()
 
@@ -64,7 +80,9 @@ def test_it_is_good_shell_and_changes_nothing_the_second_time(written, tmp_path,
     again = look(path, tmp_path / "into")
     assert files(tmp_path / "into") == left
     assert not [line for line in again if line.startswith(("wrote ", "added "))]
-    assert {line[6:] for line in first if line.startswith("wrote ")} == {f"/{name}" for name in left if not name.endswith("config.txt")}
+    assert {line[6:] for line in first if line.startswith("wrote ")} == {
+        f"/{name}" for name in left if not name.endswith("config.txt")
+    }
     assert "sudo" not in "".join(line for line in text.splitlines() if not line.lstrip().startswith(("#", "echo")))
 
 
@@ -92,7 +110,10 @@ def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
 
 def test_every_part_says_why_it_is_there(written):
     path, text = written(ORIN_NANO)
-    assert "# rtprio: the limit of jetson is 0; without real-time priority any busy program delays the loop by milliseconds.\n" in text
+    assert (
+        "# rtprio: the limit of jetson is 0; without real-time priority any busy program delays the loop by "
+        "milliseconds.\n"
+    ) in text
     assert "# power mode: 15W, and MAXN_SUPER is there; " in text
 
 
@@ -102,7 +123,9 @@ def test_limits_are_for_a_group_that_the_user_joins(written, tmp_path):
     assert "user=ada\n" in text and "not run: usermod -aG realtime ada" in said
     left = files(tmp_path / "into")
     assert left["etc/security/limits.d/90-tickwork.conf"] == "@realtime - rtprio 90\n@realtime - memlock unlimited\n"
-    assert left["etc/udev/rules.d/90-tickwork-idle.rules"] == 'KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"\n'
+    assert left["etc/udev/rules.d/90-tickwork-idle.rules"] == (
+        'KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"\n'
+    )
     assert said[-1] == "done; groups and limits are in effect from the next login on"
 
 
@@ -111,11 +134,14 @@ def test_a_can_interface_gets_a_unit_and_a_queue(written, tmp_path):
     said = look(path, tmp_path / "into")
     left = files(tmp_path / "into")
     assert left["etc/systemd/network/80-tickwork-can.network"] == (
-        "[Match]\nName=can0\n\n[Link]\nRequiredForOnline=no\n\n[CAN]\nBitRate=500000\nRestartSec=100ms\n")
+        "[Match]\nName=can0\n\n[Link]\nRequiredForOnline=no\n\n[CAN]\nBitRate=500000\nRestartSec=100ms\n"
+    )
     assert left["etc/udev/rules.d/90-tickwork-can.rules"] == (
-        'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="can0", ATTR{tx_queue_len}="128"\n')
+        'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="can0", ATTR{tx_queue_len}="128"\n'
+    )
     assert "not run: ip link set can0 down" in said and said.index("not run: ip link set can0 down") < said.index(
-        "not run: systemctl restart systemd-networkd")
+        "not run: systemctl restart systemd-networkd"
+    )
 
 
 def test_the_overlay_of_a_hat_goes_into_config_txt_once_and_for_every_model(written, tmp_path):
@@ -126,7 +152,8 @@ def test_the_overlay_of_a_hat_goes_into_config_txt_once_and_for_every_model(writ
     said = look(path, tmp_path / "into")
     assert "restart for the changes in config.txt" not in look(path, tmp_path / "into")
     assert config.read_text() == PI_4["/boot/firmware/config.txt"] + (
-        "[cm5]\nx=1\n\n[all]\ndtparam=spi=on\n\n[all]\ndtoverlay=mcp251xfd,spi0-0,interrupt=25\n\n[all]\ndtparam=i2c_arm_baudrate=400000\n")
+        "[cm5]\nx=1\n\n[all]\ndtparam=spi=on\n\n[all]\ndtoverlay=mcp251xfd,spi0-0,interrupt=25\n\n[all]\ndtparam=i2c_arm_baudrate=400000\n"
+    )
     assert "restart for the changes in config.txt" in said
 
 
@@ -141,14 +168,30 @@ def test_a_jetson_gets_its_power_mode_by_number_and_its_clocks_at_every_start(wr
     path, text = written(ORIN_NANO)
     said = look(path, tmp_path / "into")
     assert "nvpmodel -m 2" in text and "not run: nvpmodel -m 2" in said
-    assert "ExecStart=/usr/bin/jetson_clocks\n" in files(tmp_path / "into")["etc/systemd/system/tickwork-clocks.service"]
+    assert (
+        "ExecStart=/usr/bin/jetson_clocks\n" in files(tmp_path / "into")["etc/systemd/system/tickwork-clocks.service"]
+    )
 
 
 def test_texts_of_a_hostile_machine_stay_comments(written, tmp_path):
-    evil = "x\ntouch " + str(tmp_path / "evil") + "\n$(touch " + str(tmp_path / "evil") + ")`touch " + str(tmp_path / "evil") + "`"
-    path, _ = written({
-        **ORIN_NANO, "/proc/device-tree/model": evil, "/etc/os-release": f'PRETTY_NAME="{evil}"', "/proc/version": evil,
-        "/commands/id": f"uid=1000(a'$(touch {tmp_path / 'evil'})) gid=1000(a) groups=1000(a)"})
+    evil = (
+        "x\ntouch "
+        + str(tmp_path / "evil")
+        + "\n$(touch "
+        + str(tmp_path / "evil")
+        + ")`touch "
+        + str(tmp_path / "evil")
+        + "`"
+    )
+    path, _ = written(
+        {
+            **ORIN_NANO,
+            "/proc/device-tree/model": evil,
+            "/etc/os-release": f'PRETTY_NAME="{evil}"',
+            "/proc/version": evil,
+            "/commands/id": f"uid=1000(a'$(touch {tmp_path / 'evil'})) gid=1000(a) groups=1000(a)",
+        }
+    )
     (tmp_path / "into").mkdir()
     look(path, tmp_path / "into")
     assert not (tmp_path / "evil").exists()

@@ -42,13 +42,26 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
         second = finished("emulate", robot, "--rig", rig, cwd=tmp_path)
         assert second.returncode == 2 and f"TW107 bus that somebody else emulates: [bus.legs] 239" in second.stderr
         assert f"process {plant.pid} (" in second.stderr
-        run = finished(robot, "--rig", rig, "--yes", "--realtime", "off", "--duration", "1", "--record", "out", "--set", "knee.timeout=0.5",
-                       cwd=tmp_path)
+        run = finished(
+            robot,
+            "--rig",
+            rig,
+            "--yes",
+            "--realtime",
+            "off",
+            "--duration",
+            "1",
+            "--record",
+            "out",
+            "--set",
+            "knee.timeout=0.5",
+            cwd=tmp_path,
+        )
         assert run.returncode == OK, run.stderr
         assert "zero torque, then disable: confirmed by knee" in run.stdout
         table = Files(tmp_path / "out").table
-        assert table["knee.velocity [rad/s]"][-1] > 2.0                 # 2 N·m, faded in, on 0.1 kg·m² for a second
-        assert plant.poll() is None                                    # it outlives the run, for the next
+        assert table["knee.velocity [rad/s]"][-1] > 2.0  # 2 N·m, faded in, on 0.1 kg·m² for a second
+        assert plant.poll() is None  # it outlives the run, for the next
         plant.send_signal(signal.SIGINT)
         out, err = plant.communicate(timeout=10)
     finally:
@@ -56,7 +69,7 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
         plant.communicate()
     assert (plant.returncode, err) == (OK, "")
     heard, said = map(int, re.search(r"(\d+) frames heard, (\d+) sent", out).groups())
-    assert heard == said >= 200                                         # each command was answered
+    assert heard == said >= 200  # each command was answered
 
 
 def test_at_a_bitrate_an_answer_comes_when_a_wire_would_have_brought_it():
@@ -92,15 +105,21 @@ def test_real_can_needs_somebody_to_say_that_no_drive_is_there(tmp_path):
 
 def test_a_robot_without_devices_and_a_command_without_a_rig_are_refused(command_line, rig, tmp_path):
     assert "--rig" in command_line.refused("emulate", knee(tmp_path))
-    wave = write(tmp_path, "from blocks.sources import Sine\nfrom graph import Diagram\n"
-                 "with Diagram('wave', rate=100) as diagram:\n    Sine()\n")
+    wave = write(
+        tmp_path,
+        "from blocks.sources import Sine\nfrom graph import Diagram\n"
+        "with Diagram('wave', rate=100) as diagram:\n    Sine()\n",
+    )
     empty = write(tmp_path, "", "empty.toml")
     assert "nothing on a bus that could be emulated" in command_line.refused("emulate", wave, "--rig", empty)
 
 
 def test_an_interface_of_one_process_and_one_that_is_not_there_are_told_with_a_cure(tmp_path):
     for interface, channel, code in (
-            ("virtual", "a", "TW105"), ("slcan", "/dev/ttyNONE9", "TW125"), ("udp_multicast", "10.0.0.1", "TW119")):
+        ("virtual", "a", "TW105"),
+        ("slcan", "/dev/ttyNONE9", "TW125"),
+        ("udp_multicast", "10.0.0.1", "TW119"),
+    ):
         path = write(tmp_path, f'[bus.legs]\ninterface = "{interface}"\nchannel = "{channel}"\n', "bad.toml")
         with pytest.raises(RigError, match=code):
             PlantBuses(read(path), ["legs"])

@@ -1,4 +1,6 @@
-"""`emulate` plays sensors on serial lines behind pseudo-terminals, and a run in another process sets them up as it would real ones."""
+"""`emulate` plays sensors on serial lines behind pseudo-terminals, and a run in another process sets them up as it
+would real ones.
+"""
 
 import os
 import signal
@@ -17,8 +19,18 @@ def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path)
     try:
         told = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
         assert f"shank       terminal {tmp_path}/ports/ttyshank" in told and "TICKWORK_PORTS=" in told
-        run = finished(robot, "--rig", rig, "--yes", "--duration", "0.5", "--record", "out", cwd=tmp_path,
-                       TICKWORK_PORTS=str(tmp_path / "ports" / "tty*"))
+        run = finished(
+            robot,
+            "--rig",
+            rig,
+            "--yes",
+            "--duration",
+            "0.5",
+            "--record",
+            "out",
+            cwd=tmp_path,
+            TICKWORK_PORTS=str(tmp_path / "ports" / "tty*"),
+        )
         assert run.returncode == OK, run.stderr
         assert Files(tmp_path / "out").table["shank.accel[2] [m/s^2]"][-1] < -9.8
         plant.send_signal(signal.SIGINT)
@@ -29,7 +41,7 @@ def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path)
     assert (plant.returncode, err) == (OK, "") and not list((tmp_path / "ports").iterdir())
 
 
-POWERED = '''
+POWERED = """
 from blocks.actuators import CubeMars
 from blocks.charge_pump import ChargePump
 from blocks.logic import Not
@@ -51,20 +63,29 @@ def plant(robot):
         limb(torque=drive.torque)
         drive(position=limb.position, velocity=limb.velocity, power_lost=Not()(relay.holds))
     return plant
-'''
+"""
 
 
 def test_a_drive_behind_the_relay_of_a_charge_pump_answers_because_the_run_toggles_its_line(tmp_path):
     robot = write(tmp_path, POWERED)
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.77"
-    rig = write(tmp_path, f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n\n[device.pump]\nport = "{tmp_path}/ttypump"\n', "lab.toml")
+    rig = write(
+        tmp_path,
+        f'[bus.legs]\ninterface = "udp_multicast"\nchannel = "{channel}"\n\n[device.pump]\nport = '
+        f'"{tmp_path}/ttypump"\n',
+        "lab.toml",
+    )
     plant = started("emulate", robot, "--rig", rig, "--lines", tmp_path, cwd=tmp_path)
     try:
         assert f"pump        terminal {tmp_path}/ttypump" in "".join(read_until(plant.stdout, "Ctrl-C ends it"))
-        run = finished(robot, "--rig", rig, "--yes", "--duration", "0.5", "--realtime", "off", "--no-record", cwd=tmp_path)
+        run = finished(
+            robot, "--rig", rig, "--yes", "--duration", "0.5", "--realtime", "off", "--no-record", cwd=tmp_path
+        )
     finally:
         plant.kill()
         plant.communicate()
     assert run.returncode == OK, run.stderr
-    assert "zero torque, then disable: confirmed by knee" in run.stdout and "nothing stops" not in run.stdout + run.stderr
+    assert (
+        "zero torque, then disable: confirmed by knee" in run.stdout and "nothing stops" not in run.stdout + run.stderr
+    )
     assert "loss of power of the computer (the charge pump 'pump')" in " ".join(run.stderr.split())

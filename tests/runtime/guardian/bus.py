@@ -1,4 +1,6 @@
-"""A robot with two knees on a rig whose buses are udp_multicast: its drives, who listens on the bus, and who is killed."""
+"""A robot with two knees on a rig whose buses are udp_multicast: its drives, who listens on the bus, and who is
+killed.
+"""
 
 import os
 import select
@@ -81,15 +83,24 @@ class Bus:
         if not self.answering:
             return self
         self.drives = subprocess.Popen(
-            [sys.executable, "-m", "tests.runtime.guardian.drives", self.channel, *map(str, self.motors), *["moving"] * self.moving],
+            [
+                sys.executable,
+                "-m",
+                "tests.runtime.guardian.drives",
+                self.channel,
+                *map(str, self.motors),
+                *["moving"] * self.moving,
+            ],
             cwd=ROOT,
-            stdout=subprocess.PIPE, text=True)
+            stdout=subprocess.PIPE,
+            text=True,
+        )
         assert self.drives.stdout.readline() == "ready\n"
         return self
 
     def __exit__(self, *exception):
         for run in self.runs:
-            if run.poll() is None:                  # a test has failed: the next needs the bus
+            if run.poll() is None:  # a test has failed: the next needs the bus
                 run.kill()
                 run.communicate()
         if self.answering:
@@ -115,19 +126,27 @@ class Bus:
     def start(self, *words, law="pass", torque=2.0, blocks="", more="", drive="", **how):
         """A run of the robot, that has been started."""
         robot = write(self.folder, ROBOT.format(law=law, torque=torque, blocks=blocks, more=more, drive=drive))
-        self.runs.append(started(robot, "--rig", self.rig, "--realtime", "off", "--yes", *words, cwd=self.folder, **how))
+        self.runs.append(
+            started(robot, "--rig", self.rig, "--realtime", "off", "--yes", *words, cwd=self.folder, **how)
+        )
         return self.runs[-1]
 
     def await_torque(self):
         """Until both knees are under torque."""
         for motor in self.motors:
-            assert self.listen(10.0, lambda frame: frame.identifier == motor and is_torque(frame)), "no torque was commanded"
+            assert self.listen(10.0, lambda frame: frame.identifier == motor and is_torque(frame)), (
+                "no torque was commanded"
+            )
 
     def commands(self, motor, since=0.0):
-        return [frame for frame in self.frames if frame.identifier == motor and frame.is_command and frame.time >= since]
+        return [
+            frame for frame in self.frames if frame.identifier == motor and frame.is_command and frame.time >= since
+        ]
 
     def stopped_after(self, instant):
-        """s from an instant (of the wall clock) until every motor had its first zero torque and disable. No torque may follow that."""
+        """s from an instant (of the wall clock) until every motor had its first zero torque and disable. No torque may
+        follow that.
+        """
         return max(self._stop_of(motor, instant) for motor in self.motors)
 
     def _stop_of(self, motor, instant):

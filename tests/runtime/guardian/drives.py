@@ -1,7 +1,9 @@
-"""The drives of a robot on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.drives CHANNEL ID... [moving]`.
+"""The drives of a robot on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.drives CHANNEL
+ID... [moving]`.
 
-Each answers every frame to its id as an AK10-9 would that stands still, unless that frame is its own. SIGUSR1 gives them a fault of
-their encoder, SIGUSR2 takes it back, SIGALRM makes them hotter than any may be. With `moving` each drives a limb of 0.35 kg·m² at 8 rad/s.
+Each answers every frame to its id as an AK10-9 would that stands still, unless that frame is its own. SIGUSR1 gives
+them a fault of their encoder, SIGUSR2 takes it back, SIGALRM makes them hotter than any may be. With `moving` each
+drives a limb of 0.35 kg·m² at 8 rad/s.
 """
 
 import signal

@@ -1,6 +1,8 @@
-"""RobStride drives on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.robstride_drives CHANNEL ID...`.
+"""RobStride drives on udp_multicast, as a process of their own: `python -m tests.runtime.guardian.robstride_drives
+CHANNEL ID...`.
 
-Each answers every frame to its id as an RS03 would that stands still, with its mode, and a read with the value that was written last.
+Each answers every frame to its id as an RS03 would that stands still, with its mode, and a read with the value that was
+written last.
 """
 
 import sys
@@ -30,7 +32,13 @@ def main(channel, *identifiers):
         if kind == 17:
             index = bytes(heard.data[:2])
             data = index + bytes(2) + written.get((motor, index), bytes(4))
-            bus.send(can.Message(arbitration_id=17 << 24 | motor << 8 | heard.arbitration_id >> 8 & 255, is_extended_id=True, data=data))
+            bus.send(
+                can.Message(
+                    arbitration_id=17 << 24 | motor << 8 | heard.arbitration_id >> 8 & 255,
+                    is_extended_id=True,
+                    data=data,
+                )
+            )
             continue
         identifier, data = reference.reply(RS03, motor, position=0.1, mode=modes[motor])
         bus.send(can.Message(arbitration_id=identifier & ~reference.EXTENDED, is_extended_id=True, data=data))

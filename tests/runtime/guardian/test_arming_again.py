@@ -1,4 +1,6 @@
-"""A run on a rig that is armed again after a fault, by a person at a terminal: real processes, and a third node that listens."""
+"""A run on a rig that is armed again after a fault, by a person at a terminal: real processes, and a third node that
+listens.
+"""
 
 import os
 import signal
@@ -53,7 +55,7 @@ def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in
     terminal.press(b"r")
     terminal.wait_for("not armed again, as the cause stands: left/knee: a command is NaN or infinite")
     terminal.wait_for("waiting .* r arms again, space ends")
-    bus.listen(1.5)                                                 # until tick 300 has passed
+    bus.listen(1.5)  # until tick 300 has passed
     assert not bus.commands(1)[-1].data == ENABLE and set(between(bus, 1)) <= {NOTHING, DISABLE}
     terminal.press(b"r")
     terminal.wait_for("arming again at tick")
@@ -69,12 +71,19 @@ def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in
         said = after(bus, motor)
         torques = [torque_of(data) for data in said if data not in (ENABLE, DISABLE, NOTHING)]
         assert torques[0] < 0.2 and torques == sorted(torques) and torques[-1] == pytest.approx(2.0, abs=TORQUE_STEP)
-        assert 50 < sum(torque < 1.9 for torque in torques) < 110       # half a second
+        assert 50 < sum(torque < 1.9 for torque in torques) < 110  # half a second
         assert said[-2:] == [NOTHING, DISABLE]
     files = Files(tmp_path / "out")
-    told = [(event["event"], event.get("by")) for event in files.sidecar["events"] if event["event"] in ("fault", "rearm refused", "rearm", "armed again")]
+    told = [
+        (event["event"], event.get("by"))
+        for event in files.sidecar["events"]
+        if event["event"] in ("fault", "rearm refused", "rearm", "armed again")
+    ]
     assert told == [("fault", None), ("rearm refused", None), ("rearm", "keys"), ("armed again", None)]
-    assert files.sidecar["end"]["faults"] == [["not finite", "left/knee", 60]] and files.sidecar["ended"] == "stopped by the space bar"
+    assert (
+        files.sidecar["end"]["faults"] == [["not finite", "left/knee", 60]]
+        and files.sidecar["ended"] == "stopped by the space bar"
+    )
     ticks = list(files.table["tick"])
     assert ticks == sorted(set(ticks))
     replayed = finished("replay", files.one(".mcap"), cwd=tmp_path)
@@ -83,10 +92,13 @@ def test_a_nan_is_survived_once_it_is_gone_and_r_is_pressed_with_torque_faded_in
     assert "are the same, bit for bit" in replayed.stdout
 
 
-@pytest.mark.parametrize("begin, end, words", [
-    (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (0.1 s)"),
-    (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
-])
+@pytest.mark.parametrize(
+    "begin, end, words",
+    [
+        (signal.SIGSTOP, signal.SIGCONT, "no reply for longer than its timeout (0.1 s)"),
+        (signal.SIGUSR1, signal.SIGUSR2, "the device reports a fault"),
+    ],
+)
 def test_drives_that_fail_and_recover_are_armed_again_by_a_person_alone(bus, terminal, begin, end, words):
     under_torque(bus, terminal, "--no-record")
     bus.drives.send_signal(begin)
@@ -96,8 +108,9 @@ def test_drives_that_fail_and_recover_are_armed_again_by_a_person_alone(bus, ter
     terminal.wait_for(rf"not armed again, as the cause stands: (left|right)/knee: {words.split(' (')[0]}")
     bus.drives.send_signal(end)
     bus.listen(0.3)
-    assert all(set(between(bus, motor)) <= {NOTHING, DISABLE} for motor in bus.motors)       # the cause is gone, and nobody has asked:
-    assert all(bus.commands(motor)[-1].data == DISABLE for motor in bus.motors)              # nothing has been enabled
+    # the cause is gone, and nobody has asked:
+    assert all(set(between(bus, motor)) <= {NOTHING, DISABLE} for motor in bus.motors)
+    assert all(bus.commands(motor)[-1].data == DISABLE for motor in bus.motors)  # nothing has been enabled
     terminal.press(b"r")
     terminal.wait_for("arming again at tick")
     bus.await_torque()
@@ -136,7 +149,9 @@ def test_a_loop_that_is_stopped_while_it_arms_again_is_fenced_for_good(bus, term
     bus.listen()
     for motor in bus.motors:
         said = bus.commands(motor, since=stopped + 0.2)
-        assert not any(is_torque(frame) or frame.data == ENABLE for frame in said) and [frame.data for frame in bus.commands(motor)][-2:] == [NOTHING, DISABLE]
+        assert not any(is_torque(frame) or frame.data == ENABLE for frame in said) and [
+            frame.data for frame in bus.commands(motor)
+        ][-2:] == [NOTHING, DISABLE]
 
 
 def test_who_ends_a_run_that_waits_ends_it_with_the_fault(bus, terminal):
@@ -149,7 +164,9 @@ def test_who_ends_a_run_that_waits_ends_it_with_the_fault(bus, terminal):
 def test_rearm_is_refused_where_nobody_could_ask_for_it(command_line):
     robot = knee(command_line.folder)
     assert "--rearm: nobody could ask for it" in command_line.refused(robot, "--rearm", "--duration", "1")
-    assert "--fast and --rearm exclude each other" in command_line.refused(robot, "--rearm", "--fast", "--duration", "1")
+    assert "--fast and --rearm exclude each other" in command_line.refused(
+        robot, "--rearm", "--fast", "--duration", "1"
+    )
 
 
 def test_a_button_in_the_diagram_arms_again_in_simulation(command_line):
@@ -164,10 +181,13 @@ def test_a_button_in_the_diagram_arms_again_in_simulation(command_line):
     Rearm(name="again")(Button(name="button")())
 """
     robot = knee(command_line.folder, law)
-    robot.write_text(robot.read_text().replace("import math\n", "import math\n\nfrom blocks.safety import Rearm\n") + button)
+    robot.write_text(
+        robot.read_text().replace("import math\n", "import math\n\nfrom blocks.safety import Rearm\n") + button
+    )
     code, out, err = command_line(robot, "--fast", "--duration", "2", "--no-record")
     assert code == 0 and "faults      not finite at knee, tick 60, survived" in out and "400 of 400" not in out
-    assert "a rising again.request to arm again" in err or "FAULT" not in err           # said by the recorder, on the real standard error
+    # said by the recorder, on the real standard error
+    assert "a rising again.request to arm again" in err or "FAULT" not in err
     robot.write_text(robot.read_text().replace("t > 1.0", "t > 0.1"))
     code, out, err = command_line(robot, "--fast", "--duration", "2", "--no-record")
     assert code == 3 and "FAULT at knee, tick 60" in err and "it was not armed again" in err

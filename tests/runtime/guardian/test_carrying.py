@@ -1,4 +1,6 @@
-"""What the guardian carries is checked against the fence frame by frame: behind it nothing but the frames of the safe stop goes out."""
+"""What the guardian carries is checked against the fence frame by frame: behind it nothing but the frames of the safe
+stop goes out.
+"""
 
 import errno
 import math
@@ -18,8 +20,9 @@ from graph import Block, Input, Output
 from runtime.guardian.process import Guardian, decoded
 from tests.cext.rigs import one_drive
 
-ENABLE, NOTHING, DISABLE, TORQUE = (bytes.fromhex(text) for text in (
-    "FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E"))
+ENABLE, NOTHING, DISABLE, TORQUE = (
+    bytes.fromhex(text) for text in ("FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E")
+)
 STOP = [NOTHING, DISABLE]
 
 
@@ -52,7 +55,8 @@ class Carrying:
         self.guardian = guardian = Guardian(self.page, self.lines, -1, self.orders, read)
         frames = {"zero": [[1, NOTHING.hex()]], "disable": [[1, DISABLE.hex()]], "damp": None}
         guardian.devices = [
-            decoded({"name": f"{bus}", "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)]
+            decoded({"name": f"{bus}", "bus": bus, "replies": [[1, 0x7FF, "01"]], **frames}) for bus in range(2)
+        ]
         guardian.buses = [{"name": f"{bus}", "line": bus} for bus in range(2)]
         guardian.items, guardian.limit = ["law"], 40_000_000
         guardian.harmless = {(bus, 1, data) for bus in range(2) for data in STOP}
@@ -105,9 +109,9 @@ def test_frames_that_wait_in_a_ring_when_the_guardian_stops_the_motors_are_never
     robot.queue(TORQUE, ENABLE, TORQUE)
     now = time.monotonic_ns()
     robot.guardian.begin_stop(why, 50_000_000, now)
-    assert robot.page.fenced and robot.sent() == [STOP, STOP]      # at once, before anything that waits
+    assert robot.page.fenced and robot.sent() == [STOP, STOP]  # at once, before anything that waits
     robot.guardian.carry()
-    robot.queue(TORQUE)                                             # a loop that had been stopped goes on
+    robot.queue(TORQUE)  # a loop that had been stopped goes on
     robot.guardian.carry()
     assert robot.sent() == [STOP, STOP]
     assert [Line(robot.lines, number).counts["withheld"] for number in range(2)] == [4, 4]
@@ -122,20 +126,26 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
 
 def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_came_before(robot):
     answers = [(1, b"\1 answer")]
-    robot.wires[0].receive = lambda: answers * 2                    # they lie there when the stop begins: of the last torques
+    robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
-    robot.guardian.receive(0)                                       # these were on their way
+    robot.guardian.receive(0)  # these were on their way
     assert robot.guardian.stop.report()["confirmed"] == []
     robot.guardian.stop.step(robot.guardian.stop.due)
     robot.guardian.receive(0)
-    assert robot.guardian.stop.report() | {"took": 0} == {"confirmed": ["0"], "unconfirmed": ["1"], "sent": 8, "took": 0}
+    assert robot.guardian.stop.report() | {"took": 0} == {
+        "confirmed": ["0"],
+        "unconfirmed": ["1"],
+        "sent": 8,
+        "took": 0,
+    }
     robot.wires[1].receive = lambda: answers
     robot.guardian.carry()
     assert not robot.guardian.stop.over
     robot.guardian.carry()
     assert robot.guardian.stop.over
-    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2     # the loop hears them, too
+    # the loop hears them, too
+    assert [frame[:3] for frame in robot.ends[1].receive()] == [(1, False, b"\1 answer")] * 2
 
 
 def test_what_lies_there_when_a_stop_begins_reaches_the_loop_before_the_answers_to_it(robot):
@@ -161,7 +171,7 @@ def test_what_a_wire_counts_and_why_it_failed_is_told_to_the_loop_once(robot):
     robot.wires[1].counts, robot.wires[1].trouble = {"corrupt": 2}, (errno.ENODEV, "it is gone")
     for _ in range(2):
         robot.guardian.carry()
-    line.end.receive()                                              # the loop hears of it
+    line.end.receive()  # the loop hears of it
     assert line.counts["corrupt"] == 2 and line.trouble == errno.ENODEV and Line(robot.lines, 0).trouble is None
 
 
@@ -175,6 +185,7 @@ def test_a_wire_that_says_when_it_has_something_is_not_asked_in_between(robot):
 
 
 # Whether the loop is there
+
 
 class Tells(Block):
     """Calls something in one tick."""
@@ -196,7 +207,10 @@ def judged(look, tick=20):
     """A guardian that looks at a real loop in the middle of its run: `look(guardian, page)`. Returns it."""
     page = Page(1 << 20)
     guardian = Carrying(page).guardian
-    rig = one_drive(lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page), tick)(knee.position)), options={"page": page})
+    rig = one_drive(
+        lambda knee: TorqueLimiter(limit=5.0)(Tells(lambda: look(guardian, page), tick)(knee.position)),
+        options={"page": page},
+    )
     rig.run(40)
     return guardian
 
@@ -207,8 +221,16 @@ def test_a_loop_that_has_shown_itself_within_the_limit_is_there():
 
 def test_a_loop_that_has_not_is_stopped_and_its_last_tick_told():
     guardian = judged(lambda guardian, page: guardian.judge(page.beat + guardian.limit + 1))
-    assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == ("stalled", "running", 19)
-    assert guardian.verdict["silent"] == pytest.approx(0.04, abs=1e-6) and guardian.stuck_at is None and guardian.page.fenced
+    assert (guardian.verdict["because"], guardian.verdict["state"], guardian.verdict["last_tick"]) == (
+        "stalled",
+        "running",
+        19,
+    )
+    assert (
+        guardian.verdict["silent"] == pytest.approx(0.04, abs=1e-6)
+        and guardian.stuck_at is None
+        and guardian.page.fenced
+    )
 
 
 @pytest.mark.parametrize("tick, moving", [(0, False), (1, True)])
@@ -216,7 +238,12 @@ def test_a_joint_is_damped_first_from_its_very_first_torque_on(tick, moving):
     def look(guardian, page):
         for device in guardian.devices:
             device["damp"] = {
-                "duration": 0.1, "round": 0.002, "acceleration": 500.0, "velocity": None, "bands": [(math.inf, [(1, b"damp")])]}
+                "duration": 0.1,
+                "round": 0.002,
+                "acceleration": 500.0,
+                "velocity": None,
+                "bands": [(math.inf, [(1, b"damp")])],
+            }
         guardian.judge(page.beat + guardian.limit + 1)
 
     guardian = judged(look, tick)
@@ -232,7 +259,7 @@ def test_a_process_that_is_gone_is_stopped_at_once():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED = 32, 36           # bytes, of cext.page.PageLayout
+HUNG, CRASHED = 32, 36  # bytes, of cext.page.PageLayout
 
 
 def write(page, offset, number):
@@ -251,7 +278,10 @@ def test_a_step_that_hangs_is_named_and_looked_after_once_more(item, block):
         guardian.judge(page.beat)
 
     guardian = judged(look)
-    assert (guardian.verdict["because"], guardian.verdict["block"]) == ("hung", block) and "signal" not in guardian.verdict
+    assert (guardian.verdict["because"], guardian.verdict["block"]) == (
+        "hung",
+        block,
+    ) and "signal" not in guardian.verdict
     assert guardian.stuck_at == asked[0] + HANG_REPORT_DELAY
 
 
@@ -262,7 +292,11 @@ def test_a_crash_is_told_by_its_signal_and_the_block_it_was_in():
         guardian.judge(page.beat)
 
     guardian = judged(look)
-    assert (guardian.verdict["because"], guardian.verdict["block"], guardian.verdict["signal"]) == ("died", "law", "SIGSEGV")
+    assert (guardian.verdict["because"], guardian.verdict["block"], guardian.verdict["signal"]) == (
+        "died",
+        "law",
+        "SIGSEGV",
+    )
     assert guardian.stuck_at is None
 
 

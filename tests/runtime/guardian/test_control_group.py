@@ -1,4 +1,6 @@
-"""What kills the group or the session of a run does not reach its guardian, where the system permits that: real groups, real kills."""
+"""What kills the group or the session of a run does not reach its guardian, where the system permits that: real groups,
+real kills.
+"""
 
 import os
 import signal
@@ -122,7 +124,7 @@ def test_the_group_is_outside_of_the_one_it_came_from_and_goes_when_its_process_
 
 
 def test_a_group_that_a_guardian_has_left_behind_is_removed_by_the_next(group):
-    stale = group.parent / f"{control_group.PREFIX}{2**22 + 1}"             # beyond every process number
+    stale = group.parent / f"{control_group.PREFIX}{2**22 + 1}"  # beyond every process number
     stale.mkdir()
 
     def action():
@@ -152,7 +154,9 @@ def test_a_user_with_a_delegated_part_of_the_hierarchy_leaves_the_scope_of_the_r
     def action():
         os.setuid(65534)
         own, came_from = control_group.enter()
-        outside = own.parent == group and came_from == scope and control_group.group_of("self") == f"{group.name}/{own.name}"
+        outside = (
+            own.parent == group and came_from == scope and control_group.group_of("self") == f"{group.name}/{own.name}"
+        )
         control_group.leave(own, came_from)
         return 0 if outside and not own.exists() else 1
 
@@ -164,7 +168,7 @@ def test_a_user_with_a_delegated_part_of_the_hierarchy_leaves_the_scope_of_the_r
 
 def test_where_the_system_permits_nothing_the_guardian_stays_where_it_is_and_no_folder_is_made(tmp_path, monkeypatch):
     (tmp_path / "system.slice" / "robot.service").mkdir(parents=True)
-    monkeypatch.setattr(control_group, "hierarchy", lambda: tmp_path)       # folders without cgroup.procs
+    monkeypatch.setattr(control_group, "hierarchy", lambda: tmp_path)  # folders without cgroup.procs
     monkeypatch.setattr(control_group, "group_of", lambda process: "system.slice/robot.service")
     assert control_group.enter() is None
     monkeypatch.setattr(control_group, "group_of", lambda process: None)

@@ -1,9 +1,11 @@
-"""Whatever ends a run, and on whichever of its buses: real processes, a drive on each of two buses, and a third node on each that listens.
+"""Whatever ends a run, and on whichever of its buses: real processes, a drive on each of two buses, and a third node on
+each that listens.
 
-Every drive is told zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In virtual time, with more
-faults: tests/cext/test_every_fault.py. Elsewhere, with a third node that listens: a block that hangs (test_hang), a process that is
-stopped, a guardian that is gone (test_stopping), an adapter that is unplugged (tests/runtime/rig/test_slcan), a button over UDP
-(test_udp), bus-off and an interface that is taken down (tests/hardware).
+Every drive is told zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In
+virtual time, with more faults: tests/cext/test_every_fault.py. Elsewhere, with a third node that listens: a block that
+hangs (test_hang), a process that is stopped, a guardian that is gone (test_stopping), an adapter that is unplugged
+(tests/runtime/rig/test_slcan), a button over UDP (test_udp), bus-off and an interface that is taken down
+(tests/hardware).
 """
 
 import os
@@ -21,7 +23,7 @@ from tests.runtime.runs import DISABLE, NOTHING, started, write
 from tests.runtime.terminals import Terminal
 
 PERIOD = 0.005
-ALLOWANCE = 0.08                # s, on a machine that may be busy; 0.001 where it is not
+ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not
 CONFIRMED = "confirmed by left/knee, right/knee"
 
 ROBOT = '''
@@ -116,7 +118,7 @@ def drive_gets(number):
 def our_own_frame_again(process, buses):
     """Another controller that happens to say what we say."""
     left = buses[0]
-    buses.listen(0.8)                               # until torque no longer fades in
+    buses.listen(0.8)  # until torque no longer fades in
     left.send(1, bytes.fromhex([frame.data for frame in left.commands(1) if is_torque(frame)][-1]))
 
 
@@ -127,28 +129,49 @@ def swallow():
     except KeyboardInterrupt:
         pass
 """
-LATE = "the guardian did not answer"            # in time, on a busy machine: its silence is then taken for why a drive is silent
+LATE = "the guardian did not answer"  # in time, on a busy machine: its silence is then taken for why a drive is silent
 AT_80 = r"tick 80 \(0.4 s\)"
 FAULTS = {
-    "an exception in a block": Fault(f"FAULT at left/law, {AT_80}: its step raised", law="if tick == 80: raise ValueError('torn')"),
+    "an exception in a block": Fault(
+        f"FAULT at left/law, {AT_80}: its step raised", law="if tick == 80: raise ValueError('torn')"
+    ),
     "a silent drive": Fault(
-        f"FAULT at left/knee, .*no reply for longer than its timeout|{LATE}", act=drive_gets(signal.SIGSTOP), confirmed=False),
-    "a frame of another controller that equals ours": Fault("FAULT at left/knee, .*somebody else commands it", act=our_own_frame_again),
+        f"FAULT at left/knee, .*no reply for longer than its timeout|{LATE}",
+        act=drive_gets(signal.SIGSTOP),
+        confirmed=False,
+    ),
+    "a frame of another controller that equals ours": Fault(
+        "FAULT at left/knee, .*somebody else commands it", act=our_own_frame_again
+    ),
     "a block that hangs and takes its interruption for itself": Fault(
-        f"FAULT at left/law, {AT_80}: it hung", law="tick == 80 and swallow()", seconds=PERIOD + 0.015, before=SWALLOW),
+        f"FAULT at left/law, {AT_80}: it hung", law="tick == 80 and swallow()", seconds=PERIOD + 0.015, before=SWALLOW
+    ),
     "SIGTERM": Fault("stopped by SIGTERM", 143, act=told(signal.SIGTERM)),
 }
 MORE = {
-    "sys.exit in a block": Fault(f"FAULT at left/law, {AT_80}: it left the program", law="if tick == 80: sys.exit('enough')"),
+    "sys.exit in a block": Fault(
+        f"FAULT at left/law, {AT_80}: it left the program", law="if tick == 80: sys.exit('enough')"
+    ),
     "more exceptions than are held": Fault(
-        r"FAULT at left/law, tick 82 .*its step raised", law="if tick >= 80: raise ValueError('torn')", options=", hold_exceptions=2"),
-    "a status of a native kernel's own": Fault(f"FAULT at left/own, {AT_80}: it ended with kernel status 77", more="Own(name='own')"),
+        r"FAULT at left/law, tick 82 .*its step raised",
+        law="if tick >= 80: raise ValueError('torn')",
+        options=", hold_exceptions=2",
+    ),
+    "a status of a native kernel's own": Fault(
+        f"FAULT at left/own, {AT_80}: it ended with kernel status 77", more="Own(name='own')"
+    ),
     "NaN": Fault(f"FAULT at left/knee, {AT_80}: a command is NaN", torque="float('nan') if tick == 80 else 2.0"),
     "a fault bit": Fault("FAULT at left/knee, .*the device reports a fault", act=drive_gets(signal.SIGUSR1)),
     "a drive that is too hot": Fault("FAULT at left/knee, .*it is too hot", act=drive_gets(signal.SIGALRM)),
     "overruns": Fault(
-        "FAULT at .*grid points", law="if tick == 160: time.sleep(0.011)", words=("--rate", "400", "--overrun", "fault:3"), seconds=0.015),
-    "an emergency stop": Fault(f"FAULT at left/stop, {AT_80}: the emergency stop was pressed", more="EmergencyStop(name='stop')(law.late)"),
+        "FAULT at .*grid points",
+        law="if tick == 160: time.sleep(0.011)",
+        words=("--rate", "400", "--overrun", "fault:3"),
+        seconds=0.015,
+    ),
+    "an emergency stop": Fault(
+        f"FAULT at left/stop, {AT_80}: the emergency stop was pressed", more="EmergencyStop(name='stop')(law.late)"
+    ),
     "SIGINT": Fault("stopped by Ctrl-C|stopped by SIGINT", 130, act=told(signal.SIGINT)),
     "a second SIGINT": Fault("stopped by Ctrl-C|stopped by SIGINT", 130, act=twice),
     "SIGHUP": Fault("stopped by SIGHUP", 129, act=told(signal.SIGHUP)),
@@ -156,8 +179,15 @@ MORE = {
     "SIGABRT": Fault("the control process died of SIGABRT", -6, act=told(signal.SIGABRT), seconds=2 * PERIOD),
     "SIGKILL": Fault("the control process died after", -9, act=told(signal.SIGKILL), seconds=2 * PERIOD),
     "SIGSTOP": Fault(
-        "the loop has stood still", 3, seconds=0.04 + 2 * PERIOD,
-        act=lambda process, buses: (process.send_signal(signal.SIGSTOP), buses.listen(0.4), process.send_signal(signal.SIGCONT))),
+        "the loop has stood still",
+        3,
+        seconds=0.04 + 2 * PERIOD,
+        act=lambda process, buses: (
+            process.send_signal(signal.SIGSTOP),
+            buses.listen(0.4),
+            process.send_signal(signal.SIGCONT),
+        ),
+    ),
     "the end": Fault(CONFIRMED, 0, words=("--duration", "0.6")),
 }
 
@@ -168,8 +198,14 @@ class Buses(list):
     def __init__(self, folder):
         super().__init__(Bus(folder, number=20 + number, motors=(1 + number,)) for number in range(2))
         self.folder = folder
-        self.rig = write(folder, "".join(
-            f'[bus.{side}]\ninterface = "udp_multicast"\nchannel = "{bus.channel}"\n' for side, bus in zip(("left", "right"), self)), "rig.toml")
+        self.rig = write(
+            folder,
+            "".join(
+                f'[bus.{side}]\ninterface = "udp_multicast"\nchannel = "{bus.channel}"\n'
+                for side, bus in zip(("left", "right"), self)
+            ),
+            "rig.toml",
+        )
 
     def __enter__(self):
         for bus in self:
@@ -181,8 +217,12 @@ class Buses(list):
             bus.__exit__(*exception)
 
     def robot(self, fault):
-        return write(self.folder, ROBOT.format(
-            law=fault.law, torque=fault.torque, before=fault.before, options=fault.options, more=fault.more))
+        return write(
+            self.folder,
+            ROBOT.format(
+                law=fault.law, torque=fault.torque, before=fault.before, options=fault.options, more=fault.more
+            ),
+        )
 
     def words(self, fault):
         return (self.robot(fault), "--rig", self.rig, "--realtime", "off", "--yes", "--no-record", *fault.words)
@@ -208,12 +248,17 @@ class Buses(list):
 
     def await_torque(self):
         self.listen(15.0, lambda: all(any(map(is_torque, bus.commands(1 + side))) for side, bus in enumerate(self)))
-        assert all(any(map(is_torque, bus.commands(1 + side))) for side, bus in enumerate(self)), "no torque was commanded"
+        assert all(any(map(is_torque, bus.commands(1 + side))) for side, bus in enumerate(self)), (
+            "no torque was commanded"
+        )
 
     def assert_stopped(self, seconds):
         """Both drives, at most so many s and two ticks after the last torque, and nothing but that from then on."""
         said = self.commands()
-        first = [next(place for place, (whose, frame) in enumerate(said) if whose == side and frame.data == DISABLE) for side in range(2)]
+        first = [
+            next(place for place, (whose, frame) in enumerate(said) if whose == side and frame.data == DISABLE)
+            for side in range(2)
+        ]
         for side, place in enumerate(first):
             before = [frame.data for whose, frame in said[:place] if whose == side]
             assert before[-1] == NOTHING, "zero torque comes before disable"
@@ -242,7 +287,9 @@ def ends_in_the_safe_stop(buses, fault):
     assert process.returncode == fault.code, err
     assert re.search(fault.said, out + err), out + err
     assert "Traceback" not in out + err
-    assert (CONFIRMED in re.sub("confirmed by right/knee, left/knee", CONFIRMED, out + err)) == fault.confirmed, out + err
+    assert (CONFIRMED in re.sub("confirmed by right/knee, left/knee", CONFIRMED, out + err)) == fault.confirmed, (
+        out + err
+    )
     buses.assert_stopped(fault.seconds)
 
 
@@ -275,10 +322,19 @@ def test_a_button_of_a_bus_of_its_own_stops_both(buses, how):
     port = free_port()
     buses.rig.write_text(buses.rig.read_text() + f'[bus.estop]\ninterface = "udp"\nchannel = "127.0.0.1:{port}"\n')
     with Button(port) as button:
-        stops = {"pressed": ("the emergency stop was pressed", button.press), "silent": ("no reply for longer", button.silence)}
+        stops = {
+            "pressed": ("the emergency stop was pressed", button.press),
+            "silent": ("no reply for longer", button.silence),
+        }
         said, act = stops[how]
-        ends_in_the_safe_stop(buses, Fault(
-            f"FAULT at left/button, .*{said}|{LATE}", more="EStopHeartbeat(name='button', timeout=0.2)", act=lambda process, buses: act()))
+        ends_in_the_safe_stop(
+            buses,
+            Fault(
+                f"FAULT at left/button, .*{said}|{LATE}",
+                more="EStopHeartbeat(name='button', timeout=0.2)",
+                act=lambda process, buses: act(),
+            ),
+        )
 
 
 @pytest.mark.soak

@@ -1,4 +1,6 @@
-"""Blocks that hang or crash under a robot of real processes: the motors are told at once, and a person learns which block it was."""
+"""Blocks that hang or crash under a robot of real processes: the motors are told at once, and a person learns which
+block it was.
+"""
 
 import re
 import signal
@@ -10,8 +12,8 @@ from tests.cext.spinning import BLOCK, compiled, needs_compiler
 from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, is_torque
 from tests.runtime.runs import DISABLE, Files, line_of
 
-LIMIT = 0.005 + 0.015           # s from the last torque to the next tick, and what that may work
-ALLOWANCE = 0.08                # s, on a machine that may be busy; 0.001 where it is not
+LIMIT = 0.005 + 0.015  # s from the last torque to the next tick, and what that may work
+ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not
 
 
 @pytest.fixture
@@ -44,9 +46,16 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
     stopped_in_time(bus)
     out, err = process.communicate(timeout=10)
     assert process.returncode == 3 and "confirmed by left/knee, right/knee" in out
-    assert "tickwork guardian: left/law hangs: " in err and "it has not come back; zero torque" in err and "still hangs" not in err
+    assert (
+        "tickwork guardian: left/law hangs: " in err
+        and "it has not come back; zero torque" in err
+        and "still hangs" not in err
+    )
     assert re.search(
-        r"FAULT at left/law, tick 4\d .*: it hung: [\d.]+ ms of work until it was broken off; the motors were stopped meanwhile", err)
+        r"FAULT at left/law, tick 4\d .*: it hung: [\d.]+ ms of work until it was broken off; the motors were "
+        r"stopped meanwhile",
+        err,
+    )
     assert f"robot.py:{line_of(tmp_path / 'robot.py', HANGS[what])} in step: {HANGS[what]}" in err
     assert "KeyboardInterrupt" not in err and "Traceback" not in err
     assert_nothing_is_left(everybody, bus.channel)
@@ -56,16 +65,22 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
     assert (event["because"], event["block"], event["last_tick"]) == ("hung", "left/law", sidecar["last_tick"])
 
 
-STUCK = "if tick > 40: lock = ctypes.create_string_buffer(64); take = ctypes.PyDLL(None).pthread_mutex_lock; take(lock); take(lock)"
+STUCK = (
+    "if tick > 40: lock = ctypes.create_string_buffer(64); take = ctypes.PyDLL(None).pthread_mutex_lock; "
+    "take(lock); take(lock)"
+)
 
 
 @needs_compiler
-@pytest.mark.parametrize("by, where", [(signal.SIGINT, "late/spin"), pytest.param(signal.SIGTERM, "left/law", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "by, where", [(signal.SIGINT, "late/spin"), pytest.param(signal.SIGTERM, "left/law", marks=pytest.mark.soak)]
+)
 def test_what_nothing_can_break_is_told_and_ended_by_a_person(bus, tmp_path, by, where):
     if where == "late/spin":
         how = {
             "blocks": BLOCK.format(library=compiled(tmp_path)),
-            "more": "with subsystem('late', enabled=law.late): Spin()(1e9)"}
+            "more": "with subsystem('late', enabled=law.late): Spin()(1e9)",
+        }
     else:
         how = {"law": STUCK}
     process = bus.start("--record", "out", **how)
@@ -77,7 +92,10 @@ def test_what_nothing_can_break_is_told_and_ended_by_a_person(bus, tmp_path, by,
     process.send_signal(by)
     _, err = process.communicate(timeout=10)
     assert process.returncode == 3 and time.monotonic() - asked < 5.0
-    assert f"tickwork guardian: {where} hangs: " in err and "zero torque, then disable: confirmed by left/knee, right/knee" in err
+    assert (
+        f"tickwork guardian: {where} hangs: " in err
+        and ("zero torque, then disable: confirmed by left/knee, right/knee") in err
+    )
     assert f"tickwork guardian: {where} still hangs, with the motors stopped; Ctrl-C ends the run" in err
     bus.listen()
     bus.stopped_after(0.0)

@@ -14,7 +14,8 @@ from tests.runtime.runs import ROOT
 
 HOLD = (
     "import sys; from runtime.guardian.lock import BusLock\n"
-    "lock = BusLock('socketcan', sys.argv[1]); print('held', flush=True); sys.stdin.read()")
+    "lock = BusLock('socketcan', sys.argv[1]); print('held', flush=True); sys.stdin.read()"
+)
 
 
 @pytest.fixture
@@ -24,7 +25,8 @@ def channel():
 
 def holding(channel):
     process = subprocess.Popen(
-        [sys.executable, "-c", HOLD, channel], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        [sys.executable, "-c", HOLD, channel], cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
     assert process.stdout.readline() == "held\n"
     return process
 

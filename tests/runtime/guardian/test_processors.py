@@ -1,4 +1,6 @@
-"""Where the threads of a run with real-time priority may be: the loop has a processor, and whoever stops the motors finds one."""
+"""Where the threads of a run with real-time priority may be: the loop has a processor, and whoever stops the motors
+finds one.
+"""
 
 import os
 import time
@@ -10,7 +12,9 @@ import pytest
 from tests.runtime.guardian.bus import Bus, guardian_of
 
 EVERYWHERE = os.sched_getaffinity(0)
-pytestmark = pytest.mark.skipif(os.geteuid() != 0 or len(EVERYWHERE) < 2, reason="needs real-time priority, and two processors")
+pytestmark = pytest.mark.skipif(
+    os.geteuid() != 0 or len(EVERYWHERE) < 2, reason="needs real-time priority, and two processors"
+)
 
 
 def threads(pid):
@@ -20,18 +24,23 @@ def threads(pid):
 
 
 def test_the_guardian_may_run_wherever_there_is_room_and_what_can_wait_keeps_off_the_loop(tmp_path):
-    """A process that dies is busy with that for milliseconds, on the processors of its threads: the guardian waits for none of them."""
+    """A process that dies is busy with that for milliseconds, on the processors of its threads: the guardian waits for
+    none of them.
+    """
     with Bus(tmp_path) as bus:
         run = bus.start("--realtime", "try")
         bus.await_torque()
         guardian = guardian_of(run)
-        recorder, = (child for child in psutil.Process(run.pid).children() if child != guardian)
+        (recorder,) = (child for child in psutil.Process(run.pid).children() if child != guardian)
         loop = os.sched_getaffinity(run.pid)
         assert len(loop) == 1
         others = EVERYWHERE - loop
         assert threads(run.pid)["tickwork-watch"] == others
         assert threads(guardian.pid) == {"tickwork-guard": EVERYWHERE, "tickwork-mourn": EVERYWHERE}
-        assert [threads(process.pid) for process in (recorder, *recorder.children())] == [{"tickwork-parts": others}, {"tickwork-record": others}]
+        assert [threads(process.pid) for process in (recorder, *recorder.children())] == [
+            {"tickwork-parts": others},
+            {"tickwork-record": others},
+        ]
         killed = time.time()
         run.kill()
         bus.listen(0.5)

@@ -1,4 +1,6 @@
-"""The relay of a charge pump, behind a microcontroller's line: what goes over it before and after real processes are killed. Drives on udp_multicast."""
+"""The relay of a charge pump, behind a microcontroller's line: what goes over it before and after real processes are
+killed. Drives on udp_multicast.
+"""
 
 import binascii
 import os
@@ -16,8 +18,8 @@ from tests.blocks.test_charge_pump import message
 from tests.runtime.guardian.bus import Bus, guardian_of
 from tests.runtime.runs import DISABLE
 
-LATE = 0.08                     # s, on a machine that may be busy; a period is 5 ms
-HOLD = 0.3                      # s
+LATE = 0.08  # s, on a machine that may be busy; a period is 5 ms
+HOLD = 0.3  # s
 
 
 class Microcontroller:
@@ -79,7 +81,11 @@ def running(lab, **how):
     """A run under torque, with a pump that has toggled in every tick."""
     bus, board = lab
     process = bus.start(
-        "--no-record", blocks="from blocks.charge_pump import ChargePump", more=f'ChargePump(name="pump", hold={HOLD}, start_up=0.05)', **how)
+        "--no-record",
+        blocks="from blocks.charge_pump import ChargePump",
+        more=f'ChargePump(name="pump", hold={HOLD}, start_up=0.05)',
+        **how,
+    )
     bus.await_torque()
     bus.listen(0.3)
     assert len(board.after(time.time() - 0.25)) >= 25 and board.bad == 0
@@ -91,11 +97,11 @@ def test_after_kill_9_of_both_processes_nothing_stops_the_drives_but_the_relay(l
     process = running(lab)
     guardian = guardian_of(process)
     killed = time.time()
-    os.kill(guardian.pid, signal.SIGSTOP)                           # in the same instant, for both
+    os.kill(guardian.pid, signal.SIGSTOP)  # in the same instant, for both
     process.kill(), guardian.kill()
     bus.listen(0.4)
     process.communicate(timeout=10)
-    assert DISABLE not in {frame.data for frame in bus.frames}      # the drives keep their last command
+    assert DISABLE not in {frame.data for frame in bus.frames}  # the drives keep their last command
     assert not [when for when in board.after(killed) if when > LATE]
 
 
@@ -118,7 +124,10 @@ def test_the_guardian_holds_the_relay_while_it_damps_and_no_longer(lab):
     process.communicate(timeout=10)
     pulses = [0.0, *board.after(killed)]
     assert bus.stopped_after(killed) == pytest.approx(0.5, abs=LATE)
-    assert pulses[-1] == pytest.approx(0.5, abs=LATE) and max(after - before for before, after in zip(pulses, pulses[1:])) < LATE
+    assert (
+        pulses[-1] == pytest.approx(0.5, abs=LATE)
+        and max(after - before for before, after in zip(pulses, pulses[1:])) < LATE
+    )
 
 
 def test_a_run_that_was_stopped_and_continued_pulls_no_relay_in(lab):
@@ -153,11 +162,14 @@ def test_a_microcontroller_that_is_unplugged_ends_the_run_with_words(lab):
     unplugged = time.time()
     _, err = process.communicate(timeout=10)
     bus.listen()
-    assert process.returncode == 3 and "FAULT at pump, tick " in err and "its line is gone, so that the relay drops" in err, err
+    assert (
+        process.returncode == 3 and "FAULT at pump, tick " in err and "its line is gone, so that the relay drops" in err
+    ), err
     assert bus.stopped_after(unplugged) < LATE
 
 
 # The guardian's part alone
+
 
 def test_the_frames_of_the_guardian_are_two_that_alternate():
     assert ChargePump(name="pump").relay_frames() == [b"\0", b"\1"]

@@ -14,7 +14,7 @@ from tests.runtime.guardian.robstride_drives import RS03
 from tests.runtime.runs import ROOT, started, write
 
 MOTORS = {"hip": 11, "knee": 12}
-ROBOT = '''
+ROBOT = """
 from blocks.actuators import RobStride
 from graph import Diagram
 
@@ -25,7 +25,7 @@ def build():
             drive = RobStride("RobStride03", bus="leg", can_id=can_id, range=(-12.5, 12.5), wake_shift=0.0, name=name{mode})
             drive({command})
     return diagram
-'''
+"""
 OPERATION, CURRENT_LIMIT = 1, bytes.fromhex("18700000")
 
 
@@ -35,8 +35,11 @@ def leg(tmp_path):
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.{40 + int(time.time()) % 200}"
     rig = write(tmp_path, f'[bus.leg]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
     drives = subprocess.Popen(
-        [sys.executable, "-m", "tests.runtime.guardian.robstride_drives", channel, *map(str, MOTORS.values())], cwd=ROOT,
-        stdout=subprocess.PIPE, text=True)
+        [sys.executable, "-m", "tests.runtime.guardian.robstride_drives", channel, *map(str, MOTORS.values())],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert drives.stdout.readline() == "ready\n"
     node = open_bus(channel)
 
@@ -68,7 +71,9 @@ def hear(node, seconds, until=lambda kind, motor, frame: False):
 
 def torque(kind, motor, frame):
     """N·m that a frame of operation control commands."""
-    return reference.read_command(RS03, (frame[0] | reference.EXTENDED, frame[1]))["torque"] if kind == OPERATION else 0.0
+    return (
+        reference.read_command(RS03, (frame[0] | reference.EXTENDED, frame[1]))["torque"] if kind == OPERATION else 0.0
+    )
 
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.soak)])
@@ -76,7 +81,9 @@ def test_its_motors_are_stopped_whoever_stops_them(leg, sign):
     start, node = leg
     process = start()
     for motor in MOTORS.values():
-        assert torque(*hear(node, 10.0, lambda kind, to, frame: to == motor and torque(kind, to, frame) > 1.5)[-1]) > 1.5  # noqa: B023
+        assert (
+            torque(*hear(node, 10.0, lambda kind, to, frame: to == motor and torque(kind, to, frame) > 1.5)[-1]) > 1.5
+        )  # noqa: B023
     process.send_signal(sign)
     after = hear(node, 0.6)
     out, err = process.communicate(timeout=10)
@@ -85,14 +92,18 @@ def test_its_motors_are_stopped_whoever_stops_them(leg, sign):
         said = [entry for entry in after if entry[1] == motor]
         end = next(place for place, entry in enumerate(said) if entry[0] == 4)
         assert {entry[0] for entry in said[end:]} <= {OPERATION, 4} and 3 not in [entry[0] for entry in said]
-        assert all(abs(torque(*entry)) < 0.002 for entry in said[end - 1 :]), "zero torque, then the stop, and nothing after it"
+        assert all(abs(torque(*entry)) < 0.002 for entry in said[end - 1 :]), (
+            "zero torque, then the stop, and nothing after it"
+        )
         assert said[-1][0] == 4 and said[-1][2][1] == bytes(8), "which clears no fault"
 
 
 def test_in_a_position_mode_its_current_is_limited_to_nothing_and_then_it_is_stopped(leg):
     start, node = leg
     process = start(', mode="csp"', "position_command=0.1")
-    assert hear(node, 10.0, lambda kind, to, frame: kind == 18 and frame[1][:4] == CURRENT_LIMIT and frame[1][4:] != bytes(4))
+    assert hear(
+        node, 10.0, lambda kind, to, frame: kind == 18 and frame[1][:4] == CURRENT_LIMIT and frame[1][4:] != bytes(4)
+    )
     time.sleep(0.2)
     process.kill()
     after = hear(node, 0.6)

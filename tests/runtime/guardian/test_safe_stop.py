@@ -31,12 +31,20 @@ class Log:
 def device(name, bus, identifier, begin=b"", damp_time=0.0, bands=None, velocity=None):
     """As the guardian has it. bands : (speed, data) of its damping"""
     damp = damp_time and {
-        "duration": damp_time, "round": 0.002, "acceleration": 500.0, "velocity": velocity,
-        "bands": [(speed, [(identifier, data)]) for speed, data in bands or [(math.inf, b"damp")]]}
+        "duration": damp_time,
+        "round": 0.002,
+        "acceleration": 500.0,
+        "velocity": velocity,
+        "bands": [(speed, [(identifier, data)]) for speed, data in bands or [(math.inf, b"damp")]],
+    }
     return {
-        "name": name, "bus": bus, "zero": [(identifier, b"zero")], "disable": [(identifier, b"disable")],
+        "name": name,
+        "bus": bus,
+        "zero": [(identifier, b"zero")],
+        "disable": [(identifier, b"disable")],
         "damp": damp or None,
-        "replies": [(identifier + 0x100, ALL, begin.hex())]}
+        "replies": [(identifier + 0x100, ALL, begin.hex())],
+    }
 
 
 @pytest.fixture
@@ -61,7 +69,7 @@ def test_who_has_answered_both_frames_of_a_round_has_confirmed(legs):
     stop, wires = legs
     stop.step(0)
     stop.hear(0, 0x101, b"", 1)
-    stop.step(STOP_ROUND)                                        # one answer is not enough, and counts no more
+    stop.step(STOP_ROUND)  # one answer is not enough, and counts no more
     stop.hear(0, 0x101, b"", STOP_ROUND + 1)
     assert stop.report()["confirmed"] == []
     stop.hear(0, 0x101, b"", STOP_ROUND + 2)
@@ -119,7 +127,12 @@ def test_it_ends_when_all_have_confirmed(legs):
         stop.hear(bus, identifier, data, STOP_ROUND + 1_000_000)
         assert not stop.over
         stop.hear(bus, identifier, data, STOP_ROUND + 2_000_000)
-    assert stop.over and stop.report() == {"confirmed": ["left", "right", "hip"], "unconfirmed": [], "sent": 12, "took": 0.007}
+    assert stop.over and stop.report() == {
+        "confirmed": ["left", "right", "hip"],
+        "unconfirmed": [],
+        "sent": 12,
+        "took": 0.007,
+    }
 
 
 def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
@@ -132,13 +145,16 @@ def test_it_ends_when_time_is_up_and_says_who_is_missing(legs):
     assert len(wires[1].sent) == 2 * STOP_LIMIT // STOP_ROUND
 
 
-@pytest.mark.parametrize("bus, identifier, data", [
-    (0, 0x101, b"\1"),              # from another bus
-    (1, 0x201, b"\1"),              # from another id
-    (1, 0x101, b"\2"),              # it begins otherwise, as a command does
-    (1, 0x101, b""),
-    (1, 0x80000101, b"\1"),         # extended
-])
+@pytest.mark.parametrize(
+    "bus, identifier, data",
+    [
+        (0, 0x101, b"\1"),  # from another bus
+        (1, 0x201, b"\1"),  # from another id
+        (1, 0x101, b"\2"),  # it begins otherwise, as a command does
+        (1, 0x101, b""),
+        (1, 0x80000101, b"\1"),  # extended
+    ],
+)
 def test_a_frame_that_is_no_reply_confirms_nothing(legs, bus, identifier, data):
     stop, _ = legs
     stop.step(0)
@@ -152,13 +168,13 @@ def test_who_is_to_be_damped_is_damped_for_its_time_and_disabled_after_that():
     stop = SafeStop([device("knee", 0, 1, damp_time=0.3), device("hip", 0, 2)], {0: wire}, 0)
     for now in range(0, 300_000_000, 1_000_000):
         stop.step(now)
-        stop.hear(0, 0x101, b"", now + 1)                   # it answers, which confirms nothing while it is damped
+        stop.hear(0, 0x101, b"", now + 1)  # it answers, which confirms nothing while it is damped
         stop.hear(0, 0x101, b"", now + 2)
     assert {frame for frame in wire.sent if frame[0] == 1} == {(1, b"damp")} and wire.sent.count((1, b"damp")) == 150
     assert wire.sent.count((2, b"disable")) == 60 and stop.report()["unconfirmed"] == ["knee", "hip"]
     stop.step(300_000_000)
     assert wire.sent[-4:-2] == [(1, b"zero"), (1, b"disable")]
-    for now in (300_000_001, 300_000_002):                  # to its damping, perhaps
+    for now in (300_000_001, 300_000_002):  # to its damping, perhaps
         stop.hear(0, 0x101, b"", now)
     assert stop.report()["confirmed"] == []
     stop.step(300_000_000 + STOP_ROUND)
@@ -188,10 +204,14 @@ def test_devices_that_are_never_told_anything_are_not_waited_for():
     assert stop.over
 
 
-@pytest.mark.parametrize("kind, model, disable", [
-    (CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))])
+@pytest.mark.parametrize(
+    "kind, model, disable",
+    [(CubeMarsV3, "AK80-9-V3.0", (0x80000F05, b"")), (CubeMarsServo, "AK80-9", (0x80000105, bytes(4)))],
+)
 def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(kind, model, disable):
-    """The plan as the guardian gets it, in JSON. A report from before the stop that tells of a current is no answer to it."""
+    """The plan as the guardian gets it, in JSON. A report from before the stop that tells of a current is no answer to
+    it.
+    """
     with Diagram("robot", rate=200) as robot:
         drive = kind(model, can_id=5, name="knee")
         drive(**{"torque_command" if kind is CubeMarsV3 else "current_command": 0.0})
@@ -201,7 +221,7 @@ def test_a_drive_that_reports_by_itself_has_confirmed_when_it_draws_no_current(k
     stop = SafeStop([device], {0: wire}, 0)
     stop.step(0)
     assert wire.sent[-1] == disable
-    for data in ("0123456703e81e00", "0123456700201e00", "01234567ffdf1e00"):              # 10, 0.32 and -0.33 A
+    for data in ("0123456703e81e00", "0123456700201e00", "01234567ffdf1e00"):  # 10, 0.32 and -0.33 A
         stop.hear(0, 0x80002905, bytes.fromhex(data), 1000)
         stop.hear(0, 0x80002906, bytes(8), 1000)
         assert not stop.over
@@ -219,16 +239,26 @@ def speed_of(velocity):
     return b"\1" + round(velocity / 0.002).to_bytes(2, "big", signed=True)
 
 
-@pytest.mark.parametrize("velocity, age, expected", [
-    (0.5, 0, b"strong"), (-0.5, 0, b"strong"),              # 500 rad/s² for two rounds of 2 ms are 2 rad/s
-    (1.1, 0, b"weak"), (-1.1, 0, b"weak"), (0.5, 2_000_000, b"weak"), (0.5, 20_000_000, b"slow"), (40.0, 0, b"slow"), (-40.0, 0, b"slow")])
+@pytest.mark.parametrize(
+    "velocity, age, expected",
+    [
+        (0.5, 0, b"strong"),
+        (-0.5, 0, b"strong"),  # 500 rad/s² for two rounds of 2 ms are 2 rad/s
+        (1.1, 0, b"weak"),
+        (-1.1, 0, b"weak"),
+        (0.5, 2_000_000, b"weak"),
+        (0.5, 20_000_000, b"slow"),
+        (40.0, 0, b"slow"),
+        (-40.0, 0, b"slow"),
+    ],
+)
 def test_the_damping_is_that_of_the_newest_speed_and_of_what_it_can_have_become(velocity, age, expected):
     wire = Log()
     bands = [(3.0, b"strong"), (6.0, b"weak"), (math.inf, b"slow")]
     stop = SafeStop([device("knee", 0, 1, damp_time=1.0, bands=bands, velocity=SPEED)], {0: wire}, 0)
     stop.step(0)
-    assert wire.sent == [(1, b"slow")]                      # there is no velocity yet
-    stop.hear(1, 0x101, speed_of(0.0), 2_000_000)           # of another bus, of another drive, too short: none of these
+    assert wire.sent == [(1, b"slow")]  # there is no velocity yet
+    stop.hear(1, 0x101, speed_of(0.0), 2_000_000)  # of another bus, of another drive, too short: none of these
     stop.hear(0, 0x102, speed_of(0.0), 2_000_000)
     stop.hear(0, 0x101, b"\1\0", 2_000_000)
     stop.hear(0, 0x101, b"\2\0\0", 2_000_000)
@@ -253,11 +283,13 @@ def test_a_reply_that_is_read_late_counts_as_old_as_it_can_be():
 
 
 def test_a_limb_at_8_rad_per_s_is_damped_inside_the_limit_by_the_guardian():
-    """The plan as the guardian gets it, and a drive that is played from the bytes: AK80-9, limit 5 N·m, stop_damping 1, 0.35 kg·m²."""
+    """The plan as the guardian gets it, and a drive that is played from the bytes: AK80-9, limit 5 N·m, stop_damping 1,
+    0.35 kg·m².
+    """
     with Diagram("robot", rate=200) as robot:
         CubeMars("AK80-9", can_id=1, name="knee", limit=5.0, safe_stop="damp", stop_damping=1.0)(torque_command=0.0)
     [device] = map(decoded, json.loads(json.dumps(plan([], compile(robot), robot, None)))["devices"])
-    for jitter in (0, 700_000):                             # ns by which it comes late
+    for jitter in (0, 700_000):  # ns by which it comes late
         drive = PlayedDrive(reference.ranges(velocity=50.0, torque=18.0))
         wire = Answering(drive)
         stop = SafeStop([device], {0: wire}, 0)

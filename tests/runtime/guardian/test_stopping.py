@@ -1,4 +1,6 @@
-"""What stops the motors when the process that drives them cannot: real processes, real signals, and a third node that listens."""
+"""What stops the motors when the process that drives them cannot: real processes, real signals, and a third node that
+listens.
+"""
 
 import os
 import signal
@@ -12,8 +14,8 @@ from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guar
 from tests.runtime.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files
 
-DEATH = 0.1                     # s from a kill to the last first stop frame, on a machine that may be busy; 0.001 where it is not
-STALL = 0.2                     # likewise, with the 40 ms that a loop may stand still
+DEATH = 0.1  # s from a kill to the last first stop frame, on a machine that may be busy; 0.001 where it is not
+STALL = 0.2  # likewise, with the 40 ms that a loop may stand still
 
 
 @pytest.fixture
@@ -31,19 +33,30 @@ def test_kill_9_of_a_run_is_answered_by_its_guardian(bus, tmp_path):
     bus.listen(0.3)
     _, err = process.communicate(timeout=10)
     assert bus.stopped_after(killed) < DEATH
-    assert "tickwork guardian: the control process died after tick" in err and "confirmed by left/knee, right/knee" in err
+    assert (
+        "tickwork guardian: the control process died after tick" in err and "confirmed by left/knee, right/knee" in err
+    )
     assert_nothing_is_left(everybody, bus.channel)
     [event] = [event for event in Files(tmp_path / "out").sidecar["events"] if event["event"] == "guardian"]
-    assert event["because"] == "died" and sorted(event["confirmed"]) == ["left/knee", "right/knee"] and event["took"] < 0.2
+    assert (
+        event["because"] == "died" and sorted(event["confirmed"]) == ["left/knee", "right/knee"] and event["took"] < 0.2
+    )
 
 
 def test_a_run_tells_how_fast_its_drives_have_answered(bus, tmp_path):
     process = bus.start("--record", "out", "--duration", "1")
     out, _ = process.communicate(timeout=20)
-    assert process.returncode == 0 and "  answers     left/knee after " in out and "              right/knee after " in out
+    assert (
+        process.returncode == 0 and "  answers     left/knee after " in out and "              right/knee after " in out
+    )
     [file] = (tmp_path / "out").glob("*.mcap")
     for path, found in Trial(file).end["end"]["answers"].items():
-        assert path.endswith("/knee") and 150 < found["count"] <= 200 and 2e-5 < found["p50"] < 0.005 and found["p50"] <= found["p99"]
+        assert (
+            path.endswith("/knee")
+            and 150 < found["count"] <= 200
+            and 2e-5 < found["p50"] < 0.005
+            and found["p50"] <= found["p99"]
+        )
 
 
 def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
@@ -58,14 +71,14 @@ def test_after_kill_stop_and_kill_cont_no_torque_ever_follows(bus):
     bus.listen(0.3)
     _, err = process.communicate(timeout=10)
     bus.listen()
-    assert bus.stopped_after(stopped) < STALL                       # and none since
+    assert bus.stopped_after(stopped) < STALL  # and none since
     assert process.returncode == 3 and "fenced by the guardian" in err and "stood still for" in err
     assert_nothing_is_left(everybody, bus.channel)
 
 
 def test_kill_9_leaves_a_joint_damped_that_must_not_drop_its_wearer(bus):
-    damped = "7FFF7FF0003337FF"                                     # 1 N·m·s/rad of the 5 that all ones are
-    slow = "7FFF7FF0001267FF"                                       # 18 N·m over 50 rad/s, before the first reply
+    damped = "7FFF7FF0003337FF"  # 1 N·m·s/rad of the 5 that all ones are
+    slow = "7FFF7FF0001267FF"  # 18 N·m over 50 rad/s, before the first reply
     process = bus.start("--no-record", drive=', safe_stop="damp", stop_time=0.25')
     bus.await_torque()
     killed = time.time()
@@ -115,7 +128,7 @@ def test_without_its_guardian_a_run_ends_and_stops_the_motors_itself(bus, by, al
     guardian_of(process).send_signal(by)
     _, err = process.communicate(timeout=10)
     bus.listen()
-    assert bus.stopped_after(killed) < allowed                      # 5 to 15 ms after SIGKILL where the machine is not busy
+    assert bus.stopped_after(killed) < allowed  # 5 to 15 ms after SIGKILL where the machine is not busy
     assert process.returncode == 3 and "the guardian" in err and "SIGKILL" in err
     assert_nothing_is_left(everybody, bus.channel)
 
@@ -133,7 +146,11 @@ def test_a_run_that_is_stopped_while_arming_enables_nothing_afterwards(tmp_path)
         _, err = process.communicate(timeout=10)
         bus.listen()
         assert bus.stopped_after(stopped) < STALL and process.returncode == 3
-        assert "while arming" in err and "fenced by the guardian" in err and "NOT confirmed by left/knee, right/knee" in err
+        assert (
+            "while arming" in err
+            and "fenced by the guardian" in err
+            and "NOT confirmed by left/knee, right/knee" in err
+        )
         assert_nothing_is_left(everybody, bus.channel)
 
 
@@ -143,20 +160,29 @@ def test_whoever_else_commands_a_drive_ends_the_run(bus):
     bus.send(2, bytes.fromhex(ENABLE))
     out, err = process.communicate(timeout=10)
     bus.listen()
-    assert process.returncode == 3 and "FAULT at right/knee" in err and "somebody else commands it: a frame to id 2 on bus legs" in err
+    assert (
+        process.returncode == 3
+        and "FAULT at right/knee" in err
+        and ("somebody else commands it: a frame to id 2 on bus legs") in err
+    )
     assert "confirmed by left/knee, right/knee" in out
     said = [frame.data for frame in bus.commands(1)]
     assert said[-2:] == [NOTHING, DISABLE]
 
 
 def test_own_commands_that_look_like_replies_are_none(tmp_path):
-    """Zero torque begins with 7F, and so do the replies of drive 127: a drive that does not answer is not taken for one that does."""
+    """Zero torque begins with 7F, and so do the replies of drive 127: a drive that does not answer is not taken for one
+    that does.
+    """
     with Bus(tmp_path, number=2, motors=(127,), answering=False) as bus:
         process = bus.start("--no-record", "--set", "left/knee.can_id=127", "--set", "right/knee.can_id=126")
         _, err = process.communicate(timeout=20)
         bus.listen()
         assert any(frame.data == NOTHING and frame.identifier == 127 for frame in bus.frames)
-        assert "no answer from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); nothing was heard on any bus" in err
+        assert (
+            "no answer from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); nothing was heard on "
+            "any bus"
+        ) in err
 
 
 def test_one_controller_a_bus(bus):
@@ -165,9 +191,12 @@ def test_one_controller_a_bus(bus):
     second = bus.start("--no-record")
     _, err = second.communicate(timeout=20)
     assert second.returncode == 2
-    assert f"error TW106 bus that somebody else controls: [bus.legs] {bus.channel} is controlled by process {process.pid} (" in err
+    assert (
+        f"error TW106 bus that somebody else controls: [bus.legs] {bus.channel} is controlled by process "
+        f"{process.pid} ("
+    ) in err
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=10)                      # nobody has disturbed it
+    out, err = process.communicate(timeout=10)  # nobody has disturbed it
     assert process.returncode == 130 and "FAULT" not in err and "confirmed by left/knee, right/knee" in out
 
 

@@ -11,7 +11,7 @@ from tests.runtime.runs import ROOT
 
 # Sends a frame that is for nobody, or datagrams that are no frames, as fast as it can.
 BABBLING = {
-    "udp_multicast": '''
+    "udp_multicast": """
 import can, sys
 from runtime.guardian.wires import keep_apart
 bus = can.Bus(sys.argv[1], interface="udp_multicast")
@@ -19,15 +19,15 @@ keep_apart(bus.fileno())
 message = can.Message(arbitration_id=0x555, is_extended_id=False, data=b"babble")
 while True:
     bus.send(message)
-''',
-    "udp": '''
+""",
+    "udp": """
 import socket, struct, sys
 to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 frames = struct.pack("<IB3x8s", 0x555, 6, b"babble"), b"what is this"
 while True:
     for frame in frames:
         to.sendto(frame, ("127.0.0.1", int(sys.argv[1])))
-''',
+""",
 }
 BUTTON = "from blocks.safety import EStopHeartbeat; EStopHeartbeat(name='button', timeout=1.0)"
 LOAD = re.compile(r"  load +[\d.]+ % of the time inside ticks, ([\d.]+) (µs|ms) a tick at p99")
@@ -59,13 +59,18 @@ def counted(out, what):
 
 
 def test_own_commands_that_look_like_replies_are_counted_and_ignored(tmp_path):
-    """Commands without a position begin with 7F. On this interface each comes back, and looks like a reply of drive 127."""
+    """Commands without a position begin with 7F. On this interface each comes back, and looks like a reply of drive
+    127.
+    """
     with Bus(tmp_path, number=3, motors=(126, 127)) as bus:
-        process = bus.start("--no-record", "--duration", "0.5", "--set", "left/knee.can_id=127", "--set", "right/knee.can_id=126")
+        process = bus.start(
+            "--no-record", "--duration", "0.5", "--set", "left/knee.can_id=127", "--set", "right/knee.can_id=126"
+        )
         out, err = process.communicate(timeout=20)
         sent = counted(out, "frames sent")
         assert process.returncode == 0, err
-        assert sent > 200 and sent - 4 <= counted(out, "of this machine") <= sent       # the last come back when nobody listens any more
+        # the last come back when nobody listens any more
+        assert sent > 200 and sent - 4 <= counted(out, "of this machine") <= sent
         assert "confirmed by left/knee, right/knee" in out and counted(out, "malformed") == 0
 
 
@@ -76,7 +81,8 @@ def test_a_babbling_node_on_a_carried_bus_does_not_hold_a_tick(tmp_path):
         with Babbler("udp_multicast", bus.channel):
             out, err = process.communicate(timeout=20)
         assert counted(out, "foreign") > 100 and in_a_tick(out) < 0.005
-        # The drives of this test, and the guardian, may be kept from their answers: then the run has ended in its stop, and in words.
+        # The drives of this test, and the guardian, may be kept from their answers: then the run has ended in its stop,
+        # and in words.
         assert process.returncode == 0 or "no reply for longer than its timeout" in err or "guardian" in err
 
 
@@ -91,8 +97,13 @@ def test_a_babbling_sender_on_udp_does_not_hold_a_tick_and_keeps_no_press_from_b
             button.press()
             at = time.time()
             while process.poll() is None and time.time() < at + 20.0:
-                bus.listen(0.05)                            # or what waits to be read here leaves no room for the end of it
+                bus.listen(0.05)  # or what waits to be read here leaves no room for the end of it
             out, err = process.communicate(timeout=20)
             bus.listen(0.2)
-        assert process.returncode == 3 and counted(out, "foreign") > 100 and counted(out, "corrupt") > 100 and in_a_tick(out) < 0.005
+        assert (
+            process.returncode == 3
+            and counted(out, "foreign") > 100
+            and counted(out, "corrupt") > 100
+            and in_a_tick(out) < 0.005
+        )
         assert "FAULT at " in err and bus.stopped_after(at) < 1.5

@@ -13,7 +13,7 @@ import pytest
 from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, keep_apart
 from tests.runtime.guardian.drives import open_bus
 
-PORT = 43113                    # of udp_multicast
+PORT = 43113  # of udp_multicast
 CHANNELS = (f"239.{210 + os.getpid() % 40}.{os.getpid() // 40 % 250}.{number}" for number in itertools.count(1))
 NOTHING = bytes.fromhex("7fff7ff0000007ff")
 
@@ -63,7 +63,7 @@ def test_a_frame_of_another_node_that_equals_ours_is_received_beside_the_echo(wi
 
 
 def test_each_frame_more_than_we_have_sent_is_somebody_elses_though_all_are_alike(wire, node):
-    for _ in range(40):                                             # as a steady torque is sent, again and again
+    for _ in range(40):  # as a steady torque is sent, again and again
         wire.send(127, NOTHING)
     for _ in range(3):
         node.send(message(127, NOTHING))
@@ -127,7 +127,7 @@ def test_two_buses_of_one_machine_do_not_hear_each_other(wire, node):
 
 def test_what_another_robot_has_said_before_the_two_were_kept_apart_is_not_heard(channel):
     other = next(CHANNELS)
-    with open_bus(other) as node:                                   # somebody of this machine is in that group
+    with open_bus(other) as node:  # somebody of this machine is in that group
         bus = can.Bus(channel, interface="udp_multicast")
         with open_bus(other) as talker:
             talker.send(message(127, NOTHING))

@@ -14,7 +14,7 @@ from tests.runtime.live.test_set import going
 from tests.runtime.runs import Files, finished, write
 from tests.runtime.terminals import Terminal
 
-SCALES = '''
+SCALES = """
 from blocks.controllers import TorqueProfile
 from blocks.recorders import CsvRecorder
 from blocks.sources import Constant
@@ -30,15 +30,23 @@ with Diagram("legs", rate=200) as diagram:
     leg("left", Live(0.5, min=0.0, max=1.0))
     leg("right", Live(0.25, min=0.0, max=0.8))
     CsvRecorder()
-'''
+"""
 
 
 def parameter(index, path, low=0.0, high=1.0, dtype="float", unit="1"):
     return Parameter(index, path, dtype, unit, "", 0.5, low, high, 1.0)
 
 
-LEGS = Table("legs", 200.0, (
-    parameter(0, "left/profile.scale"), parameter(1, "left/spring.damping"), parameter(2, "right/profile.scale", high=0.8), parameter(3, "gain.gain")))
+LEGS = Table(
+    "legs",
+    200.0,
+    (
+        parameter(0, "left/profile.scale"),
+        parameter(1, "left/spring.damping"),
+        parameter(2, "right/profile.scale", high=0.8),
+        parameter(3, "gain.gain"),
+    ),
+)
 
 
 def test_a_pattern_is_every_parameter_that_it_matches_and_a_name_itself_alone():
@@ -58,18 +66,29 @@ def test_if_one_of_them_cannot_have_the_value_none_gets_it():
 def test_a_pattern_that_matches_nothing_is_an_error_with_a_suggestion():
     with pytest.raises(BadInput) as refused:
         wanted(LEGS, "*/profil.scale", "0.5")
-    assert str(refused.value) == "*/profil.scale=0.5: legs has no live parameter '*/profil.scale'; did you mean '*/profile.scale'?"
+    assert str(refused.value) == (
+        "*/profil.scale=0.5: legs has no live parameter '*/profil.scale'; did you mean '*/profile.scale'?"
+    )
 
 
 def test_what_one_pattern_matches_is_one_letter_where_it_fits():
-    groups = [[("a", index) for index in range(10)], [("b", index) for index in range(8)], [("c", index) for index in range(MOST_CHANGES + 1)]]
+    groups = [
+        [("a", index) for index in range(10)],
+        [("b", index) for index in range(8)],
+        [("c", index) for index in range(MOST_CHANGES + 1)],
+    ]
     assert [len(letter) for letter in letters(groups)] == [10, 8, MOST_CHANGES, 1]
     assert [len(letter) for letter in letters(groups[:1] * 1 + [[("d", 0)]])] == [11]
 
 
 def test_the_keys_offer_what_both_legs_have_alike_first():
     assert [(name, [each.index for each in found]) for name, found in choices(LEGS.parameters)] == [
-        ("*/profile.scale", [0, 2]), ("left/profile.scale", [0]), ("left/spring.damping", [1]), ("right/profile.scale", [2]), ("gain.gain", [3])]
+        ("*/profile.scale", [0, 2]),
+        ("left/profile.scale", [0]),
+        ("left/spring.damping", [1]),
+        ("right/profile.scale", [2]),
+        ("gain.gain", [3]),
+    ]
     unlike = (parameter(0, "left/profile.scale"), parameter(1, "right/profile.scale", unit="N·m"))
     assert [name for name, _ in choices(unlike)] == ["left/profile.scale", "right/profile.scale"]
 
@@ -84,16 +103,24 @@ def test_a_setting_at_the_start_takes_a_pattern_too(legs):
     _, diagram = load(legs / "legs.py", [])
     set_block_parameters(diagram, "*/profile.scale", "0.7")
     assert diagram["left/profile"].scale == diagram["right/profile"].scale == 0.7
-    with pytest.raises(BadInput, match=r"--set right/profile.scale=0.9: scale: must be between its live bounds 0 and 0.8, got 0.9"):
+    with pytest.raises(
+        BadInput,
+        match=r"--set right/profile.scale=0.9: scale: must be between its live bounds 0 and "
+        r"0.8, got 0.9",
+    ):
         set_block_parameters(diagram, "*/profile.scale", "0.9")
     with pytest.raises(BadInput) as refused:
         set_block_parameters(diagram, "*/profile.scales", "0.5")
-    assert str(refused.value) == "--set */profile.scales=0.5: legs has no parameter that matches; did you mean '*/profile.scale'?"
+    assert str(refused.value) == (
+        "--set */profile.scales=0.5: legs has no parameter that matches; did you mean '*/profile.scale'?"
+    )
 
 
 def test_both_legs_change_in_one_tick_and_ramp_and_the_replay_is_the_same(legs, command_line):
     with going(legs, "legs.py") as run:
-        assert command_line.refused("set", run.pid, "*/profile.scale=0.9").endswith("right/profile.scale must be at most 0.8, got 0.9")
+        assert command_line.refused("set", run.pid, "*/profile.scale=0.9").endswith(
+            "right/profile.scale must be at most 0.8, got 0.9"
+        )
         told = finished("set", run.pid, "*/profile.scale=0.75", cwd=legs)
         assert told.returncode == 0, told.stderr
         run.send_signal(2)
@@ -122,5 +149,10 @@ def test_one_key_press_changes_both_legs_in_one_tick(legs):
         terminal.press(b" ")
         assert terminal.end() == 0
     first, second, _ = Files(legs / "recordings").sidecar["events"]
-    assert (first["path"], first["value"], second["path"], second["value"]) == ("left/profile.scale", 0.55, "right/profile.scale", 0.26)
+    assert (first["path"], first["value"], second["path"], second["value"]) == (
+        "left/profile.scale",
+        0.55,
+        "right/profile.scale",
+        0.26,
+    )
     assert first["tick"] == second["tick"]

@@ -42,7 +42,8 @@ def test_without_settings_it_lists_values_bounds_and_units(run, command_line):
     assert head.startswith(f"springs (process {run.pid}, running, tick ")
     assert lines == [
         "  spring.stiffness  30 N·m/rad  (0 to 150 N·m/rad; built as 30 N·m/rad; by 200 N·m/rad a second at most)  K",
-        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; by 10 N·m·s/rad a second at most)  B",
+        "  spring.damping    1 N·m·s/rad  (0 to 10 N·m·s/rad; built as 1 N·m·s/rad; by 10 N·m·s/rad a second at "
+        "most)  B",
         "  wave.angle        0.5 rad  (-1 to 1.5 rad; built as 0.5 rad)  of the wave",
         "  wave.count        3  (0 to 12; built as 3)",
         "  wave.on           true  (false or true; built as true)",
@@ -58,8 +59,10 @@ REFUSED = {
     "wave.angle=1 N": "wave.angle=1 N: N does not convert to rad",
     "wave.count=2.5": "wave.count=2.5: expected a whole number, got 2.5",
     "wave.on=perhaps": "wave.on=perhaps: expected true or false, got 'perhaps'",
-    "spring.stifness=40": "spring.stifness=40: springs has no live parameter 'spring.stifness'; did you mean 'spring.stiffness'?",
-    "zzz=1": "zzz=1: springs has no live parameter 'zzz'; live are spring.stiffness, spring.damping, wave.angle, wave.count, wave.on",
+    "spring.stifness=40": "spring.stifness=40: springs has no live parameter 'spring.stifness'; did you mean "
+    "'spring.stiffness'?",
+    "zzz=1": "zzz=1: springs has no live parameter 'zzz'; live are spring.stiffness, spring.damping, wave.angle, "
+    "wave.count, wave.on",
     "wave.on": "wave.on: expected NAME=VALUE, as in left/impedance.stiffness=40",
 }
 
@@ -86,39 +89,56 @@ def test_a_process_that_is_no_run_is_told_which_are(run, command_line):
 
 
 def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, command_line):
-    """Of several settings all or none; with units; from a file; and each in the recording, by the process that set it."""
+    """Of several settings all or none; with units; from a file; and each in the recording, by the process that set
+    it.
+    """
     live_diagram(tmp_path)
     (tmp_path / "gentle.set").write_text("# gentle\n\n#\nspring.damping = 2.5\n")
     told = []
     with going(tmp_path, "springs.py") as run:
-        for words in (["spring.stiffness=40", "wave.angle=60 deg", "wave.count=5"], ["wave.on=no"], ["@gentle.set"], ["wave.on=yes"]):
+        for words in (
+            ["spring.stiffness=40", "wave.angle=60 deg", "wave.count=5"],
+            ["wave.on=no"],
+            ["@gentle.set"],
+            ["wave.on=yes"],
+        ):
             process = finished("set", run.pid, *words, cwd=tmp_path)
             assert (process.returncode, process.stderr) == (0, ""), process
             told += process.stdout.splitlines()
         run.send_signal(signal.SIGINT)
         assert "6 changes of live parameters, 0 marks" in run.communicate(timeout=30)[0] and run.returncode == 130
-        assert command_line.refused("set", run.pid, "spring.damping=2").startswith(f"process {run.pid} does not exist; ")
+        assert command_line.refused("set", run.pid, "spring.damping=2").startswith(
+            f"process {run.pid} does not exist; "
+        )
     files = Files(tmp_path / "recordings")
     events, table = files.sidecar["events"], files.table
     first, off, damping, on = (events[index]["tick"] for index in (0, 3, 4, 5))
     assert told == [
         f"spring.stiffness: 30 N·m/rad to 40 N·m/rad from tick {first} on, over 0.05 s",
         f"wave.angle: 0.5 rad to 1.0472 rad from tick {first} on",
-        f"wave.count: 3 to 5 from tick {first} on", f"wave.on: true to false from tick {off} on",
-        f"spring.damping: 1 N·m·s/rad to 2.5 N·m·s/rad from tick {damping} on, over 0.15 s", f"wave.on: false to true from tick {on} on"]
+        f"wave.count: 3 to 5 from tick {first} on",
+        f"wave.on: true to false from tick {off} on",
+        f"spring.damping: 1 N·m·s/rad to 2.5 N·m·s/rad from tick {damping} on, over 0.15 s",
+        f"wave.on: false to true from tick {on} on",
+    ]
     assert [event["tick"] for event in events[:3]] == [first] * 3 and first < off < damping < on
-    assert all(event["event"] == "set" and event["by"].startswith("set ") and int(event["by"][4:]) != run.pid for event in events)
+    assert all(
+        event["event"] == "set" and event["by"].startswith("set ") and int(event["by"][4:]) != run.pid
+        for event in events
+    )
     assert events[1]["value"] == np.deg2rad(60) and events[1]["from"] == 0.5
     row = {int(tick): index for index, tick in enumerate(table["tick"])}
     wave, torque = table["wave.y"], table["spring.torque [N*m]"]
     assert wave[row[first] - 1] == 1030.5 and wave[row[first]] == 1050.0 + np.deg2rad(60)
     assert wave[row[off] - 1] > 1000.0 and wave[row[off]] < 100.0 < 1000.0 < wave[row[on]]
     assert torque[row[first] - 1] == -30.0 and torque[row[first] + 10] == -40.0
-    ticks = table["tick"][row[first]] - table["tick"][row[first] - 1]           # more than one where some were missed
+    ticks = table["tick"][row[first]] - table["tick"][row[first] - 1]  # more than one where some were missed
     np.testing.assert_allclose(torque[row[first]], -30.0 - 200.0 / 200.0 * ticks, rtol=0, atol=1e-9)
 
     code, out, err = command_line("replay", files.one(".mcap"))
-    assert (code, err) == (0, "") and "the same, bit for bit" in out, "what was changed is changed again, in the same ticks"
+    assert (code, err) == (0, "") and "the same, bit for bit" in out, (
+        "what was changed is changed again, in the same ticks"
+    )
     write(tmp_path, live_diagram(tmp_path).read_text().replace("max=150.0, slew", "max=35.0, slew"), "narrow.py")
     said = command_line.refused("replay", files.one(".mcap"), "--diagram", "narrow.py")
     assert said.endswith(f"spring.stiffness was set to 40.0 at tick {first}, and the diagram has it live from 0 to 35")
@@ -131,7 +151,9 @@ def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, 
         page = page_of(process.pid)
         process.send_signal(signal.SIGSTOP)
         said = command_line.refused("set", process.pid, "spring.damping=2")
-        assert said.startswith(f"process {process.pid}: it did not take the change within 0.2 s") and said.endswith("nothing was changed")
+        assert said.startswith(f"process {process.pid}: it did not take the change within 0.2 s") and said.endswith(
+            "nothing was changed"
+        )
         process.send_signal(signal.SIGCONT)
         ticks = page.statistics()["ticks"]
         patient(lambda: page.statistics()["ticks"] > ticks + 20)
@@ -139,10 +161,18 @@ def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, 
 
 
 def test_a_diagram_without_live_parameters_says_so(tmp_path, command_line):
-    lines = "from blocks.sources import Sine", "from graph import Diagram", "", "with Diagram('plain', rate=100) as diagram:", "    Sine()"
+    lines = (
+        "from blocks.sources import Sine",
+        "from graph import Diagram",
+        "",
+        ("with Diagram('plain', rate=100) as diagram:"),
+        "    Sine()",
+    )
     write(tmp_path, "\n".join(lines) + "\n", "plain.py")
     with going(tmp_path, "plain.py", "--no-record") as process:
-        assert command_line.refused("set", process.pid).startswith(f"plain (process {process.pid}) has no live parameters: ")
+        assert command_line.refused("set", process.pid).startswith(
+            f"plain (process {process.pid}) has no live parameters: "
+        )
 
 
 def test_settings_from_a_file_are_those_of_the_command_line(tmp_path, command_line):

@@ -1,4 +1,6 @@
-"""The highest rate of one to eight actuators: what 1 Mbit/s carries, found by commanding them, in virtual time and on a rig."""
+"""The highest rate of one to eight actuators: what 1 Mbit/s carries, found by commanding them, in virtual time and on a
+rig.
+"""
 
 import os
 import re
@@ -14,7 +16,8 @@ from runtime.rate.steps import Simulated
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.runs import finished, started, write
 
-# Hz at 1 Mbit/s, by number of MIT actuators that are sent Epically Powerful's zero 8000 800 000 000 800, by bits on the wire.
+# Hz at 1 Mbit/s, by number of MIT actuators that are sent Epically Powerful's zero 8000 800 000 000 800, by bits on the
+# wire.
 THEIR_ZERO = {1: 4064, 2: 2032, 3: 1355, 4: 1016, 5: 813, 6: 677, 7: 581, 8: 508}
 OUR_ZERO, AT_REST = bytes.fromhex("7fff7ff0000007ff"), bytes.fromhex("7fff7ff7ff4600")
 
@@ -49,6 +52,7 @@ def test_a_slower_bus_carries_less():
 
 def test_frames_of_29_bits_take_longer():
     """Of eight RobStride drives the fact sheet has 431 Hz; ours are at rest as theirs."""
+
     def robstride(can_id):
         return RobStride("RS02", bus="can", can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
 
@@ -58,7 +62,9 @@ def test_frames_of_29_bits_take_longer():
 
 
 def test_the_command_prints_a_table_and_draws_a_picture(command_line, tmp_path):
-    code, out, err = command_line("rate", "--actuators", "7..8", "--low", "400", "--high", "700", "--resolution", "20", "--seconds", "0.1")
+    code, out, err = command_line(
+        "rate", "--actuators", "7..8", "--low", "400", "--high", "700", "--resolution", "20", "--seconds", "0.1"
+    )
     assert (code, err) == (OK, "")
     rows = re.findall(r"^ +(\d) +(\d+) Hz +(\d+) Hz +(\d+) Hz +(\d+)$", out, re.MULTILINE)
     assert [row[0] for row in rows] == ["7", "8"]
@@ -74,15 +80,19 @@ def test_where_no_rate_passes_it_says_why(command_line):
     assert code == OK and re.search(r"^ +1 +0 Hz +4 Hz .* 50 Hz failed: no answer$", out, re.MULTILINE), out
 
 
-@pytest.mark.parametrize("words, said", [
-    (("--actuators", "9"), "at most 8"), (("--actuators", "3..2"), "from the lower number"),
-    (("--low", "500", "--high", "400"), "not below"),
-    (("--model", "AK80-99"), "not a CubeMars model"),
-    (("--picture", "nowhere/rate.png", "--actuators", "1", "--high", "60"), "No such file"),
-    (("--rig", "none.toml"), "TW101"),
-])
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (("--actuators", "9"), "at most 8"),
+        (("--actuators", "3..2"), "from the lower number"),
+        (("--low", "500", "--high", "400"), "not below"),
+        (("--model", "AK80-99"), "not a CubeMars model"),
+        (("--picture", "nowhere/rate.png", "--actuators", "1", "--high", "60"), "No such file"),
+        (("--rig", "none.toml"), "TW101"),
+    ],
+)
 def test_what_is_wrong_is_said(command_line, words, said):
-    if "--picture" in words:                # the last that can be wrong: the table has been printed
+    if "--picture" in words:  # the last that can be wrong: the table has been printed
         code, _, err = command_line("rate", *words, "--seconds", "0.05")
         assert code == 2 and said in err
     else:
@@ -93,16 +103,40 @@ def test_what_is_wrong_is_said(command_line, words, said):
 def test_on_a_rig_the_drives_are_armed_and_stopped_at_every_rate(tmp_path):
     channel = f"239.{10 + os.getpid() % 200}.{os.getpid() // 200 % 250}.78"
     rig = write(tmp_path, f'[bus.can]\ninterface = "udp_multicast"\nchannel = "{channel}"\n', "lab.toml")
-    robot = write(tmp_path, (
-        "from blocks.actuators import CubeMars\nfrom graph import Diagram\n\n"
-        "with Diagram('one', rate=400) as diagram:\n    CubeMars('AK80-9', bus='can', can_id=1, name='actuator1')(torque_command=0.0)\n"))
+    robot = write(
+        tmp_path,
+        (
+            "from blocks.actuators import CubeMars\nfrom graph import Diagram\n\n"
+            "with Diagram('one', rate=400) as diagram:\n    CubeMars('AK80-9', bus='can', can_id=1, "
+            "name='actuator1')(torque_command=0.0)\n"
+        ),
+    )
     drives = started("emulate", robot, "--rig", rig, cwd=tmp_path)
     try:
         read_until(drives.stdout, "Ctrl-C ends it")
         refused = finished("rate", "--rig", rig, "--actuators", "1", cwd=tmp_path)
         assert refused.returncode == 2 and "--yes arms without asking" in refused.stderr
-        found = finished("rate", "--rig", rig, "--yes", "--actuators", "1", "--low", "5", "--high", "15", "--resolution", "10",
-                         "--seconds", "0.3", "--realtime", "off", "--picture", "rate.png", cwd=tmp_path)
+        found = finished(
+            "rate",
+            "--rig",
+            rig,
+            "--yes",
+            "--actuators",
+            "1",
+            "--low",
+            "5",
+            "--high",
+            "15",
+            "--resolution",
+            "10",
+            "--seconds",
+            "0.3",
+            "--realtime",
+            "off",
+            "--picture",
+            "rate.png",
+            cwd=tmp_path,
+        )
         assert found.returncode == OK, found.stderr
         assert re.search(r"^ +1 +5 Hz ", found.stdout, re.MULTILINE), found.stdout + found.stderr
         drives.send_signal(signal.SIGINT)

@@ -15,7 +15,7 @@ from graph import Block, Diagram, Output, compile, subsystem
 from runtime.recorder import RecorderProcess
 from runtime.recorder.ascii_units import ascii_name
 
-FRAME = Struct("=qIBBBB64s")            # cext/abi.pxd
+FRAME = Struct("=qIBBBB64s")  # cext/abi.pxd
 CSV = "runtime.recorder.csv:CsvWriter"
 JUGGLER = "runtime.recorder.plotjuggler:PlotJugglerSender"
 STRIDES = "runtime.recorder.strides:StrideAverage"
@@ -41,9 +41,19 @@ def plan(folder, *sinks, **changed):
     unknown = {"unit": "1", "ascii_unit": "1", "dtype": "float"}
     signals = [known.get(index) or {"index": index, "path": f"other.x{index}", **unknown} for index in range(wide)]
     return {
-        "name": "bench", "folder": None if folder is None else str(folder), "stem": "bench_1", "rate": 200.0, "duration": None,
-        "virtual": True, "simulated": True, "buses": [], "status_line": False, "metadata": {}, "sinks": list(sinks),
-        "signals": signals, **changed,
+        "name": "bench",
+        "folder": None if folder is None else str(folder),
+        "stem": "bench_1",
+        "rate": 200.0,
+        "duration": None,
+        "virtual": True,
+        "simulated": True,
+        "buses": [],
+        "status_line": False,
+        "metadata": {},
+        "sinks": list(sinks),
+        "signals": signals,
+        **changed,
     }
 
 
@@ -64,7 +74,9 @@ def record(plan, records, page=None):
     recorder.configure(plan)
     for kind, payload in records:
         assert page.push(kind, payload)
-    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 0}).encode())
+    page.push(
+        RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 0}).encode()
+    )
     page.close()
     return recorder.finish()
 
@@ -105,31 +117,61 @@ def leg():
 
 def plan_of(schedule, folder, **changed):
     sinks = [
-        sink(entry.block.service, entry.block.path, [vars(column) for column in entry.columns],
-             **{name: getattr(entry.block, name) for name in entry.block.parameters})
+        sink(
+            entry.block.service,
+            entry.block.path,
+            [vars(column) for column in entry.columns],
+            **{name: getattr(entry.block, name) for name in entry.block.parameters},
+        )
         for entry in schedule.sinks
     ]
-    return plan(folder, *sinks, **{
-        "name": schedule.name, "stem": schedule.name, "rate": schedule.rate, "signals": [vars(column) for column in schedule.recorded],
-        "buses": list(schedule.buses), **changed})
+    return plan(
+        folder,
+        *sinks,
+        **{
+            "name": schedule.name,
+            "stem": schedule.name,
+            "rate": schedule.rate,
+            "signals": [vars(column) for column in schedule.recorded],
+            "buses": list(schedule.buses),
+            **changed,
+        },
+    )
 
 
 def run(diagram, folder, ticks, *, plant=None, virtual=True, page=None, before=None, **changed):
-    """Compile, record and run a diagram. Returns (outcome, report, page). before : called with the recorder when all is ready to run"""
+    """Compile, record and run a diagram. Returns (outcome, report, page). before : called with the recorder when all is
+    ready to run
+    """
     page = page or Page(1 << 20)
     recorder = RecorderProcess(page)
     schedule = compile(diagram)
     buses = [MemoryBus() for _ in schedule.buses]
     recorder.configure(plan_of(schedule, folder, virtual=virtual, **changed))
     executor = Executor(
-        Program(schedule, [bus.host for bus in buses]), schedule.rate, page=page, virtual=virtual, reader=recorder.lifeline,
+        Program(schedule, [bus.host for bus in buses]),
+        schedule.rate,
+        page=page,
+        virtual=virtual,
+        reader=recorder.lifeline,
         plant=None if plant is None else Program(compile(plant), [bus.device for bus in buses]),
-        substeps=1 if plant is None else round(plant.rate / schedule.rate))
+        substeps=1 if plant is None else round(plant.rate / schedule.rate),
+    )
     if before is not None:
         before(recorder)
     outcome = executor.run(ticks)
-    page.push(RECORD_EVENT, json.dumps({
-        "event": "end", "status": outcome.status, "culprit": outcome.culprit, "signal": outcome.signal, "tick": outcome.tick}).encode())
+    page.push(
+        RECORD_EVENT,
+        json.dumps(
+            {
+                "event": "end",
+                "status": outcome.status,
+                "culprit": outcome.culprit,
+                "signal": outcome.signal,
+                "tick": outcome.tick,
+            }
+        ).encode(),
+    )
     page.close()
     return outcome, recorder.finish(), page
 

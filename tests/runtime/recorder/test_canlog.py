@@ -27,9 +27,16 @@ def test_every_frame_is_there_with_bus_direction_time_and_data(tmp_path):
 
 
 def test_extended_remote_long_and_empty_frames_keep_their_kind(tmp_path):
-    record(plan(tmp_path, buses=["legs"]), [
-        frame(0, 0x0801 | EXTENDED, b"\1\2"), frame(0, 0x7 | EXTENDED, b""), frame(0, 0x123 | REMOTE, b""),
-        frame(0, 5, bytes(range(64)), flags=4 | 1), frame(0, 6, b"\xff", flags=4)])
+    record(
+        plan(tmp_path, buses=["legs"]),
+        [
+            frame(0, 0x0801 | EXTENDED, b"\1\2"),
+            frame(0, 0x7 | EXTENDED, b""),
+            frame(0, 0x123 | REMOTE, b""),
+            frame(0, 5, bytes(range(64)), flags=4 | 1),
+            frame(0, 6, b"\xff", flags=4),
+        ],
+    )
     extended, small, remote, long, flexible = log(tmp_path / "bench_1.can.log")
     assert extended.is_extended_id and extended.arbitration_id == 0x801
     assert small.is_extended_id and small.arbitration_id == 7 and small.data == b""
@@ -49,7 +56,7 @@ def test_in_real_time_the_log_shows_the_wall_clock(tmp_path):
     run(diagram, tmp_path, 20, plant=plant, virtual=False)
     stamps = [message.timestamp for message in log(tmp_path / "leg.can.log")]
     assert start < stamps[0] < stamps[-1] < time.time()
-    assert stamps[-1] - stamps[0] == pytest.approx(0.105, abs=0.02)         # arming, 20 ticks, the safe stop
+    assert stamps[-1] - stamps[0] == pytest.approx(0.105, abs=0.02)  # arming, 20 ticks, the safe stop
 
 
 def test_the_last_frames_of_a_run_on_disk_are_zero_torque_then_disable(tmp_path):
@@ -57,8 +64,8 @@ def test_the_last_frames_of_a_run_on_disk_are_zero_torque_then_disable(tmp_path)
     outcome, report, _ = run(diagram, tmp_path, 50, plant=plant)
     assert outcome.status == "ok"
     sent = [message.data.hex() for message in log(tmp_path / "leg.can.log") if not message.is_rx]
-    assert sent[0] == "fffffffffffffffc"                                    # enable
-    assert sent[-2:] == ["7fff7ff0000007ff", "fffffffffffffffd"]            # zero torque, disable (protocols.md 1.1)
+    assert sent[0] == "fffffffffffffffc"  # enable
+    assert sent[-2:] == ["7fff7ff0000007ff", "fffffffffffffffd"]  # zero torque, disable (protocols.md 1.1)
     assert sent.count("fffffffffffffffd") == 1
 
 

@@ -28,24 +28,48 @@ def written(folder, columns, rows, **parameters):
 
 def test_the_header_names_time_tick_and_every_signal_with_its_unit_in_ascii(tmp_path):
     signals = columns(
-        "left/knee.position rad", "left/knee.torque N·m", "imu.accel[2] m/s²", "left/knee.temperature °C", "gait.phase 1", "sum.y any")
+        "left/knee.position rad",
+        "left/knee.torque N·m",
+        "imu.accel[2] m/s²",
+        "left/knee.temperature °C",
+        "gait.phase 1",
+        "sum.y any",
+    )
     written(tmp_path, signals, [row(0, 0, 0, 0, 0, 0, 0)])
     header, _ = read_csv(tmp_path / "bench_1.csv")
     assert header == [
-        "time [s]", "tick", "left/knee.position [rad]", "left/knee.torque [N*m]", "imu.accel[2] [m/s^2]", "left/knee.temperature [degC]",
-        "gait.phase", "sum.y"]
+        "time [s]",
+        "tick",
+        "left/knee.position [rad]",
+        "left/knee.torque [N*m]",
+        "imu.accel[2] [m/s^2]",
+        "left/knee.temperature [degC]",
+        "gait.phase",
+        "sum.y",
+    ]
 
 
-@pytest.mark.parametrize("unit, name", [
-    ("N·m", "N*m"), ("m/s²", "m/s^2"), ("°C", "degC"), ("µT", "uT"), ("N·m·s/rad", "N*m*s/rad"), ("Ω", "ohm"), ("1", "1"), ("rad", "rad"),
-])
+@pytest.mark.parametrize(
+    "unit, name",
+    [
+        ("N·m", "N*m"),
+        ("m/s²", "m/s^2"),
+        ("°C", "degC"),
+        ("µT", "uT"),
+        ("N·m·s/rad", "N*m*s/rad"),
+        ("Ω", "ohm"),
+        ("1", "1"),
+        ("rad", "rad"),
+    ],
+)
 def test_file_headers_carry_units_in_ascii_that_read_back(unit, name):
     assert ascii_name(unit) == name and name.isascii() and canonical(name) == unit
 
 
 symbols = st.sampled_from(["N", "m", "s", "rad", "A", "kg", "K", "V", "µT", "Ω"])
 products = st.dictionaries(symbols, st.integers(-3, 3).filter(bool), min_size=1, max_size=4).map(
-    lambda exponents: "·".join(f"{symbol}^{exponent}" for symbol, exponent in exponents.items()))
+    lambda exponents: "·".join(f"{symbol}^{exponent}" for symbol, exponent in exponents.items())
+)
 
 
 @given(products)
@@ -65,17 +89,29 @@ def test_every_row_arrives_in_order_and_ticks_jump_where_ticks_were_missed(tmp_p
 
 def test_ints_and_bools_are_whole_numbers_and_what_is_not_a_number_is_said(tmp_path):
     signals = columns("a.x m", "a.n 1 int", "a.b 1 bool")
-    rows = [row(0, 2.0, -7, 1), row(1, math.nan, 3, 0), row(2, -math.inf, math.nan, 1), row(3, 1e300, math.inf, math.nan)]
+    rows = [
+        row(0, 2.0, -7, 1),
+        row(1, math.nan, 3, 0),
+        row(2, -math.inf, math.nan, 1),
+        row(3, 1e300, math.inf, math.nan),
+    ]
     written(tmp_path, signals, rows)
     assert (tmp_path / "bench_1.csv").read_text().splitlines()[1:] == [
-        "0.0,0,2.0,-7,1", "0.005,1,nan,3,0", "0.01,2,-inf,nan,1", "0.015,3,1e300,inf,nan"]
+        "0.0,0,2.0,-7,1",
+        "0.005,1,nan,3,0",
+        "0.01,2,-inf,nan,1",
+        "0.015,3,1e300,inf,nan",
+    ]
 
 
 def test_a_recorder_takes_its_own_columns_in_its_own_order(tmp_path):
     signals = columns("a.x m", "a.y s", "a.z rad")
     some, one = sink(CSV, "some", [signals[2], signals[0]], file="some"), sink(CSV, "one", [signals[1]], file="one")
     report = record(plan(tmp_path, sink(CSV, "all", signals), some, one), [row(0, 1.0, 2.0, 3.0)])
-    assert read_csv(tmp_path / "some.csv") == (["time [s]", "tick", "a.z [rad]", "a.x [m]"], [["0.0", "0", "3.0", "1.0"]])
+    assert read_csv(tmp_path / "some.csv") == (
+        ["time [s]", "tick", "a.z [rad]", "a.x [m]"],
+        [["0.0", "0", "3.0", "1.0"]],
+    )
     assert read_csv(tmp_path / "one.csv")[1] == [["0.0", "0", "2.0"]]
     files = ["bench_1.csv", "some.csv", "one.csv", "bench_1.mcap", "bench_1.json"]
     assert [file["path"] for file in report["files"]] == [str(tmp_path / name) for name in files]
@@ -92,10 +128,21 @@ def test_nothing_is_ever_overwritten(tmp_path):
     signals = columns("a.x m")
     for _ in range(2):
         record(plan(tmp_path, sink(CSV, "a", signals), sink(CSV, "b", signals, file="mine")), [row(0, 1.0)])
-    assert (tmp_path / "bench_1.csv").read_text() == "dear data\n" and (tmp_path / "mine.csv").read_text() == "dearer data\n"
+    assert (tmp_path / "bench_1.csv").read_text() == "dear data\n" and (
+        tmp_path / "mine.csv"
+    ).read_text() == "dearer data\n"
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "bench_1-2.csv", "bench_1-2.json", "bench_1-2.mcap", "bench_1-3.csv", "bench_1-3.json", "bench_1-3.mcap", "bench_1.csv", "mine-2.csv",
-        "mine-3.csv", "mine.csv"]
+        "bench_1-2.csv",
+        "bench_1-2.json",
+        "bench_1-2.mcap",
+        "bench_1-3.csv",
+        "bench_1-3.json",
+        "bench_1-3.mcap",
+        "bench_1.csv",
+        "mine-2.csv",
+        "mine-3.csv",
+        "mine.csv",
+    ]
 
 
 def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(tmp_path, monkeypatch):
@@ -106,10 +153,12 @@ def test_without_a_folder_there_is_no_file_and_the_run_is_reported_all_the_same(
 
 def test_rows_are_written_while_a_signal_of_its_own_is_true(tmp_path):
     kept = sink(CSV, "csv_recorder", columns("mocap.on 1", "a.x m"), during="mocap.on")
-    report = record(plan(tmp_path, kept), [row(tick, on, 0.5 * tick) for tick, on in enumerate((0.0, 1.0, 1.0, math.nan, 0.0, 1.0))])
+    report = record(
+        plan(tmp_path, kept), [row(tick, on, 0.5 * tick) for tick, on in enumerate((0.0, 1.0, 1.0, math.nan, 0.0, 1.0))]
+    )
     [file] = tmp_path.glob("*.csv")
     assert [line.split(",")[1] for line in file.read_text().splitlines()[1:]] == ["1", "2", "5"]
-    assert report["ticks"] == 6                                     # and the flight recorder has them all
+    assert report["ticks"] == 6  # and the flight recorder has them all
 
 
 def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
@@ -119,7 +168,9 @@ def test_a_signal_that_is_not_recorded_cannot_say_when(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("file, made", [("mine", "mine.csv"), ("mine.csv", "mine.csv"), ("walk µ.2", "walk µ.2.csv"), ("", "bench_1.csv")])
+@pytest.mark.parametrize(
+    "file, made", [("mine", "mine.csv"), ("mine.csv", "mine.csv"), ("walk µ.2", "walk µ.2.csv"), ("", "bench_1.csv")]
+)
 def test_a_file_is_called_as_its_name_says_with_or_without_its_ending(tmp_path, file, made):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
     writer.open()
@@ -130,7 +181,9 @@ def test_a_file_is_called_as_its_name_says_with_or_without_its_ending(tmp_path, 
 @pytest.mark.parametrize("file", ["sub/mine", "../mine", "/tmp/mine", ".", "..", "mine/"])
 def test_a_file_stands_in_the_folder_of_the_recording_and_nowhere_else(tmp_path, file):
     writer = CsvWriter(plan(tmp_path), sink(CSV, "a", columns("a.x m"), file=file))
-    with pytest.raises(BadInput, match=f"^file: '{file}' is not the name of a file; it stands where the recording does"):
+    with pytest.raises(
+        BadInput, match=f"^file: '{file}' is not the name of a file; it stands where the recording does"
+    ):
         writer.open()
     assert not list(tmp_path.iterdir())
 
@@ -146,7 +199,9 @@ def test_every_double_reads_back_as_the_same_double(tmp_path_factory, values):
     writer.close()
     _, rows = read_csv(folder / "bench_1.csv")
     for value, text in zip(values, rows[0][2:], strict=True):
-        assert math.isnan(float(text)) if math.isnan(value) else struct.pack("d", float(text)) == struct.pack("d", value)
+        assert (
+            math.isnan(float(text)) if math.isnan(value) else struct.pack("d", float(text)) == struct.pack("d", value)
+        )
 
 
 def test_rows_reach_the_file_every_flush_rows_rows_and_only_whole_ones(tmp_path):
@@ -167,7 +222,7 @@ def test_a_line_that_a_full_disk_cuts_is_taken_back(tmp_path):
     file.write("second\n")
     file.write("third\n")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (15, hard))               # the kernel takes 15 bytes and then says EFBIG
+    resource.setrlimit(resource.RLIMIT_FSIZE, (15, hard))  # the kernel takes 15 bytes and then says EFBIG
     try:
         with pytest.raises(OSError):
             file.flush()

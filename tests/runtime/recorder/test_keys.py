@@ -71,15 +71,22 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     assert sidecar["ended"] == "stopped by the space bar" and sidecar["events_left_out"] == 0
     told = [(event["event"], event.get("path", event.get("number")), event.get("value")) for event in sidecar["events"]]
     assert told == [
-        ("set", "spring.stiffness", 35.0), ("set", "spring.stiffness", 40.0), ("set", "spring.stiffness", 40.5), ("mark", 1, None),
-        ("set", "wave.on", False), ("set", "wave.count", 4), ("set", "spring.stiffness", 30.0), ("stop", None, None)]
+        ("set", "spring.stiffness", 35.0),
+        ("set", "spring.stiffness", 40.0),
+        ("set", "spring.stiffness", 40.5),
+        ("mark", 1, None),
+        ("set", "wave.on", False),
+        ("set", "wave.count", 4),
+        ("set", "spring.stiffness", 30.0),
+        ("stop", None, None),
+    ]
     assert {event["by"] for event in sidecar["events"]} == {"keys"}
     up, off, count, back, stop = (sidecar["events"][index] for index in (0, 4, 5, 6, 7))
     assert up["slew"] == 200.0 and "slew" not in off and back["from"] == 40.5
     stiffness, wave = "spring.torque [N*m]", "wave.y"
     row = list(table["tick"]).index(up["tick"])
     passed = table["tick"][row : row + 5] - table["tick"][row - 1]
-    np.testing.assert_allclose(table[stiffness][row : row + 5], -30.0 - passed, rtol=0, atol=1e-9)             # 1 N·m/rad a tick
+    np.testing.assert_allclose(table[stiffness][row : row + 5], -30.0 - passed, rtol=0, atol=1e-9)  # 1 N·m/rad a tick
     before, after = around(table, stiffness, back["tick"])
     assert table[stiffness][row - 1] == -30.0 and before == -40.5 < after
     assert around(table, wave, off["tick"]) == (1030.5, 30.5) and around(table, wave, count["tick"]) == (30.5, 40.5)
@@ -89,7 +96,9 @@ def test_keys_change_mark_save_and_stop_and_the_recording_has_each_with_its_tick
     assert [event for event in trial.events if event["event"] in ("set", "mark", "stop")] == sidecar["events"]
     assert trial.end["end"] == sidecar["end"]
 
-    again = finished("springs.py", "--duration", "0.05", "--fast", "--record", "again", "--set", f"@{saved}", cwd=tmp_path)
+    again = finished(
+        "springs.py", "--duration", "0.05", "--fast", "--record", "again", "--set", f"@{saved}", cwd=tmp_path
+    )
     assert again.returncode == 0, again.stderr
     table = Files(tmp_path / "again").table
     assert set(table[stiffness]) == {-40.5} and set(table[wave]) == {40.5}
@@ -115,7 +124,10 @@ def test_in_virtual_time_the_space_bar_stops_as_well(tmp_path, terminal):
     assert "stopped by the space bar" in terminal.look() and "1 change of live" in terminal.look()
 
 
-@pytest.mark.parametrize("victim", ["control", pytest.param("recorder", marks=pytest.mark.soak), pytest.param("both", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "victim",
+    ["control", pytest.param("recorder", marks=pytest.mark.soak), pytest.param("both", marks=pytest.mark.soak)],
+)
 def test_after_kill_9_of_either_process_or_both_the_terminal_is_as_it_was(tmp_path, terminal, victim):
     live_diagram(tmp_path)
     terminal.run("springs.py", "--no-record", cwd=tmp_path)
@@ -171,7 +183,7 @@ def test_in_the_background_the_keys_are_the_shells(tmp_path, terminal):
     terminal.wait_for(r"spring\.stiffness 30")
     say(b"background")
     patient(lambda: terminal.attributes == terminal.before)
-    terminal.press(b" \n")                                          # for the shell, which has not read it when the run comes back
+    terminal.press(b" \n")  # for the shell, which has not read it when the run comes back
     ticks = page.statistics()["ticks"]
     patient(lambda: page.statistics()["ticks"] > ticks + 20)
     say(b"foreground")
@@ -204,9 +216,15 @@ def test_steps_are_nice_numbers_on_whole_steps_and_stop_at_the_bounds():
     up = [30.0]
     for _ in range(3):
         up.append(stiffness.stepped(up[-1], 10))
-    assert up == [30.0, 35.0, 40.0, 45.0] and stiffness.stepped(41.7, 10) == 45.0 and stiffness.stepped(41.7, -10) == 40.0
+    assert (
+        up == [30.0, 35.0, 40.0, 45.0] and stiffness.stepped(41.7, 10) == 45.0 and stiffness.stepped(41.7, -10) == 40.0
+    )
     assert stiffness.stepped(30.0, 1) == 30.5 and stiffness.stepped(30.0, -1) == 29.5
-    assert stiffness.stepped(149.0, 10) == 150.0 and stiffness.stepped(150.0, 10) == 150.0 and stiffness.stepped(3.0, -10) == 0.0
+    assert (
+        stiffness.stepped(149.0, 10) == 150.0
+        and stiffness.stepped(150.0, 10) == 150.0
+        and stiffness.stepped(3.0, -10) == 0.0
+    )
     share = parameter(0.0, 1.0)
     values = [0.0]
     for _ in range(20):
@@ -214,19 +232,38 @@ def test_steps_are_nice_numbers_on_whole_steps_and_stop_at_the_bounds():
     assert values == [round(0.05 * number, 2) for number in range(21)], "no 0.15000000000000002"
     assert parameter(-0.3, 0.4).stepped(0.0, -1) == -0.002 and parameter(0.0, 0.0).stepped(0.0, 10) == 0.0
     assert parameter(0, 12, "int").stepped(3.0, 10) == 4.0 and parameter(0, 100, "int").stepped(50.0, 1) == 51.0
-    assert parameter(False, True, "bool").stepped(0.0, 1) == 1.0 and parameter(False, True, "bool").stepped(1.0, -10) == 0.0
+    assert (
+        parameter(False, True, "bool").stepped(0.0, 1) == 1.0
+        and parameter(False, True, "bool").stepped(1.0, -10) == 0.0
+    )
     assert [nice(number) for number in (7.5, 0.5, 1e-3, 0.05, 20.0, 1.99)] == [5.0, 0.5, 1e-3, 0.05, 20.0, 1.0]
 
 
 def test_values_are_shown_with_their_unit_and_written_exactly():
-    assert parameter(0.0, 1.0, unit="rad").shown(0.1 + 0.2) == "0.3 rad" and parameter(0.0, 1.0).written(0.1 + 0.2) == "0.30000000000000004"
+    assert (
+        parameter(0.0, 1.0, unit="rad").shown(0.1 + 0.2) == "0.3 rad"
+        and parameter(0.0, 1.0).written(0.1 + 0.2) == "0.30000000000000004"
+    )
     assert parameter(0, 9, "int").written(3.0) == "3" and parameter(0, 1, "bool").written(1.0) == "true"
 
 
 def test_sequences_of_bytes_are_keys_however_a_terminal_writes_them():
     data = b" mA\x1b[A\x1bOB\x1b[1;2C\x1b[D\t\x1b[Z\x1b[5~\x1bx0\xc3"
     assert [name(match[0]) for match in KEY.finditer(data)] == [
-        "space", "m", "A", "up", "down", "right", "left", "tab", "shift tab", "", "\x1bx", "0", "\ufffd"]
+        "space",
+        "m",
+        "A",
+        "up",
+        "down",
+        "right",
+        "left",
+        "tab",
+        "shift tab",
+        "",
+        "\x1bx",
+        "0",
+        "\ufffd",
+    ]
     assert KEY.match(b"\x1b") is None and KEY.match(b"\x1b[1;") is None, "not yet whole"
 
 

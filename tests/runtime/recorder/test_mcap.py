@@ -26,7 +26,9 @@ EXTENDED, REMOTE = 0x80000000, 0x40000000
 
 
 class Log:
-    """channels : {topic: [(log time in ns, decoded message)]}, attachments : {name: decoded JSON}, order : topics as they come"""
+    """channels : {topic: [(log time in ns, decoded message)]}, attachments : {name: decoded JSON}, order : topics as
+    they come
+    """
 
     def __init__(self, data):
         self.channels, self.attachments, self.order = {}, {}, []
@@ -50,7 +52,7 @@ class Log:
             self.cut = False
 
     def signal(self, path):
-        """"/left knee position" over the ticks."""
+        """ "/left knee position" over the ticks."""
         topic, *names = path.split()
         found = []
         for _, message in self.channels[topic]:
@@ -94,28 +96,57 @@ def test_every_signal_of_every_tick_is_there_under_its_subsystem_and_block(tmp_p
     header, rows = read_csv(tmp_path / "robot.csv")
     assert found.signal("/robot wave y") == [float(cells[header.index("wave.y")]) for cells in rows]
     rates = found.signal("/left/foot imu rate")
-    assert [rate[:2] for rate in rates] == [[k / 200, 2 * k / 200] for k in range(100)] and all(math.isnan(rate[2]) for rate in rates)
+    assert [rate[:2] for rate in rates] == [[k / 200, 2 * k / 200] for k in range(100)] and all(
+        math.isnan(rate[2]) for rate in rates
+    )
     assert found.signal("/left/foot imu x_ffnung") == [0.5] * 100
-    assert found.signal("/tickwork/tick tick") == list(range(100)) and found.signal("/tickwork/tick time") == [k / 200 for k in range(100)]
+    assert found.signal("/tickwork/tick tick") == list(range(100)) and found.signal("/tickwork/tick time") == [
+        k / 200 for k in range(100)
+    ]
     assert [time for time, _ in found.channels["/tickwork/tick"]] == [5_000_000 * k for k in range(100)]
     assert [signal["path"] for signal in found.attachments["about.json"]["signals"]] == [
-        "left/foot/imu.rate[0]", "left/foot/imu.rate[1]", "left/foot/imu.rate[2]", "left/foot/imu.öffnung", "wave.y"]
-    assert found.order[:3] == ["/left/foot", "/robot", "/tickwork/tick"]                     # the row is whole when /tickwork/tick has come
+        "left/foot/imu.rate[0]",
+        "left/foot/imu.rate[1]",
+        "left/foot/imu.rate[2]",
+        "left/foot/imu.öffnung",
+        "wave.y",
+    ]
+    # the row is whole when /tickwork/tick has come
+    assert found.order[:3] == ["/left/foot", "/robot", "/tickwork/tick"]
 
 
 def test_names_that_become_the_same_are_kept_apart(tmp_path):
-    record(plan(tmp_path, sink(CSV, "a", columns("é.x 1", "è.x 1", "a.b.x 1", "plain 1"))), [row(0, 1.0, 2.0, 3.0, 4.0)])
+    record(
+        plan(tmp_path, sink(CSV, "a", columns("é.x 1", "è.x 1", "a.b.x 1", "plain 1"))), [row(0, 1.0, 2.0, 3.0, 4.0)]
+    )
     [(_, message)] = log(tmp_path / "bench_1.mcap").channels["/bench"]
     assert sorted(field.name for field in message.DESCRIPTOR.fields) == ["a_b", "signals", "x_", "x__2"]
     assert {message.x_.x, message.x__2.x} == {1.0, 2.0} and message.a_b.x == 3.0 and message.signals.plain == 4.0
 
 
 def test_each_message_has_a_name_of_its_own_and_so_has_all_that_stands_in_one(tmp_path):
-    """Viewers know a message by its name; and the strict readers among them take no field that is called as a message beside it."""
-    paths = ("a/b/c.x", "a_b/c.x", "Tick/c.x", "Event/c.x", "leg/u.x", "leg/u_t.x", "leg/u_t_t.x", "tickwork/c.x", "tickwork_/c.x")
-    record(plan(tmp_path, sink(CSV, "a", columns(*(f"{path} m" for path in paths))), buses=["bus"]), [row(0, *range(len(paths)))])
+    """Viewers know a message by its name; and the strict readers among them take no field that is called as a message
+    beside it.
+    """
+    paths = (
+        "a/b/c.x",
+        "a_b/c.x",
+        "Tick/c.x",
+        "Event/c.x",
+        "leg/u.x",
+        "leg/u_t.x",
+        "leg/u_t_t.x",
+        "tickwork/c.x",
+        "tickwork_/c.x",
+    )
+    record(
+        plan(tmp_path, sink(CSV, "a", columns(*(f"{path} m" for path in paths))), buses=["bus"]),
+        [row(0, *range(len(paths)))],
+    )
     data = (tmp_path / "bench_1.mcap").read_bytes()
-    schemas = [item for item in StreamReader(io.BytesIO(data), record_size_limit=None).records if isinstance(item, Schema)]
+    schemas = [
+        item for item in StreamReader(io.BytesIO(data), record_size_limit=None).records if isinstance(item, Schema)
+    ]
     names = {schema.id: schema.name for schema in schemas}
     assert len(set(names.values())) == len(names) == 10 and "tickwork.Tick" in names.values()
     for schema in schemas:
@@ -131,7 +162,10 @@ def test_each_message_has_a_name_of_its_own_and_so_has_all_that_stands_in_one(tm
 @given(values=st.lists(st.floats(), min_size=1, max_size=40))
 def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("bits")
-    record(plan(folder, sink(CSV, "a", columns(*(f"left/b{i // 5}.x{i} m" for i in range(len(values)))))), [row(3, *values, lateness=1.25e-5)])
+    record(
+        plan(folder, sink(CSV, "a", columns(*(f"left/b{i // 5}.x{i} m" for i in range(len(values)))))),
+        [row(3, *values, lateness=1.25e-5)],
+    )
     found = log(folder / "bench_1.mcap")
     got = [found.signal(f"/left b{i // 5} x{i}")[0] for i in range(len(values))]
     assert [repr(value) for value in got] == [repr(value) for value in values]
@@ -140,17 +174,37 @@ def test_every_double_is_kept_to_the_bit(tmp_path_factory, values):
 
 def test_frames_keep_order_bus_direction_kind_and_nanoseconds(tmp_path):
     frames = [
-        frame(1, 0x123, b"\1\2"), frame(1_000_000_007, 0x801 | EXTENDED, b"", sent=1), frame(1_000_000_007, 5, bytes(range(64)), flags=5, bus=1),
-        frame(2_000_000_000, 0x7 | REMOTE, b"")]
+        frame(1, 0x123, b"\1\2"),
+        frame(1_000_000_007, 0x801 | EXTENDED, b"", sent=1),
+        frame(1_000_000_007, 5, bytes(range(64)), flags=5, bus=1),
+        frame(2_000_000_000, 0x7 | REMOTE, b""),
+    ]
     record(plan(tmp_path, buses=["legs", "arms"]), frames)
     found = log(tmp_path / "bench_1.mcap")
     first, second, third = found.channels["/tickwork/can/legs"]
-    assert first[0] == 1 and (first[1].id, first[1].data, first[1].sent, first[1].extended, first[1].fd) == (0x123, b"\1\2", False, False, False)
-    assert second[0] == 1_000_000_007 and (second[1].id, second[1].data, second[1].sent, second[1].extended) == (0x801, b"", True, True)
+    assert first[0] == 1 and (first[1].id, first[1].data, first[1].sent, first[1].extended, first[1].fd) == (
+        0x123,
+        b"\1\2",
+        False,
+        False,
+        False,
+    )
+    assert second[0] == 1_000_000_007 and (second[1].id, second[1].data, second[1].sent, second[1].extended) == (
+        0x801,
+        b"",
+        True,
+        True,
+    )
     assert third[1].remote and third[1].id == 7
     [(time, long)] = found.channels["/tickwork/can/arms"]
     assert (time, long.id, long.data, long.fd, long.rate_switch) == (1_000_000_007, 5, bytes(range(64)), True, True)
-    assert found.order == ["/tickwork/can/legs", "/tickwork/can/legs", "/tickwork/can/arms", "/tickwork/can/legs", "/tickwork/events"]
+    assert found.order == [
+        "/tickwork/can/legs",
+        "/tickwork/can/legs",
+        "/tickwork/can/arms",
+        "/tickwork/can/legs",
+        "/tickwork/events",
+    ]
 
 
 def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tmp_path):
@@ -159,7 +213,8 @@ def test_in_real_time_the_log_shows_the_wall_clock_and_how_late_each_tick_was(tm
     ticks, times = found.signal("/tickwork/tick tick"), [time for time, _ in found.channels["/tickwork/tick"]]
     assert [time - page.wall for time in times] == [2_000_000 * tick for tick in ticks]
     late = found.signal("/tickwork/tick lateness")
-    behind = [now + (tick - before - 1) / 500 for now, tick, before in zip(late, ticks, [-1, *ticks])]     # the grid point that was awaited
+    # the grid point that was awaited
+    behind = [now + (tick - before - 1) / 500 for now, tick, before in zip(late, ticks, [-1, *ticks])]
     assert max(behind) == pytest.approx(page.statistics()["lateness"]["max"], abs=1e-9) and min(late) > 0.0
     assert found.attachments["end.json"]["statistics"]["ticks"] == len(ticks)
 
@@ -170,7 +225,11 @@ def test_the_end_and_what_was_known_before_are_attached(tmp_path):
     found = log(tmp_path / "leg.mcap")
     about, end = found.attachments["about.json"], found.attachments["end.json"]
     assert found.attachments["diagram.json"] == {"hash": "sha256:1"} and about["hash"] == "sha256:1"
-    assert about["metadata"] == {"trial": {"subject": "S03"}} and about["versions"]["python"] and about["machine"]["processors"] > 0
+    assert (
+        about["metadata"] == {"trial": {"subject": "S03"}}
+        and about["versions"]["python"]
+        and about["machine"]["processors"] > 0
+    )
     assert (end["ended"], end["ticks"], end["last_tick"]) == ("ok", 10, 9)
     assert json.loads((tmp_path / "leg.json").read_text())["machine"] == about["machine"]
 
@@ -179,8 +238,9 @@ def unfinished(data):
     """The file as it was before its end was written: no chunks, but room for their heads, and no summary."""
     data = bytearray(data)
     for index in chunks(bytes(data)):
-        data[index.chunk_start_offset : index.chunk_start_offset + CHUNK_HEAD.size] = HEAD.pack(PRIVATE, CHUNK_HEAD.size - HEAD.size) + bytes(
-            CHUNK_HEAD.size - HEAD.size)
+        data[index.chunk_start_offset : index.chunk_start_offset + CHUNK_HEAD.size] = HEAD.pack(
+            PRIVATE, CHUNK_HEAD.size - HEAD.size
+        ) + bytes(CHUNK_HEAD.size - HEAD.size)
     return bytes(data)
 
 
@@ -200,13 +260,16 @@ def test_cut_off_at_any_byte_it_opens_up_to_the_last_complete_row(tmp_path):
         found = Log(data[:cut])
         ticks = found.signal("/tickwork/tick tick") if "/tickwork/tick" in found.channels else []
         assert ticks == list(range(len(ticks))) and len(ticks) >= at
-        assert found.signal("/left knee position")[:len(ticks)] == positions[:len(ticks)] if ticks else True
+        assert found.signal("/left knee position")[: len(ticks)] == positions[: len(ticks)] if ticks else True
         at = len(ticks)
     assert at == 30
 
 
 def test_a_finished_file_that_is_cut_off_or_spoilt_is_read_as_far_as_it_is_good(tmp_path):
-    record(plan(tmp_path, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"), [row(k, *[float(k)] * 40) for k in range(1500)])
+    record(
+        plan(tmp_path, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
+        [row(k, *[float(k)] * 40) for k in range(1500)],
+    )
     data = (tmp_path / "long.mcap").read_bytes()
     first, second, *_ = chunks(data)
     assert CHUNK <= first.uncompressed_size < CHUNK + 1000
@@ -216,8 +279,13 @@ def test_a_finished_file_that_is_cut_off_or_spoilt_is_read_as_far_as_it_is_good(
     for cut in (second.chunk_start_offset - 5, second.chunk_start_offset + 40, second.chunk_start_offset + 100_000):
         file.write_bytes(data[:cut])
         found = runtime.load(file)
-        assert not found.complete and np.array_equal(found.rows, whole.rows[: len(found)]) and abs(len(found) - 1500 * cut / len(data)) < 250
-    file.write_bytes(data[: second.chunk_start_offset + 200] + b"\xa5" + data[second.chunk_start_offset + 201 :])     # in the middle of a double
+        assert (
+            not found.complete
+            and np.array_equal(found.rows, whole.rows[: len(found)])
+            and abs(len(found) - 1500 * cut / len(data)) < 250
+        )
+    # in the middle of a double
+    file.write_bytes(data[: second.chunk_start_offset + 200] + b"\xa5" + data[second.chunk_start_offset + 201 :])
     found = runtime.load(file)
     assert len(found) == 1500 and not found.complete and "a checksum is wrong" in found.trouble
 
@@ -231,8 +299,12 @@ def test_readers_find_messages_by_the_index_of_chunks(tmp_path):
         summary = reader.get_summary()
         ticks = [message.sequence for _, _, message in reader.iter_messages(topics="/tickwork/tick")]
         count = sum(1 for _ in reader.iter_messages())
-    assert ticks == list(range(400)) and count == summary.statistics.message_count == sum(summary.statistics.channel_message_counts.values())
-    assert summary.chunk_indexes and all(set(index.message_index_offsets) <= set(summary.channels) for index in summary.chunk_indexes)
+    assert ticks == list(range(400)) and count == summary.statistics.message_count == sum(
+        summary.statistics.channel_message_counts.values()
+    )
+    assert summary.chunk_indexes and all(
+        set(index.message_index_offsets) <= set(summary.channels) for index in summary.chunk_indexes
+    )
     data = (tmp_path / "leg.mcap").read_bytes()
     for index in summary.chunk_indexes:
         start = index.chunk_start_offset + CHUNK_HEAD.size
@@ -262,7 +334,15 @@ def test_a_block_in_several_subsystems_of_any_depth_has_a_topic_each(tmp_path):
         CsvRecorder()
     run(diagram, tmp_path, 3)
     found = log(tmp_path / "deep.mcap")
-    assert [topic for topic in found.channels if "/can" not in topic] == ["/left", "/left/knee", "/right", "/right/knee", "/deep", "/tickwork/tick", "/tickwork/events"]
+    assert [topic for topic in found.channels if "/can" not in topic] == [
+        "/left",
+        "/left/knee",
+        "/right",
+        "/right/knee",
+        "/deep",
+        "/tickwork/tick",
+        "/tickwork/events",
+    ]
     assert found.signal("/right/knee a y") == found.signal("/deep sine y")
 
 

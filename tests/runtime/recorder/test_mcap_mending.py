@@ -27,7 +27,7 @@ from tests.runtime.recorder.running import CSV, columns, leg, plan, record, row,
 from tests.runtime.recorder.test_mcap import chunks, unfinished
 from tests.runtime.runs import environment
 
-LEAST = 50                      # bytes: magic and header
+LEAST = 50  # bytes: magic and header
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,10 @@ def short(tmp_path_factory):
 def long(tmp_path_factory):
     """One of three pieces and a bit."""
     folder = tmp_path_factory.mktemp("long")
-    record(plan(folder, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"), [row(k, *[float(k)] * 40) for k in range(2100)])
+    record(
+        plan(folder, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
+        [row(k, *[float(k)] * 40) for k in range(2100)],
+    )
     data = (folder / "long.mcap").read_bytes()
     assert len(chunks(data)) == 4
     return data
@@ -61,7 +64,9 @@ def indexed(data):
     summary = reader.get_summary()
     found = [(channel.topic, message) for _, channel, message in reader.iter_messages(log_time_order=False)]
     assert summary.statistics.message_count == len(found) == sum(summary.statistics.channel_message_counts.values())
-    assert {attachment.name for attachment in reader.iter_attachments()} == {index.name for index in summary.attachment_indexes}
+    assert {attachment.name for attachment in reader.iter_attachments()} == {
+        index.name for index in summary.attachment_indexes
+    }
     return found
 
 
@@ -99,7 +104,7 @@ def cut_and_mended(path, data, cut):
         return
     after = path.read_bytes()
     assert indexed(after) == messages and read(path) == before
-    assert isinstance(before, str) or runtime.load(path).complete == (before[5] is not None)       # its end had been written
+    assert isinstance(before, str) or runtime.load(path).complete == (before[5] is not None)  # its end had been written
     assert not Mending(str(path)).finish() and path.read_bytes() == after
 
 
@@ -124,26 +129,45 @@ def test_so_it_is_around_the_ends_of_pieces(tmp_path, long, heads):
     edges = [index.chunk_start_offset for index in chunks(long)]
     first = chunks(long)[0]
     indices = first.chunk_start_offset + first.chunk_length
-    for cut in (indices, indices + 1, indices + 16000, edges[1] - 1, edges[1], edges[1] + 48, edges[1] + 49, edges[1] + 50, edges[3] + 5000, len(data) - 1):
+    for cut in (
+        indices,
+        indices + 1,
+        indices + 16000,
+        edges[1] - 1,
+        edges[1],
+        edges[1] + 48,
+        edges[1] + 49,
+        edges[1] + 50,
+        edges[3] + 5000,
+        len(data) - 1,
+    ):
         cut_and_mended(tmp_path / "cut.mcap", data, cut)
 
 
 def test_what_has_all_its_messages_becomes_what_its_recorder_would_have_made_of_it(tmp_path, short, long):
     for whole in (short, long):
-        for data in (unfinished(whole), unfinished(whole)[:-3], whole[:-1], whole[:-30] + bytes(30)):     # zeros: what a power cut leaves
+        # zeros: what a power cut leaves
+        for data in (unfinished(whole), unfinished(whole)[:-3], whole[:-1], whole[:-30] + bytes(30)):
             assert mended(tmp_path / "a.mcap", data) == whole
 
 
 def test_killed_between_any_two_of_its_writes_it_can_be_mended_again(tmp_path, long):
     """Some rooms have become chunks, in any order, one of them half, and the end is there in part or as a whole."""
     path, order = tmp_path / "a.mcap", random.Random(3)
-    data_end = max(index.offset + index.length for index in make_reader(io.BytesIO(long)).get_summary().attachment_indexes)
+    data_end = max(
+        index.offset + index.length for index in make_reader(io.BytesIO(long)).get_summary().attachment_indexes
+    )
     for _ in range(20):
         data = bytearray(unfinished(long))
         for index in chunks(long):
             done = order.choice([0, 0, 9, 30, CHUNK_HEAD.size, CHUNK_HEAD.size])
-            data[index.chunk_start_offset : index.chunk_start_offset + done] = long[index.chunk_start_offset : index.chunk_start_offset + done]
-        assert mended(path, bytes(data[: order.choice([data_end, order.randrange(data_end, len(data)), len(data)])])) == long
+            data[index.chunk_start_offset : index.chunk_start_offset + done] = long[
+                index.chunk_start_offset : index.chunk_start_offset + done
+            ]
+        assert (
+            mended(path, bytes(data[: order.choice([data_end, order.randrange(data_end, len(data)), len(data)])]))
+            == long
+        )
 
 
 def test_a_disk_that_is_full_stops_it_and_later_it_goes_on(tmp_path, short):
@@ -164,13 +188,22 @@ def test_a_disk_that_is_full_stops_it_and_later_it_goes_on(tmp_path, short):
 
 @pytest.mark.soak
 def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
-    path, cut = tmp_path / "a.mcap", unfinished(long)[: -50_000]
+    path, cut = tmp_path / "a.mcap", unfinished(long)[:-50_000]
     whole, order = mended(path, cut), random.Random(5)
     for _ in range(25):
         path.write_bytes(cut)
         process = subprocess.Popen(
-            [sys.executable, "-c", "import sys\nfrom runtime.recorder.mcap_mending import Mending\nmending = Mending(sys.argv[1])\nmending.look()\n"
-             "print(flush=True)\nmending.finish()", path], env=environment(), stdout=subprocess.PIPE)
+            [
+                sys.executable,
+                "-c",
+                "import sys\nfrom runtime.recorder.mcap_mending import Mending\nmending = "
+                "Mending(sys.argv[1])\nmending.look()\n"
+                "print(flush=True)\nmending.finish()",
+                path,
+            ],
+            env=environment(),
+            stdout=subprocess.PIPE,
+        )
         process.stdout.readline()
         time.sleep(order.uniform(0.0, 0.03))
         os.kill(process.pid, signal.SIGKILL)
@@ -184,16 +217,20 @@ def test_what_is_damaged_is_left_as_it_is(tmp_path, long):
     path, sound = tmp_path / "a.mcap", unfinished(long)
     stream = io.BytesIO(sound)
     stream.seek(len(MAGIC))
-    middle = next(at for at, _, _ in walk(stream, len(MAGIC)) if at > len(sound) // 2)          # where a record begins
+    middle = next(at for at, _, _ in walk(stream, len(MAGIC)) if at > len(sound) // 2)  # where a record begins
     for data in (sound[:middle] + b"\xff" * 30 + sound[middle + 30 :], sound[:middle] + sound[middle + 5 :]):
         path.write_bytes(data)
-        with pytest.raises(MendingFailed, match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes what stands before"):
+        with pytest.raises(
+            MendingFailed,
+            match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes what "
+            r"stands before",
+        ):
             Mending(str(path)).finish()
         assert path.read_bytes() == data
 
 
 def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
-    place = chunks(long)[1].chunk_start_offset + 200                                # in the middle of a double
+    place = chunks(long)[1].chunk_start_offset + 200  # in the middle of a double
     spoilt = bytearray(long[:-1])
     spoilt[place] ^= 0xA5
     found = mended(tmp_path / "a.mcap", bytes(spoilt))
@@ -226,10 +263,15 @@ def test_a_backlog_is_looked_through_in_slices_and_tells_what_it_could_not_finis
     slices = 0
     while backlog.look():
         slices += 1
-    assert 10 < slices < 30 and [open(path, "rb").read() for path in paths] == list(contents)       # so far it has only looked
+    # so far it has only looked
+    assert 10 < slices < 30 and [open(path, "rb").read() for path in paths] == list(contents)
     problems = backlog.finish()
     assert [open(path, "rb").read() for path in paths] == [long, b"", contents[2], long]
-    assert len(problems) == 2 and "gone.mcap was not finished: No such file" in problems[0] and "2.mcap is damaged from byte" in problems[1]
+    assert (
+        len(problems) == 2
+        and "gone.mcap was not finished: No such file" in problems[0]
+        and "2.mcap is damaged from byte" in problems[1]
+    )
 
 
 def test_a_cut_recording_says_so_after_it_was_finished_too(tmp_path, short):
@@ -238,5 +280,3 @@ def test_a_cut_recording_says_so_after_it_was_finished_too(tmp_path, short):
     trial = runtime.load(path)
     assert not trial.complete and trial.trouble == f"{path} was cut off, and what there is of it was completed later"
     assert 2 < len(trial) < 12 and np.array_equal(trial.tick, np.arange(len(trial)))
-
-

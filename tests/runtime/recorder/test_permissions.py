@@ -69,7 +69,9 @@ def test_what_is_converted_and_drawn_from_it_is_for_its_owner_alone(command_line
     assert command_line("plot", recording)[0] == OK
     assert command_line("plot", recording, "-o", command_line.folder / "picture.png")[0] == OK
     assert mode(command_line.folder / "out") == 0o700
-    assert {mode(path) for path in command_line.folder.rglob("*") if path.is_file() and path.suffix != ".xml"} == {0o600}
+    assert {mode(path) for path in command_line.folder.rglob("*") if path.is_file() and path.suffix != ".xml"} == {
+        0o600
+    }
     assert list((command_line.folder / "out").glob("*.sto")) and len(list(command_line.folder.rglob("*.png"))) >= 2
 
 

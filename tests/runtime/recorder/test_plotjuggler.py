@@ -65,7 +65,12 @@ def send(listener, signals, records):
 
 def test_one_message_a_tick_in_order_nested_by_block_path(listener):
     signals = columns(
-        "left/knee.position rad", "left/knee.torque N·m", "right/knee.position rad", "gait.walking 1 bool", "gait.steps 1 int")
+        "left/knee.position rad",
+        "left/knee.torque N·m",
+        "right/knee.position rad",
+        "gait.walking 1 bool",
+        "gait.steps 1 int",
+    )
     result, messages = send(listener, signals, [row(tick, 0.1 * tick, 2.0, 3.0, tick % 2, tick) for tick in range(100)])
     assert result["datagrams"] == 100 and result["lost"] == 0
     assert messages == [
@@ -86,13 +91,15 @@ def test_the_block_in_a_running_diagram_sends_every_tick_of_the_run(listener, tm
     run(diagram, tmp_path, 100, virtual=False)
     messages = listener.heard()
     assert [message["timestamp"] for message in messages] == sorted(message["timestamp"] for message in messages)
-    assert len(messages) >= 80                                              # grid points may be missed on a busy machine
+    assert len(messages) >= 80  # grid points may be missed on a busy machine
     assert all(message["counter"]["value"] == pytest.approx(20 * message["timestamp"]) for message in messages)
 
 
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_second_run_goes_on_in_time_where_the_first_ended(listener, virtual):
-    """PlotJuggler keeps the newest 60 s by their stamps: of a run that began at 0 again it would show nothing until it is older than the first."""
+    """PlotJuggler keeps the newest 60 s by their stamps: of a run that began at 0 again it would show nothing until it
+    is older than the first.
+    """
     diagram, began, stamps = counting(), time.time(), []
     with diagram:
         PlotJuggler(host=listener.host, port=listener.port)
@@ -102,24 +109,49 @@ def test_a_second_run_goes_on_in_time_where_the_first_ended(listener, virtual):
         time.sleep(0.1 if virtual else 0.0)
     first, second = stamps
     assert began < first[0] and first[-1] < second[0] and second[-1] < time.time() + 1.0
-    ticks = [200 * (at - second[0]) for at in second]                       # in real time some may be missed
-    assert ticks == pytest.approx([round(tick) for tick in ticks], abs=1e-3) and ticks == sorted(ticks) and ticks[-1] < 20
+    ticks = [200 * (at - second[0]) for at in second]  # in real time some may be missed
+    assert (
+        ticks == pytest.approx([round(tick) for tick in ticks], abs=1e-3) and ticks == sorted(ticks) and ticks[-1] < 20
+    )
     assert len(ticks) == 20 or not virtual
 
 
-CHOICE = columns("left/knee.position rad", "left/knee.torque N·m", "left/imu.accel[0] m/s²", "left/imu.accel[1] m/s²", "right/knee.torque N·m", "clock.t s")
+CHOICE = columns(
+    "left/knee.position rad",
+    "left/knee.torque N·m",
+    "left/imu.accel[0] m/s²",
+    "left/imu.accel[1] m/s²",
+    "right/knee.torque N·m",
+    "clock.t s",
+)
 
 
-@pytest.mark.parametrize("text, places", [
-    ("", [0, 1, 2, 3, 4, 5]), ("left/knee.torque", [1]), ("left/knee", [0, 1]), ("left", [0, 1, 2, 3]), ("*.torque", [1, 4]), ("*/imu.accel", [2, 3]),
-    ("left/imu.accel[1]", [3]), (" clock , */knee.t* ", [1, 4, 5]), ("?eft/knee.position", [0])])
+@pytest.mark.parametrize(
+    "text, places",
+    [
+        ("", [0, 1, 2, 3, 4, 5]),
+        ("left/knee.torque", [1]),
+        ("left/knee", [0, 1]),
+        ("left", [0, 1, 2, 3]),
+        ("*.torque", [1, 4]),
+        ("*/imu.accel", [2, 3]),
+        ("left/imu.accel[1]", [3]),
+        (" clock , */knee.t* ", [1, 4, 5]),
+        ("?eft/knee.position", [0]),
+    ],
+)
 def test_signals_are_chosen_by_name(text, places):
     assert chosen(CHOICE, text) == places
 
 
-@pytest.mark.parametrize("text, words", [
-    ("left/knee.torqe", "no signal 'left/knee.torqe'; did you mean 'left/knee.torque'"), ("rihgt", "did you mean 'right'"),
-    ("left, x*z", r"no signal 'x\*z'; as in left/knee.position")])
+@pytest.mark.parametrize(
+    "text, words",
+    [
+        ("left/knee.torqe", "no signal 'left/knee.torqe'; did you mean 'left/knee.torque'"),
+        ("rihgt", "did you mean 'right'"),
+        ("left, x*z", r"no signal 'x\*z'; as in left/knee.position"),
+    ],
+)
 def test_a_name_that_means_nothing_is_told_with_what_it_may_have_meant(text, words):
     with pytest.raises(BadInput, match=words):
         chosen(CHOICE, text)
@@ -128,7 +160,13 @@ def test_a_name_that_means_nothing_is_told_with_what_it_may_have_meant(text, wor
 def test_only_what_is_chosen_is_sent(listener):
     juggler = here(CHOICE, host=listener.host, port=listener.port, signals="*.torque, left/imu.accel[1]")
     record(plan(None, juggler), [row(0, *range(6))])
-    assert listener.heard() == [{"timestamp": 0.0, "left": {"knee": {"torque": 1.0}, "imu": {"accel": [None, 3.0]}}, "right": {"knee": {"torque": 4.0}}}]
+    assert listener.heard() == [
+        {
+            "timestamp": 0.0,
+            "left": {"knee": {"torque": 1.0}, "imu": {"accel": [None, 3.0]}},
+            "right": {"knee": {"torque": 4.0}},
+        }
+    ]
 
 
 def test_vectors_are_arrays_and_keep_their_indices(listener):
@@ -140,10 +178,13 @@ def test_vectors_are_arrays_and_keep_their_indices(listener):
 
 def test_what_is_not_finite_becomes_null(listener):
     signals = columns("a.x m", "a.y m", "a.n 1 int", "a.b 1 bool")
-    _, messages = send(listener, signals, [row(0, math.nan, math.inf, math.nan, math.nan), row(1, -math.inf, 1.0, math.inf, 1.0)])
+    _, messages = send(
+        listener, signals, [row(0, math.nan, math.inf, math.nan, math.nan), row(1, -math.inf, 1.0, math.inf, 1.0)]
+    )
     assert messages == [
         {"timestamp": 0.0, "a": {"x": None, "y": None, "n": None, "b": None}},
-        {"timestamp": 0.005, "a": {"x": None, "y": 1.0, "n": None, "b": True}}]
+        {"timestamp": 0.005, "a": {"x": None, "y": 1.0, "n": None, "b": True}},
+    ]
 
 
 def test_a_signal_called_timestamp_does_not_displace_the_timestamp(listener):
@@ -152,7 +193,9 @@ def test_a_signal_called_timestamp_does_not_displace_the_timestamp(listener):
 
 
 def test_paths_that_are_in_each_others_way_all_arrive(listener):
-    _, messages = send(listener, columns("a m", "a.b m", "a.b.c m", "d.e m", "d m", "d[0] m", "a m"), [row(0, 1, 2, 3, 4, 5, 6, 7)])
+    _, messages = send(
+        listener, columns("a m", "a.b m", "a.b.c m", "d.e m", "d m", "d[0] m", "a m"), [row(0, 1, 2, 3, 4, 5, 6, 7)]
+    )
     flat = json.dumps(messages[0])
     assert all(f"{value}.0" in flat for value in range(1, 8)) and messages[0]["timestamp"] == 0.0
 
@@ -162,7 +205,11 @@ def test_a_message_too_large_for_a_datagram_goes_as_one_a_subsystem_each_with_th
     result, messages = send(listener, columns(*sides), [row(tick, *range(1200)) for tick in range(2)])
     assert len(messages) == result["datagrams"] == 4
     assert [(message["timestamp"], *(set(message) - {"timestamp"})) for message in messages] == [
-        (0.0, "left"), (0.0, "right"), (0.005, "left"), (0.005, "right")]
+        (0.0, "left"),
+        (0.0, "right"),
+        (0.005, "left"),
+        (0.005, "right"),
+    ]
     assert messages[1]["right"]["block" * 12 + "599"]["signal"] == 1199.0
 
 
@@ -186,12 +233,14 @@ def test_it_speaks_ipv6():
 
 def test_datagrams_that_the_network_refuses_are_counted_told_once_and_stop_nothing(tmp_path, capfd):
     signals = columns("a.x m")
-    broadcast = here(signals, host="255.255.255.255", port=9870)          # was not asked for: EACCES
+    broadcast = here(signals, host="255.255.255.255", port=9870)  # was not asked for: EACCES
     report = record(plan(tmp_path, broadcast), [row(tick, 1.0) for tick in range(10)])
     assert report["sinks"]["juggler"]["lost"] == 10 and report["sinks"]["juggler"]["trouble"] == "Permission denied"
     assert report["ticks"] == 10 and report["problems"] == []
     assert capfd.readouterr().err == (
-        "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); the run goes on\n")
+        "tickwork: juggler: the network does not take what is sent to 255.255.255.255 port 9870 (Permission denied); "
+        "the run goes on\n"
+    )
 
 
 ROAMING = """
@@ -223,13 +272,19 @@ print(sender.close())
 
 def test_a_network_that_comes_back_with_another_address_is_used_again():
     """As a robot's does that walks from one wireless network into the next: in a network of its own."""
-    if subprocess.run(["unshare", "-rn", "ip", "link", "add", "wlan", "type", "veth", "peer", "name", "lan"], capture_output=True).returncode:
+    if subprocess.run(
+        ["unshare", "-rn", "ip", "link", "add", "wlan", "type", "veth", "peer", "name", "lan"], capture_output=True
+    ).returncode:
         pytest.skip("no network of its own can be had here")
     done = subprocess.run(["unshare", "-rn", sys.executable, "-c", ROAMING], capture_output=True, text=True, timeout=60)
     assert done.stdout.splitlines() == [
-        "tickwork: juggler: the network does not take what is sent to 10.9.0.7 port 9870 (Network is unreachable); the run goes on",
-        "tickwork: juggler: the network takes it again; 10 datagrams were lost", "10.9.0.10", "10.9.0.30",
-        "{'datagrams': 20, 'lost': 20, 'trouble': 'Network is unreachable', 'to': '10.9.0.7 port 9870'}"], done.stderr
+        "tickwork: juggler: the network does not take what is sent to 10.9.0.7 port 9870 (Network is unreachable); "
+        "the run goes on",
+        "tickwork: juggler: the network takes it again; 10 datagrams were lost",
+        "10.9.0.10",
+        "10.9.0.30",
+        "{'datagrams': 20, 'lost': 20, 'trouble': 'Network is unreachable', 'to': '10.9.0.7 port 9870'}",
+    ], done.stderr
 
 
 def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest():
@@ -247,7 +302,10 @@ def test_nobody_listening_is_told_once_and_who_begins_to_listen_hears_the_rest()
             sender.row(tick, tick / 200, (float(tick),))
         result = sender.close()
         assert [strict(later.recv(1 << 16))["a"]["x"] for _ in range(10)] == list(range(10, 20))
-    assert told == [f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port}: in PlotJuggler start the UDP server; the run goes on"]
+    assert told == [
+        f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port}: in PlotJuggler start the "
+        "UDP server; the run goes on"
+    ]
     assert result["datagrams"] == 10 and result["lost"] == 10 and result["trouble"] == "Connection refused"
 
 
@@ -262,7 +320,10 @@ def test_a_block_that_the_diagram_has_anyhow_tells_of_nobody_but_who_has_gone(li
             listener.socket.close()
         sender.row(tick, tick / 200, (1.0,))
     result = sender.close()
-    assert told == [f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port} any more: in PlotJuggler start the UDP server; the run goes on"]
+    assert told == [
+        f"tickwork: juggler: nobody listens at 127.0.0.1 port {listener.port} any more: in PlotJuggler "
+        "start the UDP server; the run goes on"
+    ]
     assert 100 <= result["datagrams"] <= 101 and 99 <= result["lost"] <= 100
     sender.open()
     for tick in range(5):
@@ -287,7 +348,9 @@ def test_a_batch_is_a_list_of_messages_each_with_its_timestamp(listener):
     order = plan(None, here(columns("a.x m"), host=listener.host, port=listener.port, batch=20))
     report = record(order, [row(tick, float(tick)) for tick in range(70)])
     datagrams = listener.heard()
-    assert [message["timestamp"] for datagram in datagrams for message in datagram] == [tick / 200 for tick in range(70)]
+    assert [message["timestamp"] for datagram in datagrams for message in datagram] == [
+        tick / 200 for tick in range(70)
+    ]
     assert max(map(len, datagrams)) == 20 and report["sinks"]["juggler"]["datagrams"] == len(datagrams) >= 4
 
 
@@ -296,5 +359,6 @@ def test_a_batch_never_outgrows_a_datagram(listener):
     order = plan(None, here(wide, host=listener.host, port=listener.port, batch=100))
     report = record(order, [row(tick, *range(400)) for tick in range(30)])
     datagrams = listener.heard()
-    assert report["sinks"]["juggler"]["lost"] == 0 and [message["timestamp"] for datagram in datagrams for message in datagram] == [
-        tick / 200 for tick in range(30)]
+    assert report["sinks"]["juggler"]["lost"] == 0 and [
+        message["timestamp"] for datagram in datagrams for message in datagram
+    ] == [tick / 200 for tick in range(30)]

@@ -31,10 +31,12 @@ SIGNALS = columns("a.x m")
 
 
 def test_every_row_of_a_run_arrives_in_order_with_what_the_blocks_computed(tmp_path):
-    outcome, report, page = run(counting(), tmp_path, 3000, page=Page(1 << 14))           # a ring of a hundred rows
+    outcome, report, page = run(counting(), tmp_path, 3000, page=Page(1 << 14))  # a ring of a hundred rows
     header, rows = read_csv(tmp_path / "counting.csv")
     assert header == ["time [s]", "tick", "counter.odd", "counter.value [m]", "counter.whole"]
-    assert rows == [[repr(tick / 200), str(tick), str(tick % 2), repr(0.1 * tick), str(tick // 3)] for tick in range(3000)]
+    assert rows == [
+        [repr(tick / 200), str(tick), str(tick % 2), repr(0.1 * tick), str(tick // 3)] for tick in range(3000)
+    ]
     assert report["ticks"] == page.statistics()["ticks"] == 3000 and report["dropped"] == 0 and report["ended"] == "ok"
 
 
@@ -42,7 +44,9 @@ def test_in_real_time_every_completed_tick_is_in_the_file(tmp_path):
     outcome, report, page = run(counting(rate=1000), tmp_path, 300, virtual=False)
     ticks = [int(cells[1]) for cells in read_csv(tmp_path / "counting.csv")[1]]
     statistics = page.statistics()
-    assert ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"] and len(ticks) + statistics["missed"] == 300
+    assert (
+        ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"] and len(ticks) + statistics["missed"] == 300
+    )
     assert report["first_tick"] == ticks[0] and report["last_tick"] == ticks[-1] == statistics["last_tick"]
 
 
@@ -57,14 +61,25 @@ def test_data_files_of_two_identical_runs_are_byte_identical(tmp_path):
 
 def test_the_sidecar_says_what_ran_and_how_it_went(tmp_path):
     diagram, plant = leg()
-    outcome, report, page = run(diagram, tmp_path, 100, plant=plant, metadata={"trial": {"subject": "S03"}, "odd": math.nan})
-    sidecar = json.loads((tmp_path / "leg.json").read_text(), parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
-    assert sidecar["name"] == "leg" and sidecar["rate"] == 200 and sidecar["virtual"] is True and sidecar["simulated"] is True
+    outcome, report, page = run(
+        diagram, tmp_path, 100, plant=plant, metadata={"trial": {"subject": "S03"}, "odd": math.nan}
+    )
+    sidecar = json.loads(
+        (tmp_path / "leg.json").read_text(), parse_constant=lambda word: pytest.fail(f"{word} is not JSON")
+    )
+    assert (
+        sidecar["name"] == "leg"
+        and sidecar["rate"] == 200
+        and sidecar["virtual"] is True
+        and sidecar["simulated"] is True
+    )
     assert sidecar["metadata"] == {"trial": {"subject": "S03"}, "odd": None}
     assert sidecar["ticks"] == 100 and sidecar["missed"] == sidecar["dropped"] == 0 and sidecar["ended"] == "ok"
     assert sidecar["statistics"]["frames"]["sent"] == page.statistics()["frames"]["sent"] > 100
-    assert sidecar["began"].startswith("20") and sidecar["began"][-6] in "+-"                 # ISO 8601 with the offset
-    assert sidecar["files"] == report["files"] and {Path(f["path"]).name for f in sidecar["files"]} == {p.name for p in tmp_path.iterdir()}
+    assert sidecar["began"].startswith("20") and sidecar["began"][-6] in "+-"  # ISO 8601 with the offset
+    assert sidecar["files"] == report["files"] and {Path(f["path"]).name for f in sidecar["files"]} == {
+        p.name for p in tmp_path.iterdir()
+    }
 
 
 def ended(event, folder):
@@ -114,8 +129,13 @@ class Controller:
         self.page = Page(1 << 20)
         self.folder = folder
         self.process = subprocess.Popen(
-            [sys.executable, "-c", CONTROL, str(self.page.fd), str(folder)], cwd=ROOT, pass_fds=[self.page.fd], text=True,
-            stdout=subprocess.PIPE, **{"stderr": subprocess.PIPE, **options})
+            [sys.executable, "-c", CONTROL, str(self.page.fd), str(folder)],
+            cwd=ROOT,
+            pass_fds=[self.page.fd],
+            text=True,
+            stdout=subprocess.PIPE,
+            **{"stderr": subprocess.PIPE, **options},
+        )
         self.recorder = int(self.process.stdout.readline())
 
     def run_until(self, ticks):
@@ -139,16 +159,21 @@ def test_after_kill_9_of_the_control_process_every_completed_tick_is_on_disk_and
     assert ends_by_itself(control.recorder)
     statistics = control.page.statistics()
     ticks = control.ticks_in_file()
-    assert len(ticks) - statistics["ticks"] in (0, 1)               # killed between the row and the count, at worst
+    assert len(ticks) - statistics["ticks"] in (0, 1)  # killed between the row and the count, at worst
     assert ticks == sorted(set(ticks)) and ticks[-1] - statistics["last_tick"] in (0, 1) and len(ticks) >= 300
     sidecar = json.loads((tmp_path / "counting.json").read_text())
     assert sidecar["ended"] == "the control process died" and sidecar["end"] is None and sidecar["ticks"] == len(ticks)
     said = control.process.stderr.read()
     control.process.stderr.close()
-    how = f"after tick {statistics['last_tick']} without ending the run: it was killed, or a block called os._exit or exec"
+    how = (
+        f"after tick {statistics['last_tick']} without ending the run: it was killed, or a block called os._exit "
+        "or exec"
+    )
     assert said.splitlines() == [
-        f"tickwork recorder: the control process died {how}; {len(ticks)} ticks were recorded, the last is {ticks[-1]}: "
-        f"{tmp_path}/counting.csv, {tmp_path}/counting.mcap, {tmp_path}/counting.json"]
+        f"tickwork recorder: the control process died {how}; {len(ticks)} ticks were recorded, the last is "
+        f"{ticks[-1]}: "
+        f"{tmp_path}/counting.csv, {tmp_path}/counting.mcap, {tmp_path}/counting.json"
+    ]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["counting.csv", "counting.json", "counting.mcap"]
 
 
@@ -156,7 +181,7 @@ def test_neither_signals_nor_a_broken_terminal_end_it_while_control_lives(tmp_pa
     reader, writer = os.pipe()
     control = Controller(tmp_path, stderr=writer)
     os.close(writer)
-    os.close(reader)                                                # nobody reads what it says
+    os.close(reader)  # nobody reads what it says
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
         os.kill(control.recorder, number)
     control.run_until(200)
@@ -169,7 +194,7 @@ def test_ctrl_c_in_the_terminal_reaches_the_controller_only(tmp_path):
     control = Controller(tmp_path)
     assert os.getsid(control.recorder) == control.recorder != os.getsid(control.process.pid)
     control.run_until(100)
-    control.process.send_signal(signal.SIGINT)                      # the executor's own handler: a safe stop, a whole recording
+    control.process.send_signal(signal.SIGINT)  # the executor's own handler: a safe stop, a whole recording
     assert control.process.wait(20) == 0
     assert ends_by_itself(control.recorder)
     sidecar = json.loads((tmp_path / "counting.json").read_text())
@@ -184,16 +209,20 @@ def writers(session, name="tickwork-record"):
     found = []
     for entry in Path("/proc").iterdir():
         try:
-            if entry.name.isdigit() and (entry / "comm").read_text() == f"{name}\n" and os.getsid(int(entry.name)) == session:
+            if (
+                entry.name.isdigit()
+                and (entry / "comm").read_text() == f"{name}\n"
+                and os.getsid(int(entry.name)) == session
+            ):
                 alive = (entry / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
                 found += [int(entry.name)] * alive
-        except OSError:                                             # it has just ended
+        except OSError:  # it has just ended
             pass
     return found
 
 
 def nobody_is_left(session):
-    deadline = time.monotonic() + 2.0                               # from closing its last file to its end a process takes a moment
+    deadline = time.monotonic() + 2.0  # from closing its last file to its end a process takes a moment
     while (left := writers(session) + writers(session, "tickwork-parts")) and time.monotonic() < deadline:
         time.sleep(0.001)
     return not left
@@ -209,11 +238,11 @@ class Killer(Block):
         super().__init__(**named)
 
     def step(self, tick):
-        if self.ticks and tick >= self.ticks[0]:                    # a tick may be missed
+        if self.ticks and tick >= self.ticks[0]:  # a tick may be missed
             del self.ticks[0]
             deadline = time.monotonic() + 10.0
             while not (found := set(self.victims()) - set(self.killed)) and time.monotonic() < deadline:
-                time.sleep(0.001)                                   # in virtual time the next writer may not be there yet
+                time.sleep(0.001)  # in virtual time the next writer may not be there yet
             number = self.signals.pop(0)
             for pid in found:
                 os.kill(pid, number)
@@ -238,7 +267,8 @@ def ticks_of(*files):
 @pytest.mark.parametrize("virtual", [True, False])
 def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doubled(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
-        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=Page(1 << (12 if virtual else 20)))
+        tmp_path, {150: signal.SIGKILL, 400: signal.SIGSEGV}, virtual=virtual, page=Page(1 << (12 if virtual else 20))
+    )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] == 0
     parts = [tmp_path / f"killing{part}.csv" for part in ("", "_part2", "_part3")]
@@ -246,15 +276,26 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
     assert len(killer.killed) == 2 and ticks == sorted(set(ticks)) and len(ticks) == statistics["ticks"]
     assert all(ticks_of(part) for part in parts[1:])
     logs = [Trial(part.with_suffix(".mcap")) for part in parts]
-    assert logs[0].tick.tolist() == ticks and logs[0].parts == [part.with_suffix(".mcap") for part in parts]      # the first stands for all
+    # the first stands for all
+    assert logs[0].tick.tolist() == ticks and logs[0].parts == [part.with_suffix(".mcap") for part in parts]
     assert [(log.about["part"], log.complete, log.tick.tolist()) for log in logs[1:]] == [
-        (2, True, ticks_of(*parts[1:])), (3, True, ticks_of(parts[2]))]
+        (2, True, ticks_of(*parts[1:])),
+        (3, True, ticks_of(parts[2])),
+    ]
     assert report["ticks"] == len(ticks_of(parts[2])) and report["ended"] == "ok"
-    assert [len(list(messages(part.with_suffix(".mcap")).iter_messages("/tickwork/tick"))) for part in parts] == [len(ticks_of(part)) for part in parts]
-    told = [f"the writer of part {part} died ({cause}); part {part + 1} continues the recording; no record was lost"
-            for part, cause in ((1, "SIGKILL"), (2, "SIGSEGV"))]
-    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
-    assert json.loads((tmp_path / "killing.json").read_text())["ended"] == "the recorder died (SIGKILL); part 2 continues it"
+    assert [len(list(messages(part.with_suffix(".mcap")).iter_messages("/tickwork/tick"))) for part in parts] == [
+        len(ticks_of(part)) for part in parts
+    ]
+    told = [
+        f"the writer of part {part} died ({cause}); part {part + 1} continues the recording; no record was lost"
+        for part, cause in ((1, "SIGKILL"), (2, "SIGSEGV"))
+    ]
+    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [
+        f"tickwork recorder: {line}" for line in told
+    ]
+    assert json.loads((tmp_path / "killing.json").read_text())["ended"] == (
+        "the recorder died (SIGKILL); part 2 continues it"
+    )
     assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
     assert nobody_is_left(session)
 
@@ -262,14 +303,19 @@ def test_when_a_writer_is_killed_another_continues_and_no_record_is_lost_or_doub
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_second_death_of_one_cause_ends_the_recording_and_the_run_continues(tmp_path, virtual, capfd):
     outcome, report, page, killer, session = killed(
-        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=Page(1 << 12))
+        tmp_path, {50: signal.SIGKILL, 100: signal.SIGKILL}, virtual=virtual, page=Page(1 << 12)
+    )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500 and statistics["dropped"] > 0
-    told = ["the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
-            "the writer of part 2 died (SIGKILL); recording stops and the run continues without it"]
-    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [f"tickwork recorder: {line}" for line in told]
+    told = [
+        "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
+        "the writer of part 2 died (SIGKILL); recording stops and the run continues without it",
+    ]
+    assert report["problems"] == told and capfd.readouterr().err.splitlines() == [
+        f"tickwork recorder: {line}" for line in told
+    ]
     ticks = ticks_of(tmp_path / "killing.csv", tmp_path / "killing_part2.csv")
-    assert ticks == sorted(set(ticks))                              # whole rows, in order; a busy machine may miss one
+    assert ticks == sorted(set(ticks))  # whole rows, in order; a busy machine may miss one
     assert json.loads((tmp_path / "killing_part2.json").read_text())["ended"] == "the recorder died (SIGKILL)"
     assert {Path(file["path"]).name for file in report["files"]} == {path.name for path in tmp_path.iterdir()}
     assert len(list(tmp_path.iterdir())) == 6 and nobody_is_left(session)
@@ -280,7 +326,9 @@ def test_writers_that_die_of_ever_new_causes_are_restarted_three_times_at_most(t
     outcome, report, page, killer, session = killed(tmp_path, dict(zip((50, 100, 150, 200), deaths)), virtual=False)
     assert outcome.status == "ok" and len(set(killer.killed)) == 4 and nobody_is_left(session)
     assert len(report["problems"]) == 4 and "SIGBUS); recording stops" in report["problems"][-1]
-    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == [f"killing{part}.mcap" for part in ("", "_part2", "_part3", "_part4")]
+    assert sorted(path.name for path in tmp_path.glob("*.mcap")) == [
+        f"killing{part}.mcap" for part in ("", "_part2", "_part3", "_part4")
+    ]
 
 
 def test_a_folder_that_is_deleted_ends_the_recording_with_one_line_and_leaves_no_process(tmp_path, capfd):
@@ -300,7 +348,9 @@ def test_a_folder_that_is_deleted_ends_the_recording_with_one_line_and_leaves_no
     assert ends_by_itself(recorder.pid, 5.0) and nobody_is_left(session)
     told = capfd.readouterr().err.splitlines()
     assert len(told) == 2 and told[0].startswith("tickwork recorder: the writer of part 1 died (FileNotFoundError: ")
-    assert told[1].startswith("tickwork recorder: the writer of part 2 died (cannot record into 'recordings': No such file or directory")
+    assert told[1].startswith(
+        "tickwork recorder: the writer of part 2 died (cannot record into 'recordings': No such file or directory"
+    )
     page.close()
     assert [line.removeprefix("tickwork recorder: ") for line in told] == recorder.finish()["problems"]
     assert list(tmp_path.iterdir()) == []
@@ -317,7 +367,9 @@ def test_no_writer_starts_once_the_control_process_has_ended(tmp_path):
     assert ends_by_itself(control.recorder, 5.0) and nobody_is_left(session)
     said = control.process.stderr.read()
     control.process.stderr.close()
-    assert said == "tickwork recorder: the writer of part 1 died (SIGKILL); recording stops and the run continues without it\n"
+    assert said == (
+        "tickwork recorder: the writer of part 1 died (SIGKILL); recording stops and the run continues without it\n"
+    )
     assert len(list(tmp_path.glob("*.mcap"))) == 1
 
 
@@ -325,7 +377,8 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
     (tmp_path / "mine.py").write_text(
         "from runtime.recorder.service import Service\nclass Once(Service):\n    def open(self):\n"
         "        if self.plan.get('part', 1) > 1:\n            raise ValueError('it was there once')\n"
-        "class Strange(Service):\n    def state(self):\n        return lambda: 'which nobody can keep'\n")
+        "class Strange(Service):\n    def state(self):\n        return lambda: 'which nobody can keep'\n"
+    )
     monkeypatch.syspath_prepend(tmp_path)
     page = Page(1 << 20)
     recorder = RecorderProcess(page)
@@ -341,7 +394,8 @@ def test_a_service_that_cannot_start_in_the_next_part_is_named_and_the_rest_is_r
     report = recorder.finish()
     assert report["problems"] == [
         "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost",
-        "once does not go on: ValueError: it was there once"]
+        "once does not go on: ValueError: it was there once",
+    ]
     assert ticks_of(tmp_path / "out" / "bench_1.csv", tmp_path / "out" / "bench_1_part2.csv") == list(range(100))
     assert Trial(tmp_path / "out" / "bench_1.mcap").tick.tolist() == list(range(100))
 
@@ -360,7 +414,9 @@ def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too
             [victim] = patient(lambda: writers(session))
             os.kill(victim, signal.SIGSEGV)
     [victim] = patient(lambda: set(writers(session)) - {victim})
-    page.push(RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 8999}).encode())
+    page.push(
+        RECORD_EVENT, json.dumps({"event": "end", "status": "ok", "culprit": None, "signal": 0, "tick": 8999}).encode()
+    )
     patient(lambda: page.empty)
     page.close()
     time.sleep(0.005 * attempt)
@@ -368,31 +424,42 @@ def test_killed_while_it_finishes_itself_and_what_others_left_it_is_replaced_too
     recorder.finish()
     parts = sorted(tmp_path.glob("*.mcap"))
     assert len(parts) in (2, 3) and nobody_is_left(session)
-    assert sum(len(list(messages(part).iter_messages("/tickwork/tick"))) for part in parts if part.stat().st_size) == 9000
+    assert (
+        sum(len(list(messages(part).iter_messages("/tickwork/tick"))) for part in parts if part.stat().st_size) == 9000
+    )
     assert Trial(tmp_path / "bench_1.mcap").tick.tolist() == list(range(9000))
 
 
 def test_the_writer_finishes_by_itself_where_what_started_it_is_killed(tmp_path):
     outcome, report, page, killer, session = killed(
-        tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts"), virtual=False)
+        tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts"), virtual=False
+    )
     statistics = page.statistics()
-    assert outcome.status == "ok" and len(killer.killed) == 1 and statistics["dropped"] == 0 and report["problems"] == []
+    assert (
+        outcome.status == "ok" and len(killer.killed) == 1 and statistics["dropped"] == 0 and report["problems"] == []
+    )
     assert len(ticks_of(tmp_path / "killing.csv")) == statistics["ticks"] and nobody_is_left(session)
 
 
 @pytest.mark.parametrize("virtual", [True, False])
 def test_the_run_continues_without_any_recorder_and_reports_their_death(tmp_path, virtual):
     outcome, report, page, killer, session = killed(
-        tmp_path, {50: signal.SIGKILL}, lambda session: writers(session, "tickwork-parts") + writers(session), virtual=virtual, page=Page(1 << 12))
+        tmp_path,
+        {50: signal.SIGKILL},
+        lambda session: writers(session, "tickwork-parts") + writers(session),
+        virtual=virtual,
+        page=Page(1 << 12),
+    )
     statistics = page.statistics()
     assert outcome.status == "ok" and statistics["ticks"] + statistics["missed"] == 500
     assert statistics["dropped"] > 0
     assert report["problems"] == [
         "the recorder process died before the end (SIGKILL): the files stop where it did; "
-        "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"]
+        "`convert FILE.mcap --to mcap` makes of its .mcap one that every viewer opens"
+    ]
     assert [Path(file["path"]).name for file in report["files"]] == ["killing.csv", "killing.mcap", "killing.json"]
-    ticks = ticks_of(tmp_path / "killing.csv")                      # whole rows only
-    assert ticks == sorted(set(ticks))                              # in order; a busy machine may miss one
+    ticks = ticks_of(tmp_path / "killing.csv")  # whole rows only
+    assert ticks == sorted(set(ticks))  # in order; a busy machine may miss one
     assert "the recorder was killed" in json.loads((tmp_path / "killing.json").read_text())["ended"]
 
 
@@ -408,7 +475,7 @@ def refused(folder, *sinks, match):
     recorder = RecorderProcess(page)
     with pytest.raises(RecorderError, match=match) as caught:
         recorder.configure(plan(folder, *sinks))
-    recorder.abandon()                                              # as the caller does: harmless
+    recorder.abandon()  # as the caller does: harmless
     assert "\n" not in str(caught.value)
 
 
@@ -417,10 +484,12 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     refused(tmp_path / "file", csv, match=r"cannot record into '.*file': .*file is not a folder")
     refused(tmp_path / "file" / "below", csv, match=r"cannot record into '.*below': Not a directory")
-    refused("/proc/tickwork", csv, match="cannot record into '/proc/tickwork': No such file or directory: /proc/tickwork")
+    refused(
+        "/proc/tickwork", csv, match="cannot record into '/proc/tickwork': No such file or directory: /proc/tickwork"
+    )
     closed = tmp_path / "closed"
     closed.mkdir(mode=0o555)
-    if os.getuid() != 0:                                            # who is root may write anywhere
+    if os.getuid() != 0:  # who is root may write anywhere
         refused(closed, csv, match="cannot record into '.*closed': Permission denied")
     assert list(closed.iterdir()) == []
 
@@ -432,11 +501,14 @@ def test_what_a_refused_recording_had_already_made_is_taken_away(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("service, match", [
-    ("no_such_package.csv:Writer", "mine cannot start: ModuleNotFoundError: No module named 'no_such_package'"),
-    ("runtime.recorder.csv:NoSuchWriter", "mine cannot start: AttributeError: .*NoSuchWriter"),
-    (STRIDES, "mine cannot start: ValueError: wire all five inputs"),
-])
+@pytest.mark.parametrize(
+    "service, match",
+    [
+        ("no_such_package.csv:Writer", "mine cannot start: ModuleNotFoundError: No module named 'no_such_package'"),
+        ("runtime.recorder.csv:NoSuchWriter", "mine cannot start: AttributeError: .*NoSuchWriter"),
+        (STRIDES, "mine cannot start: ValueError: wire all five inputs"),
+    ],
+)
 def test_a_service_that_cannot_start_is_named(tmp_path, service, match):
     refused(tmp_path, sink(service, "mine", SIGNALS), match=match)
     assert list(tmp_path.iterdir()) == []
@@ -445,20 +517,26 @@ def test_a_service_that_cannot_start_is_named(tmp_path, service, match):
 def test_a_full_disk_stops_the_writer_and_nothing_else(tmp_path, capfd):
     page = Page(1 << 20)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, hard))          # the child inherits it: no file above 8 KiB
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, hard))  # the child inherits it: no file above 8 KiB
     try:
         recorder = RecorderProcess(page)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     wide = columns(*(f"a.x{index} m" for index in range(20)))
-    recorder.configure(plan(tmp_path, sink(CSV, "wide", wide, flush_rows=10), sink(CSV, "narrow", wide[:1], file="narrow")))
+    recorder.configure(
+        plan(tmp_path, sink(CSV, "wide", wide, flush_rows=10), sink(CSV, "narrow", wide[:1], file="narrow"))
+    )
     for tick in range(400):
         assert page.push(*row(tick, *range(20)))
     page.close()
     report = recorder.finish()
     assert [re.sub(r"[\d.]+ s", "# s", problem) for problem in sorted(report["problems"])] == [
-        "flight log stopped at # s: File too large", "wide stopped at # s: File too large"]
-    assert capfd.readouterr().err.splitlines() == [f"tickwork recorder: {problem}; the run goes on" for problem in report["problems"]]
+        "flight log stopped at # s: File too large",
+        "wide stopped at # s: File too large",
+    ]
+    assert capfd.readouterr().err.splitlines() == [
+        f"tickwork recorder: {problem}; the run goes on" for problem in report["problems"]
+    ]
     assert report["ticks"] == 400 and len(read_csv(tmp_path / "narrow.csv")[1]) == 400
     cut = read_csv(tmp_path / "bench_1.csv")[1]
     assert 10 <= len(cut) < 400 and all(len(cells) == 22 for cells in cut)
@@ -480,10 +558,15 @@ def test_files_that_are_deleted_while_they_are_written_are_told_and_the_others_g
     page.close()
     report = recorder.finish()
     assert [re.sub(r" at [\d.]+ s", "", problem) for problem in report["problems"]] == [
-        f"{path} stopped: its file was deleted: {folder}/bench_1.{ending}" for path, ending in (("csv", "csv"), ("flight log", "mcap"))]
+        f"{path} stopped: its file was deleted: {folder}/bench_1.{ending}"
+        for path, ending in (("csv", "csv"), ("flight log", "mcap"))
+    ]
     told = capfd.readouterr().err
     assert told.count("; the run goes on") == 2 and "Traceback" not in told
-    assert report["ticks"] == 200 and {"path": f"{folder}/bench_1.csv", "note": "deleted while it was written"} in report["files"]
+    assert (
+        report["ticks"] == 200
+        and {"path": f"{folder}/bench_1.csv", "note": "deleted while it was written"} in report["files"]
+    )
     assert len(read_csv(folder / "kept.csv")[1]) == 200
 
 
@@ -513,10 +596,24 @@ def test_a_lab_brings_its_own_service(tmp_path, monkeypatch):
     signals = columns("a.x m", "a.y m")
     service = "lab_package:Summer"
     report = record(
-        plan(None, sink(service, "both", signals), sink(service, "one", signals[1:]), sink(service, "broken", signals, breaks_at=5)),
-        [row(tick, 1.0, 10.0) for tick in range(10)])
-    assert report["sinks"]["both"] == {"total": 110.0} and report["sinks"]["one"] == {"total": 100.0} and report["grand_total"] == 210.0
-    assert report["sinks"]["broken"]["failed"] == report["problems"][0] == "broken stopped at 0.02 s: RuntimeError: broken on purpose"
+        plan(
+            None,
+            sink(service, "both", signals),
+            sink(service, "one", signals[1:]),
+            sink(service, "broken", signals, breaks_at=5),
+        ),
+        [row(tick, 1.0, 10.0) for tick in range(10)],
+    )
+    assert (
+        report["sinks"]["both"] == {"total": 110.0}
+        and report["sinks"]["one"] == {"total": 100.0}
+        and report["grand_total"] == 210.0
+    )
+    assert (
+        report["sinks"]["broken"]["failed"]
+        == report["problems"][0]
+        == ("broken stopped at 0.02 s: RuntimeError: broken on purpose")
+    )
     assert report["ticks"] == 10
 
 
@@ -525,7 +622,12 @@ def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
     recorder = RecorderProcess(Page(1 << 12))
     if configured:
         recorder.configure(plan(tmp_path / "new", sink(CSV, "a", SIGNALS), buses=["legs"]))
-        assert {path.name for path in (tmp_path / "new").iterdir()} >= {"bench_1.csv", "bench_1.can.log", "bench_1.mcap", "bench_1.json"}
+        assert {path.name for path in (tmp_path / "new").iterdir()} >= {
+            "bench_1.csv",
+            "bench_1.can.log",
+            "bench_1.mcap",
+            "bench_1.json",
+        }
     recorder.abandon()
     recorder.abandon()
     assert list(tmp_path.iterdir()) == [] and ends_by_itself(recorder.pid, 0.0)
@@ -537,7 +639,8 @@ def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path)
         "from tests.runtime.recorder.running import CSV, columns, plan, sink\n"
         "recorder = RecorderProcess(Page(4096))\n"
         "if sys.argv[2] == 'configured': recorder.configure(plan(sys.argv[1], sink(CSV, 'a', columns('a.x m'))))\n"
-        "print(recorder.pid, flush=True)\nos.kill(os.getpid(), 9)\n")
+        "print(recorder.pid, flush=True)\nos.kill(os.getpid(), 9)\n"
+    )
     for when in ("configured", "spawned"):
         command = [sys.executable, "-c", script, str(tmp_path / "new"), when]
         died = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
@@ -552,7 +655,8 @@ def test_the_child_imports_what_the_parent_imports_whatever_lies_in_the_working_
     script.parent.mkdir()
     script.write_text(
         f"import sys\nsys.path.insert(1, {str(ROOT)!r})\nfrom tests.runtime.recorder.running import counting, run\n"
-        "outcome, report, page = run(counting(), 'here', 100)\nprint(report['ticks'], report['problems'])\n")
+        "outcome, report, page = run(counting(), 'here', 100)\nprint(report['ticks'], report['problems'])\n"
+    )
     done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout == "100 []\n", done.stderr
     assert len(read_csv(tmp_path / "here" / "counting.csv")[1]) == 100
@@ -561,19 +665,27 @@ def test_the_child_imports_what_the_parent_imports_whatever_lies_in_the_working_
 def test_the_child_needs_neither_numpy_nor_the_language(tmp_path):
     (tmp_path / "spy.py").write_text(
         "import sys\nfrom runtime.recorder.service import Service\n\n"
-        "class Spy(Service):\n    def close(self):\n        return {'modules': sorted(sys.modules)}\n")
+        "class Spy(Service):\n    def close(self):\n        return {'modules': sorted(sys.modules)}\n"
+    )
     script = (
         "import sys\nsys.path.insert(0, sys.argv[1])\nfrom tests.runtime.recorder.running import *\n"
         "signals = columns('a.x m')\n"
         "sinks = [sink('spy:Spy', 'spy', signals), sink(CSV, 'a', signals)]\n"
         "report = record(plan(sys.argv[1], *sinks, buses=['legs']), [row(0, 1.0)])\n"
-        "print([name for name in ('numpy', 'networkx', 'matplotlib', 'graph', 'can') if name in report['sinks']['spy']['modules']])\n")
-    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, timeout=60)
+        "print([name for name in ('numpy', 'networkx', 'matplotlib', 'graph', 'can') if name in "
+        "report['sinks']['spy']['modules']])\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
     assert done.stdout == "['can']\n", done.stderr
 
 
 def test_the_control_side_is_imported_without_what_it_does_not_need():
-    script = "import sys; import runtime.recorder; print([n for n in ('numpy', 'networkx', 'msgspec', 'can', 'cext') if n in sys.modules])"
+    script = (
+        "import sys; import runtime.recorder; print([n for n in ('numpy', 'networkx', 'msgspec', 'can', 'cext') "
+        "if n in sys.modules])"
+    )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60)
     assert done.stdout == "[]\n", done.stderr
 

@@ -24,28 +24,45 @@ from tests.runtime.terminals import Terminal as PseudoTerminal
 
 ROOT = Path(__file__).parents[3]
 STATISTICS = {
-    "ticks": 1061, "last_tick": 1060, "missed": 0, "dropped": 0, "frames": {"sent": 4000, "received": 4000}, "busy": 0.1,
+    "ticks": 1061,
+    "last_tick": 1060,
+    "missed": 0,
+    "dropped": 0,
+    "frames": {"sent": 4000, "received": 4000},
+    "busy": 0.1,
     "lateness": {"count": 1061, "p50": 61e-6, "p99": 240e-6, "p99.9": 2e-3, "max": 3e-3},
 }
 
 
-def line(width=200, unicode=True, coloured=False, state="running", statistics=STATISTICS, speeds=(199.97, 0.031, 1600.0), **changed):
+def line(
+    width=200,
+    unicode=True,
+    coloured=False,
+    state="running",
+    statistics=STATISTICS,
+    speeds=(199.97, 0.031, 1600.0),
+    **changed,
+):
     settings = {"duration": 10.0, "virtual": False, "buses": ["legs"], **changed}
     return fit(describe(plan(None, **settings), state, statistics, speeds, unicode), width, coloured, unicode)[0]
 
 
 def test_it_tells_state_progress_rate_lateness_load_frames_missed_and_dropped():
     assert line() == (
-        "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0")
+        "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · 1600 frames/s · missed 0 · dropped 0"
+    )
 
 
 def test_in_virtual_time_it_tells_the_speed_instead():
     assert line(virtual=True, speeds=(40_000.0, 0.9, 1e5)) == (
-        "running ━━━━╌╌╌╌ 5.3/10 s · 200 times real time · 100000 frames/s · missed 0 · dropped 0")
+        "running ━━━━╌╌╌╌ 5.3/10 s · 200 times real time · 100000 frames/s · missed 0 · dropped 0"
+    )
 
 
 def test_without_a_duration_there_is_no_bar_and_without_buses_no_traffic():
-    assert line(duration=None, buses=[]) == "running 5.3 s · 200.0 Hz · late 61/240 µs · load 3.1 % · missed 0 · dropped 0"
+    assert line(duration=None, buses=[]) == (
+        "running 5.3 s · 200.0 Hz · late 61/240 µs · load 3.1 % · missed 0 · dropped 0"
+    )
 
 
 @pytest.mark.parametrize("width", range(1, 140))
@@ -78,19 +95,39 @@ TORQUES = [("left/knee", 2, 18.0), ("right/knee", 3, 10.0)]
 
 
 def exoskeleton(width, unicode=True, load=0.031, row=(7, 0.0, -9.1, 2.0)):
-    parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, load, 800.0, 800.0, 0.21e6), unicode) + torque_part(TORQUES, row, unicode)
+    parts = describe(EXOSKELETON, "running", STATISTICS, (199.97, load, 800.0, 800.0, 0.21e6), unicode) + torque_part(
+        TORQUES, row, unicode
+    )
     return fit(parts, width, False, unicode)[0]
 
 
-@pytest.mark.parametrize("width, unicode, expected", [
-    (200, True, "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · dropped 0 · "
-                "left/knee ━━╌╌  −9.1 N·m · right/knee ━╌╌╌   2.0 N·m"),
-    (120, True, "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · left/knee ━━╌╌ right/knee ━╌╌╌"),
-    (99, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · missed 0 · dropped 0 · τ ▅▂"),
-    (79, True, "running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▅▂"),
-    (60, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · lost 0 · τ ▅▂"), (40, True, "running 5.3/10 s  200.0 Hz  lost 0  τ ▅▂"),
-    (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
-])
+@pytest.mark.parametrize(
+    "width, unicode, expected",
+    [
+        (
+            200,
+            True,
+            "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % full · missed 0 · "
+            "dropped 0 · "
+            "left/knee ━━╌╌  −9.1 N·m · right/knee ━╌╌╌   2.0 N·m",
+        ),
+        (
+            120,
+            True,
+            "running ━━━━╌╌╌╌ 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · lost 0 · left/knee "
+            "━━╌╌ right/knee ━╌╌╌",
+        ),
+        (
+            99,
+            True,
+            "running 5.3/10 s · 200.0 Hz · late 61/240 µs · load 3.1 % · legs 21 % · missed 0 · dropped 0 · τ ▅▂",
+        ),
+        (79, True, "running 5.3/10 s  200.0 Hz  late 61/240 µs  load 3.1 %  legs 21 %  lost 0  τ ▅▂"),
+        (60, True, "running 5.3/10 s · 200.0 Hz · late 61/240 µs · lost 0 · τ ▅▂"),
+        (40, True, "running 5.3/10 s  200.0 Hz  lost 0  τ ▅▂"),
+        (79, False, "running 5.3/10 s  200.0 Hz  late 61/240 us  load 3 %  legs 21 %  lost 0  tau +:"),
+    ],
+)
 def test_on_80_columns_all_of_it_has_room_and_below_the_least_important_goes_first(width, unicode, expected):
     assert exoskeleton(width, unicode) == expected
 
@@ -122,7 +159,7 @@ def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_s
         nonlocal now
         now += 0.1
         page.told = {**STATISTICS, "last_tick": tick}
-        status.history.clear()                                      # no rate
+        status.history.clear()  # no rate
         status.update(now)
         return sheet.line
 
@@ -130,12 +167,14 @@ def test_a_line_that_grows_and_shrinks_by_a_character_keeps_its_form_for_three_s
     assert drawn(1979) == long and drawn(1999) == short
     assert [drawn(1979) for _ in range(STEADY + 1)] == [short.replace("10.0/", "9.9/")] * (STEADY - 1) + [long] * 2
     drawn(1999)
-    sheet.columns += 20                                             # the person makes it wider: at once
+    sheet.columns += 20  # the person makes it wider: at once
     assert drawn(1979) == long
 
 
 def test_milliseconds_of_lateness_are_told_in_milliseconds():
-    assert "late 0.06/1.24 ms" in line(statistics={**STATISTICS, "lateness": {**STATISTICS["lateness"], "p99": 1.24e-3}})
+    assert "late 0.06/1.24 ms" in line(
+        statistics={**STATISTICS, "lateness": {**STATISTICS["lateness"], "p99": 1.24e-3}}
+    )
 
 
 def test_rates_are_taken_over_the_window():
@@ -150,7 +189,7 @@ def screen():
 
     def seen():
         data = b""
-        while select.select([master], [], [], 0.2)[0]:         # the kernel hands it over when it gets to it
+        while select.select([master], [], [], 0.2)[0]:  # the kernel hands it over when it gets to it
             data += os.read(master, 1 << 16)
         return data.decode()
 
@@ -196,8 +235,15 @@ def test_a_lasting_line_takes_the_place_of_the_status_line(screen):
     assert seen() == "\rstatus\x1b[K\r\x1b[Ka problem\r\n"
 
 
-@pytest.mark.parametrize("environment, interactive, coloured", [
-    ({}, True, True), ({"NO_COLOR": "1"}, True, False), ({"NO_COLOR": ""}, True, True), ({"TERM": "dumb"}, False, False)])
+@pytest.mark.parametrize(
+    "environment, interactive, coloured",
+    [
+        ({}, True, True),
+        ({"NO_COLOR": "1"}, True, False),
+        ({"NO_COLOR": ""}, True, True),
+        ({"TERM": "dumb"}, False, False),
+    ],
+)
 def test_the_environment_is_respected(screen, environment, interactive, coloured):
     shown = terminal(screen[0], **environment)
     assert (shown.interactive, shown.coloured) == (interactive, coloured)
@@ -217,10 +263,10 @@ def test_a_terminal_that_takes_nothing_holds_nobody_up():
     reader, writer = os.pipe()
     shown = terminal(writer)
     for _ in range(3000):
-        shown.say("x" * 99)                     # far more than a pipe holds
+        shown.say("x" * 99)  # far more than a pipe holds
     assert 1000 < len(os.read(reader, 1 << 20)) <= 1 << 16
     os.close(reader)
-    shown.say("nobody listens")                 # a broken pipe
+    shown.say("nobody listens")  # a broken pipe
     os.close(writer)
     shown.say("nor is there anything to write to")
 
@@ -231,10 +277,16 @@ def test_the_recorder_process_draws_on_a_terminal_and_is_silent_in_a_pipe(screen
     script = (
         "import sys; from tests.runtime.recorder.running import run, counting\n"
         "outcome, report, _ = run(counting(), sys.argv[1], 80, virtual=False, status_line=True, duration=0.4)\n"
-        "assert outcome.status == 'ok', outcome\n")
+        "assert outcome.status == 'ok', outcome\n"
+    )
     done = subprocess.run(
-        [sys.executable, "-c", script, str(tmp_path)], cwd=ROOT, stdin=subprocess.DEVNULL, stderr=slave if on_terminal else subprocess.PIPE,
-        env={**os.environ, "TERM": "xterm", "LANG": "C.UTF-8", "LC_ALL": "C.UTF-8"}, timeout=60)
+        [sys.executable, "-c", script, str(tmp_path)],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stderr=slave if on_terminal else subprocess.PIPE,
+        env={**os.environ, "TERM": "xterm", "LANG": "C.UTF-8", "LC_ALL": "C.UTF-8"},
+        timeout=60,
+    )
     assert done.returncode == 0
     if not on_terminal:
         assert done.stderr == b""
@@ -255,12 +307,21 @@ def test_each_torque_has_a_bar_of_its_limit(screen):
     slave, seen = screen
     signals = [{"path": path} for path in ("left/knee.position", "left/knee.torque", "right/knee.torque")]
     limits = {"left/knee.torque": [-18.0, 18.0], "right/knee.torque": [-10.0, 10.0], "left/knee.position": [0.0, 2.0]}
-    status = StatusLine(terminal(slave), plan(None, status_line=True, signals=signals, limits=limits), Still(), None, Heard([], (7, 0.0, 0.4, -9.1, 9.9)))
+    status = StatusLine(
+        terminal(slave),
+        plan(None, status_line=True, signals=signals, limits=limits),
+        Still(),
+        None,
+        Heard([], (7, 0.0, 0.4, -9.1, 9.9)),
+    )
     [part] = torque_part(status.torques, status.recording.newest, True)
     assert part.pieces(0)[::2] == [("left/knee ━━╌╌  −9.1 N·m", None), ("right/knee ━━━━   9.9 N·m", "red")]
     assert part.pieces(2) == [("τ ", None), ("▅", None), ("█", "red")]
     [ascii_part] = torque_part(status.torques, (7, 0.0, 0.4, float("nan"), -5.0), False)
-    assert ascii_part.pieces(0) == [("right/knee ##..  -5.0 N·m", None)] and "".join(text for text, _ in compose([ascii_part], [], False)).isascii()
+    assert (
+        ascii_part.pieces(0) == [("right/knee ##..  -5.0 N·m", None)]
+        and "".join(text for text, _ in compose([ascii_part], [], False)).isascii()
+    )
     assert "".join(text for text, _ in ascii_part.pieces(2)) == "tau !+"
 
 
@@ -276,17 +337,20 @@ def test_of_each_bus_it_tells_how_full_it_is_or_its_frames_where_it_has_no_bits(
 
 
 def test_a_bus_that_is_nearly_full_is_red_and_in_virtual_time_its_time_counts():
-    speeds = (2000.0, 0.9, 1e5, 1e5, 8.1e6)             # ten times real time
+    speeds = (2000.0, 0.9, 1e5, 1e5, 8.1e6)  # ten times real time
     assert "\x1b[31mlegs 81 % full\x1b[0m" in line(coloured=True, virtual=True, speeds=speeds, bitrates={"legs": 1e6})
     assert "\x1b[31m" not in line(coloured=True, virtual=True, speeds=(*speeds[:4], 7.9e6), bitrates={"legs": 1e6})
 
 
 def test_a_run_shows_the_torque_of_its_drives_and_how_full_its_bus_is(tmp_path):
-    """2 drives at 200 Hz, a command of 8 bytes and an answer each: 800 frames a second of 111 bits, and up to 24 stuffed ones."""
+    """2 drives at 200 Hz, a command of 8 bytes and an answer each: 800 frames a second of 111 bits, and up to 24
+    stuffed ones.
+    """
     with PseudoTerminal() as shown:
         shown.run(KNEE_EXO, "--duration", "20", "--no-record", cwd=tmp_path)
         full = int(shown.wait_for(r"running .* legs (\d+) % .* left/knee [━╌]{4}")[1])
-        assert 0.85 * 800 * 111 / 1e6 < 0.01 * full < 1.15 * 800 * 135 / 1e6            # the window is short, the machine may be busy
+        # the window is short, the machine may be busy
+        assert 0.85 * 800 * 111 / 1e6 < 0.01 * full < 1.15 * 800 * 135 / 1e6
         shown.press(b" ")
         assert shown.end() == 0
 
@@ -313,12 +377,17 @@ def test_what_takes_a_second_tells_how_far_it_is(screen):
             half(step / 30)
     drawn = seen()
     assert "converting walk.mcap ━━━━━╌╌╌╌╌╌╌╌╌╌╌╌╌╌╌ 25 %, 6 s left" in drawn and drawn.endswith("\r\x1b[K")
-    assert drawn.count("converting") == 16                                  # not in the first second
+    assert drawn.count("converting") == 16  # not in the first second
 
 
-@pytest.mark.parametrize("columns, expected", [
-    (100, "converting walking_S03_2026-11-22.mcap ━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌ 50 %, 6 s left"),
-    (69, "converting walking_S03_2026-11-22.mcap ━━━━━╌╌╌╌╌ 50 %, 6 s left"), (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left")])
+@pytest.mark.parametrize(
+    "columns, expected",
+    [
+        (100, "converting walking_S03_2026-11-22.mcap ━━━━━━━━━━╌╌╌╌╌╌╌╌╌╌ 50 %, 6 s left"),
+        (69, "converting walking_S03_2026-11-22.mcap ━━━━━╌╌╌╌╌ 50 %, 6 s left"),
+        (45, "converting walk… ━━━━╌╌╌╌ 50 %, 6 s left"),
+    ],
+)
 def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, expected):
     sheet, now = Sheet(), 0.0
     sheet.columns = columns

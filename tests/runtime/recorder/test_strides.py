@@ -21,15 +21,24 @@ INPUTS = columns("phase 1", "walking 1 bool", "angle rad", "velocity rad/s", "to
 
 
 def walk(strides, period=1.0, start=0.3, amplitude=0.6, torque=10.0, walking=lambda tick: True, grow=0.0):
-    """Rows of sinusoidal gait: angle = A sin 2πφ, torque = T cos 2πφ, so that power = A T (2π / period) cos² 2πφ >= 0."""
+    """Rows of sinusoidal gait: angle = A sin 2πφ, torque = T cos 2πφ, so that power = A T (2π / period) cos² 2πφ >=
+    0.
+    """
     rows = []
     for tick in range(round((strides + 0.6) * period * RATE)):
         phase = start + tick / RATE / period
         scale = 1.0 + grow * math.floor(phase)
         angle, around = phase % 1.0, 2.0 * math.pi * phase
-        rows.append((
-            tick, angle, float(walking(tick)), scale * amplitude * math.sin(around), amplitude * 2.0 * math.pi / period * math.cos(around),
-            scale * torque * math.cos(around)))
+        rows.append(
+            (
+                tick,
+                angle,
+                float(walking(tick)),
+                scale * amplitude * math.sin(around),
+                amplitude * 2.0 * math.pi / period * math.cos(around),
+                scale * torque * math.cos(around),
+            )
+        )
     return rows
 
 
@@ -52,7 +61,7 @@ def test_work_time_and_peak_of_a_sinusoidal_gait_are_those_of_the_closed_form():
     assert result["strides"] == 9 and result["left_out"] == 0 and result["title"] == "left"
     assert result["stride_time"] == pytest.approx(1.0, abs=1e-12)
     assert result["peak_torque"] == 10.0
-    assert result["positive_work"] == pytest.approx(math.pi * 0.6 * 10.0, rel=1e-9)    # ∫ A T 2π cos² = π A T
+    assert result["positive_work"] == pytest.approx(math.pi * 0.6 * 10.0, rel=1e-9)  # ∫ A T 2π cos² = π A T
     assert result["negative_work"] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -68,13 +77,14 @@ def test_every_stride_is_resampled_to_101_points_of_phase_whatever_its_duration(
     assert set(curves) == set(CURVES)
     for point in range(101):
         around = 2.0 * math.pi * point / 100
-        assert curves["angle"]["mean"][point] == pytest.approx(0.6 * math.sin(around), abs=0.6 * 2e-3)      # straight lines between samples
+        # straight lines between samples
+        assert curves["angle"]["mean"][point] == pytest.approx(0.6 * math.sin(around), abs=0.6 * 2e-3)
         assert curves["torque"]["mean"][point] == pytest.approx(10.0 * math.cos(around), abs=10.0 * 2e-3)
         assert curves["angle"]["sd"][point] < 1e-3
 
 
 def test_the_standard_deviation_is_that_of_the_strides():
-    result = average(walk(5, grow=0.1))                      # the four whole strides 1, 2, 3, 4 are scaled by 1.1, 1.2, 1.3, 1.4
+    result = average(walk(5, grow=0.1))  # the four whole strides 1, 2, 3, 4 are scaled by 1.1, 1.2, 1.3, 1.4
     scales = [1.1, 1.2, 1.3, 1.4]
     mean = sum(scales) / 4
     sd = math.sqrt(sum((scale - mean) ** 2 for scale in scales) / 3)
@@ -111,7 +121,8 @@ def test_strides_of_implausible_duration_are_left_out(period):
 
 
 def test_every_second_is_in_a_stride_or_told_as_unused():
-    result = average(walk(10, walking=lambda tick: tick >= 100))        # phase 0.3 to 10.9; it wraps at 0.7 s, 1.7 s and so on
+    # phase 0.3 to 10.9; it wraps at 0.7 s, 1.7 s and so on
+    result = average(walk(10, walking=lambda tick: tick >= 100))
     assert (result["strides"], result["left_out"]) == (9, 0)
     assert result["unused"] == {"standing": pytest.approx(0.5), "unfinished": pytest.approx(10.6 - 9.0 - 0.5)}
 
@@ -139,7 +150,9 @@ def test_both_legs_make_one_picture(tmp_path):
     picture = tmp_path / "bench_1.png"
     assert [(leg["title"], leg["strides"]) for leg in report["strides"]] == [("left", 4), ("right", 4)]
     assert picture.read_bytes().startswith(b"\x89PNG\r\n") and picture.stat().st_size > 30_000
-    assert {"path": str(picture), "note": "the average stride of left and right"} in report["files"] and report["problems"] == []
+    assert {"path": str(picture), "note": "the average stride of left and right"} in report["files"] and report[
+        "problems"
+    ] == []
 
 
 def test_when_a_writer_is_killed_the_next_part_averages_its_own_strides_and_the_report_says_so():
@@ -148,13 +161,15 @@ def test_when_a_writer_is_killed_the_next_part_averages_its_own_strides_and_the_
     columns = [{**column, "index": index} for index, column in enumerate(INPUTS)]
     recorder.configure(plan(None, sink(STRIDES, "left/stride_report", columns)))
     for number, values in enumerate(rows):
-        if number == 700:                                       # in the middle of the fourth stride
+        if number == 700:  # in the middle of the fourth stride
             patient(lambda: page.empty)
             os.kill(*patient(lambda: writers(recorder.pid)), signal.SIGKILL)
         assert page.push(*row(*values))
     page.close()
     report = recorder.finish()
-    assert report["strides"][0]["strides"] == 8 and report["problems"][1:] == ["left: strides before part 2 are not in the average"]
+    assert report["strides"][0]["strides"] == 8 and report["problems"][1:] == [
+        "left: strides before part 2 are not in the average"
+    ]
 
 
 def test_two_pictures_of_the_same_walk_are_the_same_file(tmp_path):

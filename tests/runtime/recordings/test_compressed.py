@@ -37,7 +37,9 @@ def compress(path, kind):
             schema = writer.register_schema(record.topic, "protobuf", b"")
             channels[record.topic] = writer.register_channel(record.topic, "protobuf", schema)
         elif isinstance(record, Message):
-            writer.add_message(channels[topics[record.channel_id]], record.log_time, record.data, record.publish_time, record.sequence)
+            writer.add_message(
+                channels[topics[record.channel_id]], record.log_time, record.data, record.publish_time, record.sequence
+            )
     writer.finish()
     path.write_bytes(out.getvalue())
     return path
@@ -45,7 +47,9 @@ def compress(path, kind):
 
 def numbers(path):
     """{number: topic} of the channels of a file."""
-    return {item.id: item.topic for item in StreamReader(io.BytesIO(path.read_bytes())).records if isinstance(item, Channel)}
+    return {
+        item.id: item.topic for item in StreamReader(io.BytesIO(path.read_bytes())).records if isinstance(item, Channel)
+    }
 
 
 def compressed_chunks(path):
@@ -90,15 +94,17 @@ def test_any_damage_in_a_compressed_chunk_ends_the_reading_before_it(recording, 
     begin, end = compressed_chunks(recording)[2]
     reported = 0
     for at in [*range(begin + 1, begin + 60), *(dice.randrange(begin + 60, end) for _ in range(60))]:
-        recording.write_bytes(data[:at] + bytes([data[at] ^ 1 << dice.randrange(8)]) + data[at + 1:])
+        recording.write_bytes(data[:at] + bytes([data[at] ^ 1 << dice.randrange(8)]) + data[at + 1 :])
         trial = runtime.load(recording)
         assert trial.tick.tolist() == ticks[: len(trial)] and trial.rows.tobytes() == whole.rows[: len(trial)].tobytes()
         assert trial.complete == (len(trial) == len(whole))
-        if at >= begin + 60 and not trial.complete:             # some bits may differ, and the same comes out of it
-            assert trial.trouble == f"{recording} is damaged from byte {begin} of {len(data)} on: what stands before is read"
+        if at >= begin + 60 and not trial.complete:  # some bits may differ, and the same comes out of it
+            assert trial.trouble == (
+                f"{recording} is damaged from byte {begin} of {len(data)} on: what stands before is read"
+            )
             reported += 1
     assert reported > 50
-    recording.write_bytes(data[:begin] + b"\x46" + data[begin + 1 :])           # a record of a kind that readers skip
+    recording.write_bytes(data[:begin] + b"\x46" + data[begin + 1 :])  # a record of a kind that readers skip
     trial = runtime.load(recording)
     assert not trial.complete and " is damaged: " in trial.trouble and " messages can be read" in trial.trouble
     recording.write_bytes(data[: begin + 100] + data[begin + 104 :])
@@ -112,17 +118,29 @@ def test_chunks_of_a_small_file_that_expand_without_end_are_refused_in_bounded_m
     diagram, plant = leg()
     run(diagram, command_line.folder, 60, plant=plant)
     path = compress(command_line.folder / "leg.mcap", CompressionType.ZSTD)
-    channel, size = next((item.channel_id, len(item.data)) for item in StreamReader(io.BytesIO(path.read_bytes())).records
-                         if isinstance(item, Message) and not numbers(path)[item.channel_id].startswith("/tickwork"))
+    channel, size = next(
+        (item.channel_id, len(item.data))
+        for item in StreamReader(io.BytesIO(path.read_bytes())).records
+        if isinstance(item, Message) and not numbers(path)[item.channel_id].startswith("/tickwork")
+    )
     messages = MESSAGE.pack(5, MESSAGE_REST + size, channel, 0, 0, 0) + bytes(size)
     plain, bomb = messages * (8 * MEBIBYTE // len(messages)), RecordBuilder()
-    Chunk(compression="zstd", data=zstandard.compress(plain), message_end_time=0, message_start_time=0, uncompressed_crc=0,
-          uncompressed_size=len(plain)).write(bomb)
+    Chunk(
+        compression="zstd",
+        data=zstandard.compress(plain),
+        message_end_time=0,
+        message_start_time=0,
+        uncompressed_crc=0,
+        uncompressed_size=len(plain),
+    ).write(bomb)
     data, end = path.read_bytes(), compressed_chunks(path)[-1][1]
     path.write_bytes(data[:end] + 60 * bomb.end() + data[end:])
     assert path.stat().st_size < 100_000
-    code = (f"import re, runtime; print(runtime.load({str(path)!r}).trouble); "         # getrusage would count what the parent had before exec
-            "print(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])")
+    # getrusage would count what the parent had before exec
+    code = (
+        f"import re, runtime; print(runtime.load({str(path)!r}).trouble); "
+        "print(re.search(r'VmHWM:\\s+(\\d+)', open('/proc/self/status').read())[1])"
+    )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=environment(), capture_output=True, text=True)
     trouble, peak = done.stdout.splitlines()
     assert "and 16 MiB for all of a file of this size is the limit" in trouble
@@ -132,12 +150,18 @@ def test_chunks_of_a_small_file_that_expand_without_end_are_refused_in_bounded_m
 @pytest.mark.parametrize("kind", ["zstd", "lz4"])
 def test_a_chunk_may_expand_to_no_more_than_it_declares_and_its_file_to_a_hundred_times_its_size(kind):
     squeeze = {"zstd": zstandard.compress, "lz4": lz4.frame.compress}[kind]
-    part = 9 * (5 * MEBIBYTE // 9)              # records of kind 0 without content
+    part = 9 * (5 * MEBIBYTE // 9)  # records of kind 0 without content
     squeezed = {size: squeeze(bytes(size)) for size in (10, 90, 100, part, 32 * MEBIBYTE)}
 
     def chunk(size, declared=None):
-        return Chunk(compression=kind, data=squeezed[size], message_end_time=0, message_start_time=0, uncompressed_crc=0,
-                     uncompressed_size=size if declared is None else declared)
+        return Chunk(
+            compression=kind,
+            data=squeezed[size],
+            message_end_time=0,
+            message_start_time=0,
+            uncompressed_crc=0,
+            uncompressed_size=size if declared is None else declared,
+        )
 
     with pytest.raises(TooLarge, match="declares 67108865 bytes, and 64 MiB is the limit"):
         Expander(1 << 40).expand(chunk(10, 64 * MEBIBYTE + 1))
@@ -149,7 +173,7 @@ def test_a_chunk_may_expand_to_no_more_than_it_declares_and_its_file_to_a_hundre
         Expander(98_000).expand(chunk(100, 101))
     expander = Expander(98_000)
     assert expander.expand(chunk(90)) == bytes(90) and expander.left == 16 * MEBIBYTE - 90
-    expander.left -= 3 * part                   # as much as was expanded
+    expander.left -= 3 * part  # as much as was expanded
     with pytest.raises(TooLarge):
         expander.expand(chunk(part))
 
@@ -160,4 +184,7 @@ def test_a_recording_that_is_refused_for_its_size_says_so(recording, command_lin
     data[begin + 25 : begin + 33] = (3 << 30).to_bytes(8, "little")
     recording.write_bytes(data)
     _, _, err = command_line("convert", recording, "--to", "csv")
-    assert "leg.mcap has a compressed chunk that declares 3221225472 bytes, and 64 MiB is the limit: what stands before is read" in err
+    assert (
+        "leg.mcap has a compressed chunk that declares 3221225472 bytes, and 64 MiB is the limit: what stands "
+        "before is read"
+    ) in err

@@ -30,13 +30,28 @@ def part(folder, stem, ticks, drains_from=0, number=1):
     records = [frame(0, 0x99, b"first", sent=1)]
     for tick in ticks:
         time = 1_000_000 * tick
-        records += [(4, time.to_bytes(8, "little", signed=True)), frame(time, 1, bytes([tick % 256])), frame(time + 1, 2, b"", bus=1), row(tick, tick / 3.0)]
-    record(plan(folder, sink(CSV, "csv", columns("left/knee.position rad")), stem=stem, buses=BUSES, part=number), records)
+        records += [
+            (4, time.to_bytes(8, "little", signed=True)),
+            frame(time, 1, bytes([tick % 256])),
+            frame(time + 1, 2, b"", bus=1),
+            row(tick, tick / 3.0),
+        ]
+    record(
+        plan(folder, sink(CSV, "csv", columns("left/knee.position rad")), stem=stem, buses=BUSES, part=number), records
+    )
     return folder / f"{stem}.mcap"
 
 
 def content(trial):
-    return trial.tick.tolist(), trial.rows.tobytes(), trial.frames, trial.events, trial.end, trial.diagram, {**trial.about, "part": 1}
+    return (
+        trial.tick.tolist(),
+        trial.rows.tobytes(),
+        trial.frames,
+        trial.events,
+        trial.end,
+        trial.diagram,
+        {**trial.about, "part": 1},
+    )
 
 
 def converted(command_line, *words):
@@ -49,14 +64,19 @@ def indexed(path):
     """Messages that the mcap package's own reader finds by the index."""
     reader = make_reader(io.BytesIO(path.read_bytes()), validate_crcs=True)
     assert reader.get_summary().chunk_indexes
-    return [(channel.topic, message.log_time, message.data) for _, channel, message in reader.iter_messages(log_time_order=False)]
+    return [
+        (channel.topic, message.log_time, message.data)
+        for _, channel, message in reader.iter_messages(log_time_order=False)
+    ]
 
 
 def test_a_finished_recording_is_copied_to_the_byte(command_line):
     diagram, plant = leg()
     run(diagram, command_line.folder, 12, plant=plant)
     [path], err = converted(command_line, "leg.mcap", "--to", "mcap")
-    assert path.name == "leg-2.mcap" and err == "" and path.read_bytes() == (command_line.folder / "leg.mcap").read_bytes()
+    assert (
+        path.name == "leg-2.mcap" and err == "" and path.read_bytes() == (command_line.folder / "leg.mcap").read_bytes()
+    )
 
 
 def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command_line):
@@ -72,7 +92,11 @@ def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command
     [same], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
     assert same == cut and cut.read_bytes() == path.read_bytes()
     [again], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
-    assert again == cut and cut.read_bytes() == path.read_bytes() and "was cut off, and what there is of it was completed later" in err
+    assert (
+        again == cut
+        and cut.read_bytes() == path.read_bytes()
+        and ("was cut off, and what there is of it was completed later") in err
+    )
 
 
 @pytest.mark.soak
@@ -113,14 +137,20 @@ def test_parts_become_one_recording(command_line, further):
     assert content(whole) == content(before) and len(indexed(path)) > 3 * 300
     assert {name: (folder / name).read_bytes() for name in names} == names
     paths, err = converted(command_line, "cut.mcap", "--to", "mcap", "--in-place")
-    assert [path.name for path in paths] == ["cut.mcap", "cut_part2.mcap", "cut_part3.mcap"] and content(runtime.load(first)) == content(before)
+    assert [path.name for path in paths] == ["cut.mcap", "cut_part2.mcap", "cut_part3.mcap"] and content(
+        runtime.load(first)
+    ) == content(before)
 
 
 def test_a_recording_whose_first_part_is_empty_begins_with_the_second(command_line):
     (command_line.folder / "late.mcap").write_bytes(b"")
     part(command_line.folder, "late_part2", range(5), number=2)
     [path], err = converted(command_line, "late.mcap", "--to", "mcap")
-    assert path.name == "late-2.mcap" and runtime.load(path).about["part"] == 1 and np.array_equal(runtime.load(path).tick, np.arange(5))
+    assert (
+        path.name == "late-2.mcap"
+        and runtime.load(path).about["part"] == 1
+        and np.array_equal(runtime.load(path).tick, np.arange(5))
+    )
 
 
 def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_place(command_line):
@@ -128,9 +158,17 @@ def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_plac
     data = unfinished(path.read_bytes())
     path.write_bytes(data[:10_000] + data[10_005:])
     [copy], err = converted(command_line, "torn.mcap", "--to", "mcap")
-    assert "torn.mcap is damaged from byte" in err and np.array_equal(runtime.load(copy).tick, runtime.load(path).tick) and len(runtime.load(copy)) > 10
+    assert (
+        "torn.mcap is damaged from byte" in err
+        and np.array_equal(runtime.load(copy).tick, runtime.load(path).tick)
+        and len(runtime.load(copy)) > 10
+    )
     code, out, err = command_line("convert", "torn.mcap", "--to", "mcap", "--in-place")
-    assert code == 2 and "`convert` writes what stands before into a new file" in err and path.read_bytes() == data[:10_000] + data[10_005:]
+    assert (
+        code == 2
+        and "`convert` writes what stands before into a new file" in err
+        and path.read_bytes() == data[:10_000] + data[10_005:]
+    )
 
 
 @pytest.mark.soak
@@ -138,13 +176,19 @@ def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_plac
 def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alone(command_line, seed):
     diagram, plant = leg()
     run(diagram, command_line.folder, 12, plant=plant)
-    whole, order, path = (command_line.folder / "leg.mcap").read_bytes(), random.Random(seed), command_line.folder / "torn.mcap"
+    whole, order, path = (
+        (command_line.folder / "leg.mcap").read_bytes(),
+        random.Random(seed),
+        command_line.folder / "torn.mcap",
+    )
     refused = 0
     for _ in range(300):
         data = bytearray(order.choice([whole, unfinished(whole)]))
         for _ in range(order.choice([1, 1, 3])):
             at, length = order.randrange(len(data)), order.randrange(1, 30)
-            data[at : at + order.choice([0, 1, length])] = order.choice([b"", order.randbytes(1), order.randbytes(length)])
+            data[at : at + order.choice([0, 1, length])] = order.choice(
+                [b"", order.randbytes(1), order.randbytes(length)]
+            )
         path.write_bytes(data)
         try:
             before = content(runtime.load(path))
@@ -165,8 +209,10 @@ def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alon
 def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line):
     path = part(command_line.folder, "a", range(3))
     data = path.read_bytes()
-    for old, new, told in ((b'"path"', b'"pith"', "its about.json does not say which signals it has"),
-                           (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of")):
+    for old, new, told in (
+        (b'"path"', b'"pith"', "its about.json does not say which signals it has"),
+        (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of"),
+    ):
         path.write_bytes(data.replace(old, new, 1))
         assert command_line.refused("convert", "a.mcap", "--to", "csv") == f"a.mcap is damaged: {told}"
 
@@ -174,7 +220,8 @@ def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line
 def test_what_cannot_be_is_told_in_one_line(command_line):
     path = part(command_line.folder, "a", range(3))
     assert command_line.refused("convert", path, "--to", "mcap", "--rate", "50") == (
-        "--to mcap keeps every sample as it was recorded: --rate is for the other formats")
+        "--to mcap keeps every sample as it was recorded: --rate is for the other formats"
+    )
     for words in (["--to", "csv"], ["--to", "mcap,csv"], ["--to", "mcap", "-o", "out"], ["--opensim"]):
         assert command_line.refused("convert", path, *words, "--in-place") == "--in-place goes with --to mcap alone"
     with open(path, "rb") as recorder:

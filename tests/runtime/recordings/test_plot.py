@@ -20,8 +20,16 @@ from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
 from tests.runtime.recordings.test_trial import walk
 from tests.runtime.runs import KNEE_EXO, knee
 
-WALK = ("left/imu.quaternion[0] 1", "left/imu.quaternion[1] 1", "left/imu.quaternion[2] 1", "left/imu.quaternion[3] 1",
-        "left/gait.phase 1", "left/gait.walking 1 bool", "left/knee.fault 1 int", "left/knee.position rad")
+WALK = (
+    "left/imu.quaternion[0] 1",
+    "left/imu.quaternion[1] 1",
+    "left/imu.quaternion[2] 1",
+    "left/imu.quaternion[3] 1",
+    "left/gait.phase 1",
+    "left/gait.walking 1 bool",
+    "left/knee.fault 1 int",
+    "left/knee.position rad",
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +47,16 @@ def drawn(path):
 def test_signals_are_drawn_with_their_units_on_the_axes(command_line, recording):
     code, out, err = command_line("plot", recording, "left/knee.position", "left/gait.phase", "-o", "a.svg")
     assert (code, out, err) == (OK, "a.svg\n", "")
-    assert {"[rad]", "time [s]", "left/knee.position", "left/gait.phase"} <= drawn("a.svg")           # which leg, too
+    assert {"[rad]", "time [s]", "left/knee.position", "left/gait.phase"} <= drawn("a.svg")  # which leg, too
 
 
 def test_without_matplotlib_it_says_how_to_get_it(command_line, recording, monkeypatch):
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    assert command_line.refused("plot", recording, "left/knee.position") == "a picture needs matplotlib: pip install matplotlib"
+    assert command_line.refused("plot", recording, "left/knee.position") == (
+        "a picture needs matplotlib: pip install matplotlib"
+    )
 
 
 def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):
@@ -57,7 +67,7 @@ def test_with_none_named_each_subsystem_has_its_picture(command_line, tmp_path):
     assert (code, err) == (OK, "") and left.endswith("_left.svg") and right.endswith("_right.svg")
     assert {"[rad]", "[N·m]", "knee.torque", "knee.position", "limit"} <= drawn(left)
     again = command_line("plot", path, "--svg")[1].split()
-    assert again == [name.replace(".svg", "-2.svg") for name in (left, right)]               # nothing is overwritten
+    assert again == [name.replace(".svg", "-2.svg") for name in (left, right)]  # nothing is overwritten
     png = command_line("plot", path, "left/knee.torque")[1].strip()
     assert png.endswith("_plot.png") and open(png, "rb").read(8) == b"\x89PNG\r\n\x1a\n"
 
@@ -98,8 +108,12 @@ def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(comm
 def test_joints_without_a_report_are_drawn_of_their_own_signals(crowded):
     [leg] = pictures.legs(runtime.load(crowded))
     assert leg["signals"] == {
-        "angle": "left/knee/motor.position", "velocity": "left/knee/motor.velocity", "torque": "left/knee/motor.torque",
-        "phase": "left/gait.phase", "walking": "left/gait.walking"}
+        "angle": "left/knee/motor.position",
+        "velocity": "left/knee/motor.velocity",
+        "torque": "left/knee/motor.torque",
+        "phase": "left/gait.phase",
+        "walking": "left/gait.walking",
+    }
     assert leg["left_out_because"] == {"with a value that is not finite": 1}
 
 
@@ -107,9 +121,13 @@ def test_joints_without_a_report_are_drawn_of_their_own_signals(crowded):
 def test_strides_begin_where_the_person_says_so_and_are_the_same(crowded, events):
     trial = runtime.load(crowded)
     [leg], [given, spare] = pictures.legs(trial), pictures.legs(trial, events)
-    assert spare["path"] == "spare/motor"       # which has no gait of its own
-    assert given["strides"] == leg["strides"] == 2 and given["positive_work"] == pytest.approx(leg["positive_work"], rel=1e-12)
-    assert given["stride_time"] == 1.0 and np.allclose(given["curves"]["torque"]["mean"], leg["curves"]["torque"]["mean"], atol=0.02)
+    assert spare["path"] == "spare/motor"  # which has no gait of its own
+    assert given["strides"] == leg["strides"] == 2 and given["positive_work"] == pytest.approx(
+        leg["positive_work"], rel=1e-12
+    )
+    assert given["stride_time"] == 1.0 and np.allclose(
+        given["curves"]["torque"]["mean"], leg["curves"]["torque"]["mean"], atol=0.02
+    )
 
 
 def sidecar(path):
@@ -123,8 +141,12 @@ def test_one_signal_over_the_gait_cycle(command_line, recording):
 
 
 def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_path):
-    assert "has no signal 'left/knee.posiion': did you mean 'left/knee.position'?" in command_line.refused("plot", recording, "left/knee.posiion")
-    assert command_line.refused("plot", recording, "b.mcap") == "b.mcap: plot draws one recording, and signals of it; `diff` compares two"
+    assert "has no signal 'left/knee.posiion': did you mean 'left/knee.position'?" in command_line.refused(
+        "plot", recording, "left/knee.posiion"
+    )
+    assert command_line.refused("plot", recording, "b.mcap") == (
+        "b.mcap: plot draws one recording, and signals of it; `diff` compares two"
+    )
     assert command_line.refused("plot", recording, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
     assert "holds no whole stride of a joint" in command_line.refused("plot", recording, "--strides")
     assert command_line.refused("plot", recording, "--events", "x") == "--events needs --strides"
@@ -132,16 +154,30 @@ def test_what_cannot_be_drawn_is_told_in_one_line(command_line, recording, tmp_p
     assert "has 4 elements: name one" in command_line.refused("plot", recording, "--strides", "left/imu.quaternion")
 
 
-JOINTS = ("knee/motor.position rad", "knee/motor.velocity rad/s", "knee/motor.torque N·m", "knee/motor.fault 1 int",
-          "gait.phase 1", "gait.walking 1 bool")
+JOINTS = (
+    "knee/motor.position rad",
+    "knee/motor.velocity rad/s",
+    "knee/motor.torque N·m",
+    "knee/motor.fault 1 int",
+    "gait.phase 1",
+    "gait.walking 1 bool",
+)
 CROWD = tuple(f"crowd.x{number} A" for number in range(14))
-ALONE = ("spare/motor.position rad", "spare/motor.velocity rad/s", "spare/motor.torque N·m",
-         "left/odd.huge m", "left/odd.nothing s", "left/odd.on 1 bool")
+ALONE = (
+    "spare/motor.position rad",
+    "spare/motor.velocity rad/s",
+    "spare/motor.torque N·m",
+    "left/odd.huge m",
+    "left/odd.nothing s",
+    "left/odd.on 1 bool",
+)
 
 
 @pytest.fixture(scope="module")
 def crowded(tmp_path_factory):
-    """Strides of 1 s, of which one holds what is no number; a joint outside the gait; 14 signals of a unit; faults and marks."""
+    """Strides of 1 s, of which one holds what is no number; a joint outside the gait; 14 signals of a unit; faults and
+    marks.
+    """
     folder = tmp_path_factory.mktemp("crowd")
 
     def values(tick):
@@ -154,9 +190,15 @@ def crowded(tmp_path_factory):
         return RECORD_EVENT, json.dumps({"event": kind, "tick": tick, **words}).encode()
 
     marks = [event("mark", 45 * number, number=number) for number in range(1, 22)]
-    faults = [event("fault", 700, status="a silent device", culprit="knee/motor"), event("fault", 705, status="another", culprit="spare/motor")]
+    faults = [
+        event("fault", 700, status="a silent device", culprit="knee/motor"),
+        event("fault", 705, status="another", culprit="spare/motor"),
+    ]
     signals = columns(*(f"left/{text}" for text in (*JOINTS, *CROWD)), *ALONE)
-    record(plan(folder, sink(CSV, "csv", signals), stem="crowd"), [*(row(tick, *values(tick)) for tick in range(1000)), *marks, *faults])
+    record(
+        plan(folder, sink(CSV, "csv", signals), stem="crowd"),
+        [*(row(tick, *values(tick)) for tick in range(1000)), *marks, *faults],
+    )
     return folder / "crowd.mcap"
 
 
@@ -164,7 +206,7 @@ def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line
     trial = runtime.load(crowded)
     rows = pictures.rows_of(trial, ["left/crowd", "left/knee", "left/crowd.x3"])
     assert [path for paths in rows for path in paths] == [f"left/{text.split()[0]}" for text in (*CROWD, *JOINTS[:4])]
-    assert sorted(map(len, rows)) == [1, 1, 1, 1, 2, 12]                    # a plot a unit, and no plot too full
+    assert sorted(map(len, rows)) == [1, 1, 1, 1, 2, 12]  # a plot a unit, and no plot too full
     with pytest.raises(BadInput, match="are 102 plots, and a picture holds 100: name fewer"):
         pictures.rows_of(many(trial, 1213), ["many"])
     told = command_line.refused("plot", crowded, "left/crow")
@@ -174,7 +216,10 @@ def test_all_of_a_block_or_a_subsystem_is_drawn_where_that_is_named(command_line
 def many(trial, count):
     """A trial of so many signals in a unit."""
     made = copy.copy(trial)
-    made.about = {**trial.about, "signals": [{"path": f"many.x{number}", "unit": "m", "dtype": "float"} for number in range(count)]}
+    made.about = {
+        **trial.about,
+        "signals": [{"path": f"many.x{number}", "unit": "m", "dtype": "float"} for number in range(count)],
+    }
     made.signals = {signal["path"]: signal for signal in made.about["signals"]}
     made.places = {path: place for place, path in enumerate(made.signals)}
     return made
@@ -187,7 +232,9 @@ def test_a_picture_that_has_no_room_for_all_says_so_and_what_cannot_be_drawn_spo
         code, out, err = command_line("plot", crowded, "left/odd", "-o", "odd.svg")
     assert (code, out, err) == (OK, "odd.svg\n", "")
     rows, share = pictures_of["left"]
-    assert share == "17 of 19 signals" and sorted(map(len, rows)) == [1, 1, 1, 2, 12] and pictures_of["left/knee"][1] == ""
+    assert (
+        share == "17 of 19 signals" and sorted(map(len, rows)) == [1, 1, 1, 2, 12] and pictures_of["left/knee"][1] == ""
+    )
     assert {"no number", "true", "false"} <= drawn("odd.svg")
 
 
@@ -198,7 +245,9 @@ def test_words_of_faults_and_marks_do_not_stand_on_one_another(crowded):
     pictures.name_troubles(axes[0], trial)
     figure.canvas.draw()
     said = [text.get_text() for text in axes[0].texts]
-    assert {"left/knee/motor.fault: 3", "fault: a silent device at knee/motor", "fault: another at spare/motor"} <= set(said) and len(said) > 15
+    assert {"left/knee/motor.fault: 3", "fault: a silent device at knee/motor", "fault: another at spare/motor"} <= set(
+        said
+    ) and len(said) > 15
     boxes = [text.get_window_extent() for text in axes[0].texts]
     assert not [said[i] for i, one in enumerate(boxes) for other in boxes[:i] if one.overlaps(other)]
 
@@ -206,7 +255,8 @@ def test_words_of_faults_and_marks_do_not_stand_on_one_another(crowded):
 def test_a_stride_that_is_not_all_numbers_is_left_out_and_so_is_a_joint_without_a_gait(command_line, crowded):
     trial = runtime.load(crowded)
     [leg] = pictures.legs(trial)
-    assert (leg["path"], leg["strides"]) == ("left/knee/motor", 2)          # of four that begin and end in it, less the torn one and the last
+    # of four that begin and end in it, less the torn one and the last
+    assert (leg["path"], leg["strides"]) == ("left/knee/motor", 2)
     assert np.allclose(leg["curves"]["torque"]["mean"], np.sin(2.0 * np.pi * np.linspace(0.0, 1.0, 101)), atol=0.05)
     assert np.isnan(trial.strides("left/knee/motor.torque")).any(axis=1).tolist() == [False, True, False]
     command_line("plot", crowded, "--strides", "left/knee/motor.torque", "-o", "two.svg")
@@ -221,9 +271,14 @@ def test_one_tick_is_a_dot_in_the_middle(command_line, tmp_path):
 
 
 def test_names_may_have_any_letters(command_line, tmp_path):
-    """A name that begins with _ matplotlib would leave out, one between dollars it would set as a formula; and no font has all letters."""
+    """A name that begins with _ matplotlib would leave out, one between dollars it would set as a formula; and no font
+    has all letters.
+    """
     names = ("_hidden.y", "a$b$.z", "a$\\frac.z", "膝.x", "x^{2}.y")
-    record(plan(tmp_path, sink(CSV, "csv", columns(*(f"{name} m" for name in names))), stem="ta$k$"), [row(tick, *range(5)) for tick in range(300)])
+    record(
+        plan(tmp_path, sink(CSV, "csv", columns(*(f"{name} m" for name in names))), stem="ta$k$"),
+        [row(tick, *range(5)) for tick in range(300)],
+    )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         code, out, err = command_line("plot", tmp_path / "ta$k$.mcap", "-o", "any.svg")

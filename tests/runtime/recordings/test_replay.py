@@ -83,7 +83,8 @@ def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
     assert out == (
         f"running {KNEE_EXO}: its content is the recorded one\n"
         f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
-        "  all 36 signals and 2004 sent frames are the same, bit for bit\n")
+        "  all 36 signals and 2004 sent frames are the same, bit for bit\n"
+    )
     assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
 
 
@@ -97,7 +98,9 @@ def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_
 
 
 def test_a_block_that_reads_how_late_it_is_hears_it_again(recorded, command_line, tmp_path):
-    path = write(tmp_path, '''
+    path = write(
+        tmp_path,
+        """
 from blocks.recorders import CsvRecorder
 from blocks.clock import Clock
 from graph import Diagram
@@ -107,7 +110,8 @@ def build():
         Clock()
         CsvRecorder()
     return diagram
-''')
+""",
+    )
     file = recorded(path, "--duration", "0.2")
     assert Trial(file)["clock.lateness"].max() > 0.0
     assert command_line("replay", file)[0] == OK
@@ -127,7 +131,7 @@ def test_a_fault_happens_again(recorded, command_line, tmp_path):
     assert Trial(file).tick[-1] == 69
     code, out, _ = command_line("replay", file)
     assert code == OK and "70 ticks of" in out and "bit for bit" in out
-    law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")                   # the fault is mended
+    law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")  # the fault is mended
     code, out, _ = command_line("replay", file, "--diagram", path)
     assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
 
@@ -146,7 +150,14 @@ def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(c
 
 
 def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, command_line, tmp_path):
-    file = recorded(law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"), "--overrun", "fault:50", "--duration", "2", code=FAULT)
+    file = recorded(
+        law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"),
+        "--overrun",
+        "fault:50",
+        "--duration",
+        "2",
+        code=FAULT,
+    )
     assert Trial(file).end["end"]["status"] == "overrun"
     code, out, _ = command_line("replay", file)
     assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
@@ -162,19 +173,31 @@ def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, 
     file = recorded(law(tmp_path), "--fast", "--duration", "0.5")
     other = law(tmp_path, STEADY.replace("0.5", "0.6"), "other.py")
     code, out, err = command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
-    assert (code, err) == (CHECK_FAILED, "") and "250 ticks" in out and "a changed diagram" in out and "differs first: law.torque at tick " in out
+    assert (
+        (code, err) == (CHECK_FAILED, "")
+        and "250 ticks" in out
+        and "a changed diagram" in out
+        and "differs first: law.torque at tick " in out
+    )
     [new] = (tmp_path / "again").glob("*_replay.mcap")
     there, here = Trial(file), Trial(new)
     assert here.tick.tolist() == there.tick.tolist()
-    assert here["knee.position"].tolist() == there["knee.position"].tolist()                            # what was heard stays
+    assert here["knee.position"].tolist() == there["knee.position"].tolist()  # what was heard stays
     changed = there["law.torque"] - 0.1 * there["knee.velocity"]
     assert here["law.torque"] == pytest.approx(changed, abs=1e-12)
     picture = tmp_path / "diff.png"
     code, out, err = command_line("diff", file, new, "-o", picture)
-    assert (code, err) == (CHECK_FAILED, "") and "law.torque [N*m]".replace("*", "·") in out and picture.read_bytes()[:4] == b"\x89PNG"
+    assert (
+        (code, err) == (CHECK_FAILED, "")
+        and "law.torque [N*m]".replace("*", "·") in out
+        and picture.read_bytes()[:4] == b"\x89PNG"
+    )
     assert command_line.refused("diff", file, new, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
     (command_line.folder / "diff.png").write_text("dear")
-    assert command_line("diff", file, new)[1].splitlines()[-1] == "  diff-2.png" and (command_line.folder / "diff.png").read_text() == "dear"
+    assert (
+        command_line("diff", file, new)[1].splitlines()[-1] == "  diff-2.png"
+        and (command_line.folder / "diff.png").read_text() == "dear"
+    )
     code, out, err = command_line("diff", file, new, "-o", "nowhere/a.svg")
     assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
 
@@ -228,13 +251,16 @@ def about_of(file, change):
         elif isinstance(record, Channel) and record.id not in channels:
             channels[record.id] = writer.register_channel(record.topic, "protobuf", 0)
         elif isinstance(record, Message):
-            writer.add_message(channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence)
+            writer.add_message(
+                channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+            )
     writer.finish()
     file.write_bytes(out.getvalue())
 
 
 def without(*names):
     """Takes words out of the metadata of an about.json."""
+
     def change(data):
         about = json.loads(data)
         about["metadata"] = {name: value for name, value in about["metadata"].items() if name not in names}
@@ -254,21 +280,34 @@ def test_a_file_that_has_changed_is_not_executed_because_a_recording_names_it(re
     assert (code, err) == (OK, "") and "a changed diagram" not in out and (tmp_path / "trap").exists()
 
 
-def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_needs_no_local_code(recorded, command_line, tmp_path):
+def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_needs_no_local_code(
+    recorded, command_line, tmp_path
+):
     path = write(tmp_path, LIBRARY, "waves.py")
     file = recorded(path, "--fast", "--duration", "0.1")
     code, out, _ = command_line("replay", file)
     assert code == OK and out.startswith(f"running {path}: its content is the recorded one\n")
     path.write_text(LIBRARY + TRAP)
     code, out, err = command_line("replay", file)
-    assert (code, err) == (OK, "") and not (tmp_path / "trap").exists() and "bit for bit" in out and "the diagram as it was recorded" in out
-    assert f"  the diagram in the recording was run: {path} has changed since the recording. Pass --diagram FILE to run a file\n" in out
+    assert (
+        (code, err) == (OK, "")
+        and not (tmp_path / "trap").exists()
+        and "bit for bit" in out
+        and "the diagram as it was recorded" in out
+    )
+    assert (
+        f"  the diagram in the recording was run: {path} has changed since the recording. Pass --diagram FILE to "
+        "run a file\n"
+    ) in out
 
 
 def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_run(recorded, command_line, tmp_path):
     path = law(tmp_path)
     file = recorded(path, "--fast", "--duration", "0.1")
-    assert json.loads(file.with_suffix(".json").read_text())["metadata"]["source_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert (
+        json.loads(file.with_suffix(".json").read_text())["metadata"]["source_sha256"]
+        == hashlib.sha256(path.read_bytes()).hexdigest()
+    )
     about_of(file, without("source_sha256"))
     path.write_text(path.read_text() + TRAP)
     complaint = command_line.refused("replay", file)
@@ -277,12 +316,20 @@ def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_
 
 
 @pytest.mark.parametrize("depth", [100, 900, 5_000, 200_000])
-@pytest.mark.parametrize("command", [("replay",), ("convert", "--to", "csv"), ("convert", "--to", "mcap"), ("plot",)], ids="-".join)
+@pytest.mark.parametrize(
+    "command", [("replay",), ("convert", "--to", "csv"), ("convert", "--to", "mcap"), ("plot",)], ids="-".join
+)
 def test_an_about_json_of_any_depth_is_refused_in_one_line(recorded, command_line, tmp_path, depth, command):
     file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
-    about_of(file, lambda data: data.rstrip()[:-1] + b', "deep": ' + b'{"a": [' * (depth // 2) + b"1" + b"]}" * (depth // 2) + b"}")
+    about_of(
+        file,
+        lambda data: (
+            data.rstrip()[:-1] + b', "deep": ' + b'{"a": [' * (depth // 2) + b"1" + b"]}" * (depth // 2) + b"}"
+        ),
+    )
     assert command_line.refused(command[0], file, *command[1:]) == (
-        f"{file.relative_to(tmp_path)} is damaged: its about.json is nested more than 64 levels deep")
+        f"{file.relative_to(tmp_path)} is damaged: its about.json is nested more than 64 levels deep"
+    )
 
 
 def test_an_about_json_as_deep_as_a_recorder_may_write_it_is_read(recorded, command_line, tmp_path):
@@ -295,7 +342,11 @@ def test_control_characters_of_a_recording_never_reach_the_terminal(recorded, co
     file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
     about_of(file, lambda data: data.replace(b"robot.py", b"\\u001b]0;title\\u0007\\u001b[2J.py"))
     complaint = command_line.refused("replay", file)
-    assert "\\x1b]0;title\\x07\\x1b[2J.py is not there" in complaint and "\x1b" not in complaint and "\x07" not in complaint
+    assert (
+        "\\x1b]0;title\\x07\\x1b[2J.py is not there" in complaint
+        and "\x1b" not in complaint
+        and "\x07" not in complaint
+    )
 
 
 def test_a_file_that_changes_between_the_comparison_and_the_import_is_not_executed(tmp_path):
@@ -317,7 +368,9 @@ def test_a_replay_through_another_file_records_that_file(recorded, command_line,
 def test_what_is_no_recording_is_refused(command_line, tmp_path):
     assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
     (command_line.folder / "text.mcap").write_text("hello")
-    assert command_line.refused("replay", "text.mcap") == "text.mcap is no recording of Tickwork: name the .mcap file of the run"
+    assert command_line.refused("replay", "text.mcap") == (
+        "text.mcap is no recording of Tickwork: name the .mcap file of the run"
+    )
 
 
 def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_tick(recorded, command_line, tmp_path):
@@ -335,10 +388,15 @@ def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_t
 def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
     path = law(tmp_path)
     process = subprocess.Popen(
-        [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")], cwd=ROOT, stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL)
+        [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     deadline = time.monotonic() + 20.0
-    while time.monotonic() < deadline and not any(file.stat().st_size > 60_000 for file in (tmp_path / "killed").glob("*.mcap")):
+    while time.monotonic() < deadline and not any(
+        file.stat().st_size > 60_000 for file in (tmp_path / "killed").glob("*.mcap")
+    ):
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
@@ -367,6 +425,17 @@ def test_a_run_whose_recorder_was_killed_is_replayed_from_all_its_parts(command_
 
 
 def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
-    file = recorded(KNEE_EXO, "--fast", "--duration", "1", "--rate", "100", "--set", "assistance=0.5", "--set", "left/damper.damping=0.4")
+    file = recorded(
+        KNEE_EXO,
+        "--fast",
+        "--duration",
+        "1",
+        "--rate",
+        "100",
+        "--set",
+        "assistance=0.5",
+        "--set",
+        "left/damper.damping=0.4",
+    )
     code, out, err = command_line("replay", file)
     assert (code, err) == (OK, "") and "100 ticks" in out and "as it was recorded" in out

@@ -31,8 +31,16 @@ from tests.runtime.terminals import patient
 
 RERUN = "runtime.rerun.sender:RerunSender"
 needs_rerun = pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs rerun-sdk")
-LEG = ("left/knee.position rad", "left/knee.torque N·m", "left/knee.fault 1 int", "left/shank_imu.quaternion[0] 1", "left/shank_imu.quaternion[1] 1",
-       "left/shank_imu.quaternion[2] 1", "left/shank_imu.quaternion[3] 1", "clock.t s")
+LEG = (
+    "left/knee.position rad",
+    "left/knee.torque N·m",
+    "left/knee.fault 1 int",
+    "left/shank_imu.quaternion[0] 1",
+    "left/shank_imu.quaternion[1] 1",
+    "left/shank_imu.quaternion[2] 1",
+    "left/shank_imu.quaternion[3] 1",
+    "clock.t s",
+)
 
 
 def signals(*texts):
@@ -76,12 +84,19 @@ def vectors(path):
     return found
 
 
-@pytest.mark.parametrize("text, expected", [
-    ("", Target("viewer", "127.0.0.1", 9876)), ("out/a.rrd", Target("file", "out/a.rrd", 9876)), ("serve", Target("serve", "127.0.0.1", 9876)),
-    ("serve:0.0.0.0", Target("serve", "0.0.0.0", 9876)), ("192.168.1.7", Target("connect", "192.168.1.7", 9876)),
-    ("robot:1234", Target("connect", "robot", 1234)), ("[::1]:77", Target("connect", "::1", 77)),
-    ("rerun+http://lab.local:9876/proxy", Target("connect", "lab.local", 9876)),
-])
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("", Target("viewer", "127.0.0.1", 9876)),
+        ("out/a.rrd", Target("file", "out/a.rrd", 9876)),
+        ("serve", Target("serve", "127.0.0.1", 9876)),
+        ("serve:0.0.0.0", Target("serve", "0.0.0.0", 9876)),
+        ("192.168.1.7", Target("connect", "192.168.1.7", 9876)),
+        ("robot:1234", Target("connect", "robot", 1234)),
+        ("[::1]:77", Target("connect", "::1", 77)),
+        ("rerun+http://lab.local:9876/proxy", Target("connect", "lab.local", 9876)),
+    ],
+)
 def test_where_it_goes(text, expected):
     assert parse(text) == expected
 
@@ -96,40 +111,77 @@ def test_a_plot_a_subsystem_shows_torque_and_position_with_their_limits():
     scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0), "left/knee.fault": (0.0, 1.0)})
     left, own = scene.plots
     assert (left.title, left.entity, own.title, own.entity) == ("left", ("left",), "robot", ("robot",))
-    assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [True, True] + 5 * [False]
+    assert left.labels[:3] == ["knee.position [rad]", "knee.torque [N·m]", "knee.fault"] and left.shown == [
+        True,
+        True,
+    ] + 5 * [False]
     assert left.limits == [("knee.torque ≤ 18 N·m", 18.0), ("knee.torque ≥ -18 N·m", -18.0)] and own.shown == [True]
 
 
 def test_equal_limits_are_one_line_and_a_torque_has_the_colour_of_its_position():
     names = ("hip", "knee", "ankle")
-    robot = signals("clock.t s", "left/imu.temperature °C", *(f"left/{name}.{port}" for name in names for port in ("position rad", "torque N·m")))
-    left, own = Scene("robot", robot, {f"left/{name}.torque": (-limit, limit) for name, limit in zip(names, (18.0, 18.0, 9.0))}).plots
-    assert left.limits == [("hip, knee.torque ≤ 18 N·m", 18.0), ("hip, knee.torque ≥ -18 N·m", -18.0),
-                           ("ankle.torque ≤ 9 N·m", 9.0), ("ankle.torque ≥ -9 N·m", -9.0)]
+    robot = signals(
+        "clock.t s",
+        "left/imu.temperature °C",
+        *(f"left/{name}.{port}" for name in names for port in ("position rad", "torque N·m")),
+    )
+    left, own = Scene(
+        "robot", robot, {f"left/{name}.torque": (-limit, limit) for name, limit in zip(names, (18.0, 18.0, 9.0))}
+    ).plots
+    assert left.limits == [
+        ("hip, knee.torque ≤ 18 N·m", 18.0),
+        ("hip, knee.torque ≥ -18 N·m", -18.0),
+        ("ankle.torque ≤ 9 N·m", 9.0),
+        ("ankle.torque ≥ -9 N·m", -9.0),
+    ]
     assert own.title == "robot", "what has actuators comes first"
-    assert left.labels[:2] == ["hip.position [rad]", "hip.torque [N·m]"] and left.colours[:2] == [(115, 177, 213), (0, 114, 178)]
+    assert left.labels[:2] == ["hip.position [rad]", "hip.torque [N·m]"] and left.colours[:2] == [
+        (115, 177, 213),
+        (0, 114, 178),
+    ]
     assert len(set(left.colours[:6])) == 6
 
 
 @needs_rerun
 def test_a_sensor_moves_with_the_segment_that_it_sits_on():
-    """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot level."""
+    """Of a leg whose hip is bent by a right angle forward and whose knee by one back: thigh level, shank upright, foot
+    level.
+    """
     from runtime.rerun.stream import APART, HIP_HEIGHT, LENGTHS, OUT, place_of
 
     parts = [f"left/{name}_imu.quaternion[{number}] 1" for name in ("thigh", "shank", "foot") for number in range(4)]
-    scene = Scene("robot", signals("left/hip.position rad", "left/knee.position rad", *parts, *(f"trunk/imu.quaternion[{n}] 1" for n in range(4))), {})
+    scene = Scene(
+        "robot",
+        signals(
+            "left/hip.position rad",
+            "left/knee.position rad",
+            *parts,
+            *(f"trunk/imu.quaternion[{n}] 1" for n in range(4)),
+        ),
+        {},
+    )
     values = np.array([[math.pi / 2, math.pi / 2, *([0.0] * 16)], [0.0] * 18])
     thigh, shank, foot, trunk = (place_of(sensor, scene, values) for sensor in scene.sensors)
     y, knee = APART / 2 + OUT, LENGTHS["thigh"]
     assert thigh == pytest.approx(np.array([[knee / 2, y, HIP_HEIGHT], [0.0, y, HIP_HEIGHT - knee / 2]]), abs=1e-12)
-    assert shank == pytest.approx(np.array([[knee, y, HIP_HEIGHT - LENGTHS["shank"] / 2], [0.0, y, HIP_HEIGHT - knee - LENGTHS["shank"] / 2]]), abs=1e-12)
+    assert shank == pytest.approx(
+        np.array([[knee, y, HIP_HEIGHT - LENGTHS["shank"] / 2], [0.0, y, HIP_HEIGHT - knee - LENGTHS["shank"] / 2]]),
+        abs=1e-12,
+    )
     assert foot[0] == pytest.approx([knee + LENGTHS["foot"] / 2, y, HIP_HEIGHT - LENGTHS["shank"]], abs=1e-12)
     assert trunk[0] == pytest.approx(trunk[1]) and trunk[0][0] < 0.0
 
 
 def test_what_is_shown_stands_first_in_the_legend():
-    [plot] = Scene("robot", signals("left/a.x m", "left/knee.age s", "left/knee.position rad", "left/knee.torque N·m"), {}).plots
-    assert plot.labels == ["knee.position [rad]", "knee.torque [N·m]", "a.x [m]", "knee.age [s]"] and plot.columns == [2, 3, 0, 1]
+    [plot] = Scene(
+        "robot", signals("left/a.x m", "left/knee.age s", "left/knee.position rad", "left/knee.torque N·m"), {}
+    ).plots
+    assert plot.labels == ["knee.position [rad]", "knee.torque [N·m]", "a.x [m]", "knee.age [s]"] and plot.columns == [
+        2,
+        3,
+        0,
+        1,
+    ]
     assert plot.shown == [True, True, False, False]
 
 
@@ -150,8 +202,15 @@ def test_a_viewer_that_is_started_can_be_ended_like_any_program(monkeypatch):
 def test_a_leg_is_found_by_the_names_of_its_joints_and_its_sensors():
     scene = Scene("robot", signals(*LEG), {"left/knee.torque": (-18.0, 18.0)})
     [limb], [sensor] = scene.limbs, scene.sensors
-    assert (limb.side, set(limb.joints)) == ("left", {"knee"}) and (limb.joints["knee"].position, limb.joints["knee"].torque) == (0, 1)
-    assert limb.joints["knee"].limit == 18.0 and (sensor.side, sensor.segment, sensor.columns) == ("left", "shank", (3, 4, 5, 6))
+    assert (limb.side, set(limb.joints)) == ("left", {"knee"}) and (
+        limb.joints["knee"].position,
+        limb.joints["knee"].torque,
+    ) == (0, 1)
+    assert limb.joints["knee"].limit == 18.0 and (sensor.side, sensor.segment, sensor.columns) == (
+        "left",
+        "shank",
+        (3, 4, 5, 6),
+    )
     assert Scene("robot", signals("a.x m"), {}).limbs == []
 
 
@@ -180,17 +239,26 @@ def test_a_recording_becomes_a_file_with_every_sample(command_line, tmp_path):
     verify(out.strip())
     trial = runtime.load(tmp_path / "trial.mcap")
     ticks, values = vectors(out.strip())["/left"]
-    assert ticks == trial.tick.tolist() and np.array(values).tobytes() == np.ascontiguousarray(trial.rows[:, :7]).tobytes()
+    assert (
+        ticks == trial.tick.tolist() and np.array(values).tobytes() == np.ascontiguousarray(trial.rows[:, :7]).tobytes()
+    )
 
 
 @needs_rerun
-def test_times_are_those_of_the_ticks_to_the_nanosecond_and_events_stay_when_they_were_at_another_rate(command_line, tmp_path):
+def test_times_are_those_of_the_ticks_to_the_nanosecond_and_events_stay_when_they_were_at_another_rate(
+    command_line, tmp_path
+):
     from rerun.chunk import RrdReader
 
     mark = RECORD_EVENT, json.dumps({"event": "mark", "number": 1, "tick": 201, "by": "keys"}).encode()
-    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="trial"), [*(row(tick, 0.1 * tick) for tick in range(400)), mark])
+    record(
+        plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="trial"),
+        [*(row(tick, 0.1 * tick) for tick in range(400)), mark],
+    )
     for rate, words in ((200, ()), (50, ("--rate", "50"))):
-        code, out, err = command_line("convert", tmp_path / "trial.mcap", "--to", "rrd", "-o", tmp_path / str(rate), *words)
+        code, out, err = command_line(
+            "convert", tmp_path / "trial.mcap", "--to", "rrd", "-o", tmp_path / str(rate), *words
+        )
         assert (code, err) == (OK, "")
         times, marks = [], []
         for chunk in RrdReader(out.strip()).stream():
@@ -210,14 +278,17 @@ def test_it_opens_the_mcap_of_a_recording_as_it_is(tmp_path):
     """Which it reads by the index of chunks alone."""
     from rerun.chunk import RrdReader
 
-    record(plan(tmp_path, sink(CSV, "csv", columns(*LEG)), stem="trial"), [row(tick, *[float(tick)] * len(LEG)) for tick in range(2000)])
+    record(
+        plan(tmp_path, sink(CSV, "csv", columns(*LEG)), stem="trial"),
+        [row(tick, *[float(tick)] * len(LEG)) for tick in range(2000)],
+    )
     for words in (["check", "trial.mcap"], ["convert", "trial.mcap", "-o", "trial.rrd"]):
         done = subprocess.run([program(), "mcap", *words], cwd=tmp_path, capture_output=True, text=True, timeout=60)
         assert done.returncode == 0, done.stdout + done.stderr
     rows = {}
     for chunk in RrdReader(str(tmp_path / "trial.rrd")).stream():
         rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.to_record_batch().num_rows
-    assert rows["/left"] == rows["/bench"] == rows["/tickwork/tick"] == 2000 + 1                # and the schema
+    assert rows["/left"] == rows["/bench"] == rows["/tickwork/tick"] == 2000 + 1  # and the schema
 
 
 @needs_rerun
@@ -228,16 +299,21 @@ def test_in_virtual_time_the_run_waits_so_that_nothing_is_left_out(tmp_path):
     ticks, _ = vectors(tmp_path / "walk.rrd")["/left"]
     assert ticks == list(range(12000))
     again = finished(KNEE_EXO, "--fast", "--duration", "1", "--no-record", "--rerun", "walk.rrd", cwd=tmp_path)
-    assert "walk-2.rrd  (200 ticks" in again.stdout                             # nothing is overwritten
+    assert "walk-2.rrd  (200 ticks" in again.stdout  # nothing is overwritten
 
 
 @needs_rerun
 def test_a_server_is_told_listens_on_loopback_alone_and_ends_with_the_run(tmp_path):
     port, web = free_ports()
     path = knee(tmp_path)
-    path.write_text(f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, web_port={web})\n")
+    path.write_text(
+        f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, "
+        f"web_port={web})\n"
+    )
     run = started(path, "--no-record", cwd=tmp_path)
-    assert run.stderr.readline() == f"tickwork: Rerun in a browser: http://127.0.0.1:{web}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy\n"
+    assert run.stderr.readline() == (
+        f"tickwork: Rerun in a browser: http://127.0.0.1:{web}/?url=rerun%2Bhttp://127.0.0.1:{port}/proxy\n"
+    )
     assert {listening(port), listening(web)} == {"0100007F"}
     patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 0)
     run.send_signal(signal.SIGTERM)
@@ -252,10 +328,17 @@ def test_a_browser_on_another_machine_may_show_what_is_served_and_no_other_page_
     port, web = free_ports()
     server, _ = viewer.serve("127.0.0.2", port, web)
     try:
+
         def allowed(origin):
             request = urllib.request.Request(
-                f"http://127.0.0.2:{port}/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages", method="OPTIONS",
-                headers={"Origin": origin, "Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "content-type,x-grpc-web"})
+                f"http://127.0.0.2:{port}/rerun.sdk_comms.v1alpha1.MessageProxyService/ReadMessages",
+                method="OPTIONS",
+                headers={
+                    "Origin": origin,
+                    "Access-Control-Request-Method": "POST",
+                    "Access-Control-Request-Headers": "content-type,x-grpc-web",
+                },
+            )
             return urllib.request.urlopen(request, timeout=10).headers.get("access-control-allow-origin")
 
         for page in (f"http://127.0.0.2:{web}", f"http://{socket.gethostname()}:{web}"):
@@ -271,9 +354,12 @@ def test_what_listens_on_every_address_is_told_by_the_one_that_others_reach():
     assert viewer.reached_at("0.0.0.0") not in ("0.0.0.0", "127.0.0.1")
 
 
-@pytest.mark.parametrize("speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is no viewer of Rerun"), (b"", "is no viewer of Rerun")])
+@pytest.mark.parametrize(
+    "speaks, words", [(b"HTTP/1.1 400 Bad Request\r\n", "is no viewer of Rerun"), (b"", "is no viewer of Rerun")]
+)
 def test_what_listens_but_is_no_viewer_is_told_before_the_run(speaks, words):
     with socket.create_server(("127.0.0.1", 0)) as server:
+
         def answer():
             line, _ = server.accept()
             with line:
@@ -299,7 +385,9 @@ def test_where_a_server_cannot_listen_is_told_by_what_is_wrong():
 def test_where_there_is_no_screen_it_says_what_does_without(monkeypatch):
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    with pytest.raises(viewer.ViewerFailed, match="no screen for Rerun's viewer; --rerun serve shows the run in a browser"):
+    with pytest.raises(
+        viewer.ViewerFailed, match="no screen for Rerun's viewer; --rerun serve shows the run in a browser"
+    ):
         viewer.viewer(free_port())
 
 
@@ -317,14 +405,21 @@ def listening(port):
 def test_a_viewer_that_is_killed_is_told_and_the_run_goes_on(tmp_path):
     port = free_port()
     watching = subprocess.Popen(
-        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     try:
         patient(lambda: listening(port))
         run = started(KNEE_EXO, "--duration", "60", "--no-record", "--rerun", f"127.0.0.1:{port}", cwd=tmp_path)
         patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 200)
         watching.kill()
         line = run.stderr.readline()
-        assert re.fullmatch(r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; the run goes on\n", line), line
+        assert re.fullmatch(
+            r"tickwork recorder: rerun stopped at [\d.]+ s: the viewer on 127\.0\.0\.1 port \d+ .*; "
+            r"the run goes on\n",
+            line,
+        ), line
         assert run.poll() is None
         run.send_signal(signal.SIGINT)
         run.communicate(timeout=60)
@@ -363,7 +458,7 @@ def test_when_the_writer_is_killed_both_files_are_whole_and_the_second_begins_wi
     first, second = sorted((tmp_path / "out").glob("*.mcap"))
     assert runtime.load(second).tick.tolist() == ticks[1]
     whole = runtime.load(first).tick.tolist()
-    assert whole[-len(ticks[1]):] == ticks[1] and ticks[0] == sorted(set(ticks[0])) and set(ticks[0]) <= set(whole)
+    assert whole[-len(ticks[1]) :] == ticks[1] and ticks[0] == sorted(set(ticks[0])) and set(ticks[0]) <= set(whole)
 
 
 @needs_rerun
@@ -371,7 +466,10 @@ def test_when_the_writer_is_killed_both_files_are_whole_and_the_second_begins_wi
 def test_a_server_is_started_again_where_the_recorder_was_killed(tmp_path):
     port, web = free_port(), free_port()
     path = knee(tmp_path)
-    path.write_text(f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, web_port={web})\n")
+    path.write_text(
+        f"{path.read_text()}    from blocks.sinks import Rerun\n    Rerun(target='serve', port={port}, "
+        f"web_port={web})\n"
+    )
     run = started(path, "--record", "out", cwd=tmp_path)
     assert "Rerun in a browser" in run.stderr.readline()
     patient(lambda: (page := page_of(run.pid)) and page.statistics()["ticks"] > 100)
@@ -390,12 +488,21 @@ def test_a_server_is_started_again_where_the_recorder_was_killed(tmp_path):
 def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes_on(tmp_path):
     port = free_port()
     watching = subprocess.Popen(
-        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        [program(), "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     page = Page(1 << 20)
     recorder = RecorderProcess(page)
     try:
         patient(lambda: listening(port))
-        recorder.configure(plan(tmp_path, sink(RERUN, "rerun", columns("a.x m"), target=f"127.0.0.1:{port}", port=port, web_port=9090), virtual=False))
+        recorder.configure(
+            plan(
+                tmp_path,
+                sink(RERUN, "rerun", columns("a.x m"), target=f"127.0.0.1:{port}", port=port, web_port=9090),
+                virtual=False,
+            )
+        )
     finally:
         watching.kill()
         watching.wait()
@@ -407,7 +514,10 @@ def test_a_viewer_that_has_gone_does_not_stop_the_recording_of_the_one_that_goes
     patient(lambda: (tmp_path / "bench_1_part2.mcap").exists())
     page.close()
     report = recorder.finish()
-    assert any(re.match(r"rerun( stopped at [\d.]+ s)?: no viewer of Rerun answers on 127\.0\.0\.1", problem) for problem in report["problems"])
+    assert any(
+        re.match(r"rerun( stopped at [\d.]+ s)?: no viewer of Rerun answers on 127\.0\.0\.1", problem)
+        for problem in report["problems"]
+    )
     assert runtime.load(tmp_path / "bench_1.mcap").tick.tolist() == list(range(100))
 
 
@@ -441,9 +551,21 @@ def test_without_the_library_the_extra_is_named(tmp_path):
     path = [entry for entry in sys.path if importlib.util.find_spec("rerun") is None]
     if not path:
         process = subprocess.run(
-            [sys.executable, "-c", "import sys; sys.modules['rerun'] = None\nimport importlib.util\nimportlib.util.find_spec = lambda name: None\n"
-             f"from runtime.cli import main\nsys.exit(main([{str(KNEE_EXO)!r}, '--rerun', '--duration', '1']))"],
-            cwd=tmp_path, env=environment(), capture_output=True, text=True, timeout=60)
+            [
+                sys.executable,
+                "-c",
+                "import sys; sys.modules['rerun'] = None\nimport "
+                "importlib.util\nimportlib.util.find_spec = lambda name: None\n"
+                f"from runtime.cli import main\nsys.exit(main([{str(KNEE_EXO)!r}, '--rerun', '--duration', '1']))",
+            ],
+            cwd=tmp_path,
+            env=environment(),
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
     else:
         process = finished(KNEE_EXO, "--rerun", "--duration", "1", cwd=tmp_path)
-    assert process.returncode == 2 and process.stderr == "tickwork: --rerun needs rerun: pip install 'tickwork[rerun]'\n"
+    assert process.returncode == 2 and process.stderr == (
+        "tickwork: --rerun needs rerun: pip install 'tickwork[rerun]'\n"
+    )

@@ -1,6 +1,8 @@
-"""A process with MicroStrain sensors on pseudo-terminals, for tests: `python -m tests.runtime.rig.sensors FOLDER RATE SERIAL[=MODEL]...`.
+"""A process with MicroStrain sensors on pseudo-terminals, for tests: `python -m tests.runtime.rig.sensors FOLDER RATE
+SERIAL[=MODEL]...`.
 
-Each has a link in the folder, named after its serial number; a line on standard output says that they are there. It ends when it is killed.
+Each has a link in the folder, named after its serial number; a line on standard output says that they are there. It
+ends when it is killed.
 """
 
 import sys
@@ -15,7 +17,9 @@ def main(folder, rate, *sensors):
     with Diagram("sensors", rate=float(rate)) as plant:
         for sensor in sensors:
             serial, _, model = sensor.partition("=")
-            EmulatedMicroStrain(bus=serial, serial=serial, model=model or "3DM-GX5-25", streaming_at_start=False, name=f"imu_{serial}")
+            EmulatedMicroStrain(
+                bus=serial, serial=serial, model=model or "3DM-GX5-25", streaming_at_start=False, name=f"imu_{serial}"
+            )
     schedule = compile(plant)
     lines = PtyLines(schedule.buses, folder)
     service = Service(schedule, [lines.end(name) for name in schedule.buses])

@@ -37,8 +37,9 @@ def has_can():
 
 # The command line
 
+
 def test_check_proves_the_robot_as_the_rig_has_it(command_line):
-    rig = write(command_line.folder, LEGS + 'bitrate = 250_000\n' + RANGES + 'offset = 0.5\ncan_id = 7\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + "bitrate = 250_000\n" + RANGES + "offset = 0.5\ncan_id = 7\n", "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--json")
     found = json.loads(out)
     assert code == OK and found["buses"][0]["bitrate"] == 250_000
@@ -46,7 +47,7 @@ def test_check_proves_the_robot_as_the_rig_has_it(command_line):
 
 
 def test_check_finds_what_is_wrong_only_on_the_rig(command_line):
-    rig = write(command_line.folder, LEGS + RANGES + 'can_id = 2\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + RANGES + "can_id = 2\n", "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig)
     assert code == CHECK_FAILED and "TW013" in out
     slow = write(command_line.folder, LEGS + "bitrate = 50_000\n" + RANGES, "slow.toml")
@@ -54,7 +55,7 @@ def test_check_finds_what_is_wrong_only_on_the_rig(command_line):
 
 
 def test_a_setting_of_the_command_line_comes_after_the_rig(command_line):
-    rig = write(command_line.folder, LEGS + RANGES + 'can_id = 2\n', "lab.toml")
+    rig = write(command_line.folder, LEGS + RANGES + "can_id = 2\n", "lab.toml")
     assert command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/knee.can_id=5")[0] == OK
 
 
@@ -63,13 +64,16 @@ def test_a_wrong_rig_is_refused_before_anything_else(command_line, command):
     rig = write(command_line.folder, '[bus.leg]\ninterface = "socketcan"\nchannel = "can0"\n', "lab.toml")
     assert command_line.refused(*command, KNEE_EXO, "--rig", rig) == (
         "lab.toml: error TW104 bus without an interface: nothing stands behind the bus 'legs'; did you mean 'leg'?\n"
-        '    add [bus.legs] with interface = "socketcan" and channel = "can0"')
+        '    add [bus.legs] with interface = "socketcan" and channel = "can0"'
+    )
     assert command_line.refused(*command, KNEE_EXO, "--rig", "lap.toml").startswith("lap.toml: error TW101 ")
 
 
 def test_virtual_time_and_a_rig_exclude_each_other(command_line):
     rig = write(command_line.folder, LEGS, "lab.toml")
-    assert "--fast and --rig exclude each other" in command_line.refused(KNEE_EXO, "--rig", rig, "--fast", "--duration", "1")
+    assert "--fast and --rig exclude each other" in command_line.refused(
+        KNEE_EXO, "--rig", rig, "--fast", "--duration", "1"
+    )
 
 
 def test_real_time_is_tried_on_a_rig_and_off_in_simulation():
@@ -82,10 +86,14 @@ def test_real_time_is_tried_on_a_rig_and_off_in_simulation():
 def test_a_kernel_without_can_is_told(command_line):
     rig = write(command_line.folder, LEGS, "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
-    assert complaint.startswith("lab.toml: error TW111 kernel without CAN: this kernel, ") and "sudo modprobe can_raw" in complaint
+    assert (
+        complaint.startswith("lab.toml: error TW111 kernel without CAN: this kernel, ")
+        and "sudo modprobe can_raw" in complaint
+    )
 
 
 # Opening
+
 
 @pytest.fixture
 def opened(tmp_path):
@@ -94,7 +102,9 @@ def opened(tmp_path):
     def opened(text):
         with Diagram("robot", rate=200) as robot:
             CubeMars("AK80-9", bus="legs", name="knee")(torque_command=0.0)
-        return RigBuses(read(write(tmp_path, text, "lab.toml")), robot, ["legs"], Machine(lay_out(tmp_path / "pi", PI_4)))
+        return RigBuses(
+            read(write(tmp_path, text, "lab.toml")), robot, ["legs"], Machine(lay_out(tmp_path / "pi", PI_4))
+        )
 
     return opened
 
@@ -103,13 +113,18 @@ def test_an_interface_of_one_process_is_told(opened):
     with pytest.raises(RigError) as caught:
         opened('[bus.legs]\ninterface = "virtual"\nchannel = "legs"\n')
     [trouble] = caught.value.troubles
-    assert (trouble.code, trouble.message) == ("TW105", "[bus.legs] interface = 'virtual' has no nodes outside of one process")
+    assert (trouble.code, trouble.message) == (
+        "TW105",
+        "[bus.legs] interface = 'virtual' has no nodes outside of one process",
+    )
     assert "without --rig" in trouble.hint
 
 
 def test_a_bus_that_another_process_controls_is_told(opened):
     lock = BusLock("slcan", OWN)
-    with pytest.raises(RigError, match=f"TW106 bus that somebody else controls: .* is controlled by process {os.getpid()} "):
+    with pytest.raises(
+        RigError, match=f"TW106 bus that somebody else controls: .* is controlled by process {os.getpid()} "
+    ):
         opened(f'[bus.legs]\ninterface = "slcan"\nchannel = "{OWN}"\n')
     lock.close()
 
@@ -118,7 +133,9 @@ def test_an_interface_that_python_can_cannot_open_is_told_and_leaves_its_lock(co
     rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert complaint.startswith(
-        "lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast 192.0.2.1: could not create or configure socket")
+        "lab.toml: error TW119 interface that cannot be opened: [bus.legs] udp_multicast 192.0.2.1: could not create "
+        "or configure socket"
+    )
     BusLock("udp_multicast", "192.0.2.1").close()
 
 
@@ -134,11 +151,15 @@ def test_without_a_guardian_nothing_is_armed(command_line, monkeypatch):
     monkeypatch.setattr("runtime.rig.buses.GuardianProcess", Short)
     rig = write(command_line.folder, '[bus.legs]\ninterface = "udp_multicast"\nchannel = "192.0.2.1"\n', "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
-    assert complaint.startswith("lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed")
+    assert complaint.startswith(
+        "lab.toml: error TW120 no guardian: the guardian was not ready (SIGKILL); nothing was armed"
+    )
     BusLock("udp_multicast", "192.0.2.1").close()
 
 
-@pytest.mark.parametrize("number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")])
+@pytest.mark.parametrize(
+    "number, words", [(errno.EPERM, "Operation not permitted"), (errno.EACCES, "Permission denied")]
+)
 def test_no_permission_is_told(opened, monkeypatch, number, words):
     """The system call alone is replaced: what refuses it is a sandbox, which no test can put on and take off again."""
     system = socket.socket
@@ -155,17 +176,31 @@ def test_no_permission_is_told(opened, monkeypatch, number, words):
 
 # Failing
 
-@pytest.mark.parametrize("trouble, virtual, why, cure", [
-    ("bus-off", False, "can0 is bus-off: its controller has withdrawn after too many errors",
-     f"CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; then: sudo ip link set can0 down && {UP}"),
-    ("full", False, "the queue of can0 was full for 10 ticks: nobody acknowledges its frames, or they are more than it carries",
-     "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; room for more: sudo ip link set can0 txqueuelen 128"),
-    (errno.ENETDOWN, False, "can0 was taken down", UP),
-    (errno.ENETDOWN, True, "can0 was taken down", "sudo ip link set can0 up"),
-    (errno.ENODEV, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
-    (errno.ENXIO, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
-    (errno.EIO, False, "can0: Input/output error", "look at: ip -details -statistics link show can0"),
-    (None, False, "can0: a frame went neither in nor out", "look at: ip -details -statistics link show can0"),
-])
+
+@pytest.mark.parametrize(
+    "trouble, virtual, why, cure",
+    [
+        (
+            "bus-off",
+            False,
+            "can0 is bus-off: its controller has withdrawn after too many errors",
+            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; then: sudo ip link set can0 down "
+            f"&& {UP}",
+        ),
+        (
+            "full",
+            False,
+            "the queue of can0 was full for 10 ticks: nobody acknowledges its frames, or they are more than it carries",
+            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; room for more: sudo ip link set can0 "
+            "txqueuelen 128",
+        ),
+        (errno.ENETDOWN, False, "can0 was taken down", UP),
+        (errno.ENETDOWN, True, "can0 was taken down", "sudo ip link set can0 up"),
+        (errno.ENODEV, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
+        (errno.ENXIO, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
+        (errno.EIO, False, "can0: Input/output error", "look at: ip -details -statistics link show can0"),
+        (None, False, "can0: a frame went neither in nor out", "look at: ip -details -statistics link show can0"),
+    ],
+)
 def test_a_bus_that_failed_is_told_with_its_cure(trouble, virtual, why, cure):
     assert in_words(trouble, CAN0, virtual) == (why, cure)

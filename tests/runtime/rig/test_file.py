@@ -44,7 +44,13 @@ def test_a_rig_is_read(written):
     rig = read(path)
     assert (rig.path, rig.text) == (path, GOOD)
     legs, arms = rig.buses["legs"], rig.buses["arms"]
-    assert (legs.name, legs.interface, legs.channel, legs.bitrate, legs.fd) == ("legs", "socketcan", "can0", 500_000, False)
+    assert (legs.name, legs.interface, legs.channel, legs.bitrate, legs.fd) == (
+        "legs",
+        "socketcan",
+        "can0",
+        500_000,
+        False,
+    )
     assert (arms.interface, arms.channel, arms.bitrate) == ("slcan", "/dev/ttyACM0", 1_000_000)
     assert rig.devices == {"left/knee": {"can_id": 3, "invert": True}}
 
@@ -54,35 +60,86 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
     assert read(written(GOOD.replace("\n", "\r\n"))).text == GOOD
 
 
-@pytest.mark.parametrize("text, message, hint", [
-    ('[buss.legs]\nchannel = "can0"', "[buss]: a rig has buses and devices", "did you mean 'bus'?"),
-    ('[motors."left/knee"]', "[motors]: a rig has buses and devices", 'write [bus.NAME] or [device."PATH"]'),
-    ('bus = "can0"', "bus = 'can0': expected a table", "write [bus.NAME]"),
-    ('[bus]\nchannel = "can0"', "[bus] channel = 'can0': expected a table", "write [bus.NAME], and what it says below that"),
-    ("[device]\ncan_id = 3", "[device] can_id = 3: expected a table", 'write [device."PATH"], and what it says below that'),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrat = 1', "[bus.legs] bitrat: there is no such key",
-     "did you mean 'bitrate'?"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nzzz = 1', "[bus.legs] zzz: there is no such key",
-     "it has interface, channel, bitrate, fd, peer, options"),
-    ('[bus.legs]\ninterfase = "socketcan"\nchannel = "can0"', "[bus.legs] interfase: there is no such key", "did you mean 'interface'?"),
-    ('[bus.legs]\nchannel = "can0"', "[bus.legs] interface is missing", 'write interface = "socketcan"'),
-    ('[bus.legs]\ninterface = "socketcan"', "[bus.legs] channel is missing", 'write channel = "can0"'),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = 0', "[bus.legs] channel = 0: expected text", 'write channel = "can0"'),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = ""', "[bus.legs] channel = '': expected text", 'write channel = "can0"'),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = "1M"', "[bus.legs] bitrate = '1M': expected a whole number of bit/s",
-     "write bitrate = 1_000_000"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = true', "[bus.legs] bitrate = True: expected a whole number of bit/s",
-     "write bitrate = 1_000_000"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 1e6',
-     "[bus.legs] bitrate = 1000000.0: expected a whole number of bit/s", "write bitrate = 1_000_000"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 1000', "[bus.legs] bitrate = 1000: CAN has 10000 to 1000000 bit/s",
-     "write bitrate = 1_000_000"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nfd = 1', "[bus.legs] fd = 1: expected true or false", "write fd = true"),
-    ('[bus.legs]\ninterface = "socketcan"\nchannel = "/dev/ttyACM0"',
-     "[bus.legs] channel = '/dev/ttyACM0': no network interface has such a name", 'write channel = "can0"; `ip link` lists those of this machine'),
-    ('[bus.legs]\ninterface = "soketcan"\nchannel = "can0"', "[bus.legs] interface = 'soketcan': python-can has none of that name",
-     "did you mean 'socketcan'?"),
-])
+@pytest.mark.parametrize(
+    "text, message, hint",
+    [
+        ('[buss.legs]\nchannel = "can0"', "[buss]: a rig has buses and devices", "did you mean 'bus'?"),
+        ('[motors."left/knee"]', "[motors]: a rig has buses and devices", 'write [bus.NAME] or [device."PATH"]'),
+        ('bus = "can0"', "bus = 'can0': expected a table", "write [bus.NAME]"),
+        (
+            '[bus]\nchannel = "can0"',
+            "[bus] channel = 'can0': expected a table",
+            "write [bus.NAME], and what it says below that",
+        ),
+        (
+            "[device]\ncan_id = 3",
+            "[device] can_id = 3: expected a table",
+            'write [device."PATH"], and what it says below that',
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrat = 1',
+            "[bus.legs] bitrat: there is no such key",
+            "did you mean 'bitrate'?",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nzzz = 1',
+            "[bus.legs] zzz: there is no such key",
+            "it has interface, channel, bitrate, fd, peer, options",
+        ),
+        (
+            '[bus.legs]\ninterfase = "socketcan"\nchannel = "can0"',
+            "[bus.legs] interfase: there is no such key",
+            "did you mean 'interface'?",
+        ),
+        ('[bus.legs]\nchannel = "can0"', "[bus.legs] interface is missing", 'write interface = "socketcan"'),
+        ('[bus.legs]\ninterface = "socketcan"', "[bus.legs] channel is missing", 'write channel = "can0"'),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = 0',
+            "[bus.legs] channel = 0: expected text",
+            'write channel = "can0"',
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = ""',
+            "[bus.legs] channel = '': expected text",
+            'write channel = "can0"',
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = "1M"',
+            "[bus.legs] bitrate = '1M': expected a whole number of bit/s",
+            "write bitrate = 1_000_000",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = true',
+            "[bus.legs] bitrate = True: expected a whole number of bit/s",
+            "write bitrate = 1_000_000",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 1e6',
+            "[bus.legs] bitrate = 1000000.0: expected a whole number of bit/s",
+            "write bitrate = 1_000_000",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nbitrate = 1000',
+            "[bus.legs] bitrate = 1000: CAN has 10000 to 1000000 bit/s",
+            "write bitrate = 1_000_000",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\nfd = 1',
+            "[bus.legs] fd = 1: expected true or false",
+            "write fd = true",
+        ),
+        (
+            '[bus.legs]\ninterface = "socketcan"\nchannel = "/dev/ttyACM0"',
+            "[bus.legs] channel = '/dev/ttyACM0': no network interface has such a name",
+            'write channel = "can0"; `ip link` lists those of this machine',
+        ),
+        (
+            '[bus.legs]\ninterface = "soketcan"\nchannel = "can0"',
+            "[bus.legs] interface = 'soketcan': python-can has none of that name",
+            "did you mean 'socketcan'?",
+        ),
+    ],
+)
 def test_a_wrong_entry_is_told_with_what_to_write(written, text, message, hint):
     assert troubles(written(text)) == [("TW102", message, hint)]
 
@@ -90,20 +147,27 @@ def test_a_wrong_entry_is_told_with_what_to_write(written, text, message, hint):
 def test_two_buses_cannot_share_an_interface(written):
     text = "".join(f'[bus.{name}]\ninterface = "socketcan"\nchannel = "can0"\n' for name in ("legs", "arms"))
     [(code, message, hint)] = troubles(written(text))
-    assert (code, message) == ("TW102", "[bus.arms] channel = 'can0' is that of [bus.legs] too") and hint.startswith("two buses")
+    assert (code, message) == ("TW102", "[bus.arms] channel = 'can0' is that of [bus.legs] too") and hint.startswith(
+        "two buses"
+    )
 
 
 def test_all_mistakes_are_told_at_once(written):
     text = '[bus.legs]\ninterface = "socketcan"\nbitrate = 1\n[bus.arms]\nchanel = "can1"\n[moter."left/knee"]\n'
     assert [message for _, message, _ in troubles(written(text))] == [
-        "[moter]: a rig has buses and devices", "[bus.legs] channel is missing", "[bus.arms] chanel: there is no such key",
-        "[bus.arms] interface is missing"]
+        "[moter]: a rig has buses and devices",
+        "[bus.legs] channel is missing",
+        "[bus.arms] chanel: there is no such key",
+        "[bus.arms] interface is missing",
+    ]
 
 
 def test_what_is_not_toml_is_told_with_its_line(written):
     [(code, message, hint)] = troubles(written("[bus.legs]\nchannel = can0\n"))
-    assert code == "TW101" and message.startswith("it is not TOML: ") and "line 2" in message and "text stands in" in hint
-    [(_, message, _)] = troubles(written('[bus.legs]\nfd = true\nfd = false\n'))
+    assert (
+        code == "TW101" and message.startswith("it is not TOML: ") and "line 2" in message and "text stands in" in hint
+    )
+    [(_, message, _)] = troubles(written("[bus.legs]\nfd = true\nfd = false\n"))
     assert "line 3" in message
 
 

@@ -1,4 +1,6 @@
-"""Interfaces of machines that are not here: real controllers down, at another bitrate, bus-off. Virtual ones are in tests/hardware."""
+"""Interfaces of machines that are not here: real controllers down, at another bitrate, bus-off. Virtual ones are in
+tests/hardware.
+"""
 
 import pytest
 
@@ -62,12 +64,17 @@ def test_bus_off(looked):
 
 
 def test_a_controller_that_nobody_has_acknowledged_is_told_and_does_not_keep_from_starting(looked):
-    assert [remark.partition(":")[0] for remark in looked(PI_4, FLAGS, link(state="ERROR-PASSIVE")).remarks] == ["can0 is ERROR-PASSIVE"]
+    assert [remark.partition(":")[0] for remark in looked(PI_4, FLAGS, link(state="ERROR-PASSIVE")).remarks] == [
+        "can0 is ERROR-PASSIVE"
+    ]
 
 
 def test_without_iproute2_the_bitrate_cannot_be_told(looked):
     fitness = looked(PI_4, FLAGS, {"/commands/ip -details -json link": ""})
-    assert fitness.remarks == ["can0: its bitrate cannot be told; look at: ip -details link show can0"] and not fitness.virtual
+    assert (
+        fitness.remarks == ["can0: its bitrate cannot be told; look at: ip -details link show can0"]
+        and not fitness.virtual
+    )
 
 
 def test_no_fd(looked):
@@ -77,7 +84,11 @@ def test_no_fd(looked):
 
 
 def test_missing(looked):
-    assert refusal(looked, PI_4, channel="can1") == ("TW112", "[bus.legs] there is no interface can1", "did you mean 'can0'?")
+    assert refusal(looked, PI_4, channel="can1") == (
+        "TW112",
+        "[bus.legs] there is no interface can1",
+        "did you mean 'can0'?",
+    )
     assert refusal(looked, PI_4, channel="pcan_usb")[2] == "this machine has can0"
     assert refusal(looked, PI_4, channel="lo")[0] == "TW113"
 

@@ -47,7 +47,11 @@ def test_a_chip_is_recognised_set_up_and_asked():
     (imu,) = imus(MPU9250, accel_range=16)
     interface = opened(wires, imu)
     assert interface.remarks == ["imu0 is a MPU-9255"]
-    assert wires.read(number, 0x19, 5) == imu.settings() and wires.read(number, 0x37) == b"\x02" and wires.read(mag, 0x0A) == b"\x16"
+    assert (
+        wires.read(number, 0x19, 5) == imu.settings()
+        and wires.read(number, 0x37) == b"\x02"
+        and wires.read(mag, 0x0A) == b"\x16"
+    )
     interface.start(0)
     deadline = time.monotonic() + 5.0
     while interface.counts["devices"]["imu0"]["answers"] < 4 and time.monotonic() < deadline:
@@ -77,19 +81,25 @@ def test_two_on_one_piece_of_bus_are_set_up_without_each_others_magnetometers():
     I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), devices, (Chips(Watching(wires)), wires))
     assert closed == [(b"\x02", b"\x00"), (b"\x00", b"\x02")]
     for number in (first, second):
-        assert wires.read(number, 0x6A) == b"\x20" and wires.read(number, 0x37) == b"\x00" and wires.read(number, 0x25, 3) == b"\x8c\x02\x88"
+        assert (
+            wires.read(number, 0x6A) == b"\x20"
+            and wires.read(number, 0x37) == b"\x00"
+            and wires.read(number, 0x25, 3) == b"\x8c\x02\x88"
+        )
     assert devices[0].adjustment == ADJUSTMENT
 
 
 def test_every_sensor_of_ours_is_set_up_by_its_table():
     wires = MemoryI2c()
     icm, adc, nau = wires.add(0x68), wires.add(0x48, wide=True), wires.add(0x2A)
-    wires.write(icm, 0x00, b"\xEA")
-    wires.write(nau, 0x1F, b"\x0F")
+    wires.write(icm, 0x00, b"\xea")
+    wires.write(nau, 0x1F, b"\x0f")
     with Diagram("robot", rate=200):
         sensors = ICM20948(bus="imus", magnetometer=False), ADS1115(bus="imus"), NAU7802(bus="imus")
     interface = opened(wires, *sensors)
-    assert wires.read(icm, 0x06) == b"\x01" and wires.read(adc, 1, 2).hex() == "c3e3" and wires.read(nau, 0x01) == b"\x2f"
+    assert (
+        wires.read(icm, 0x06) == b"\x01" and wires.read(adc, 1, 2).hex() == "c3e3" and wires.read(nau, 0x01) == b"\x2f"
+    )
     assert interface.remarks == []
 
 
@@ -123,7 +133,9 @@ def test_a_multiplexer_that_does_not_answer_is_told():
     wires = MemoryI2c((0x71,))
     wires.add(0x48)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
-    assert "TW133" in said and "no multiplexer answers at 0x70" in said and "0x48, 0x71 answer on the bus itself" in said
+    assert (
+        "TW133" in said and "no multiplexer answers at 0x70" in said and "0x48, 0x71 answer on the bus itself" in said
+    )
 
 
 def test_a_device_behind_another_channel_is_told_with_who_answers_there():
@@ -157,9 +169,10 @@ class Held(Wires):
         raise OSError(self.error, "")
 
 
-@pytest.mark.parametrize("error, code, words", [
-    (errno.EBUSY, "TW135", "a driver of the kernel has this address"), (errno.ETIMEDOUT, "TW128", "the bus hangs"),
-])
+@pytest.mark.parametrize(
+    "error, code, words",
+    [(errno.EBUSY, "TW135", "a driver of the kernel has this address"), (errno.ETIMEDOUT, "TW128", "the bus hangs")],
+)
 def test_a_bus_that_hangs_and_a_chip_of_the_kernels_are_told(error, code, words):
     wires = MemoryI2c()
     with pytest.raises(SeveralRefused, match=f"{code}.*{words}"):
@@ -184,7 +197,12 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
     with pytest.raises(Refused) as found:
         open_adapter(RigBus("imus", "i2c", "/dev/i2c-77"))
     said = str(found.value.trouble)
-    assert "TW131" in said and "there is no such bus" in said and "raspi-config nonint do_i2c 0" in said and "jetson-io" in said
+    assert (
+        "TW131" in said
+        and "there is no such bus" in said
+        and "raspi-config nonint do_i2c 0" in said
+        and "jetson-io" in said
+    )
     with pytest.raises(Refused, match="TW131.*is no I2C bus"):
         open_adapter(RigBus("imus", "i2c", str(tmp_path)))
     with pytest.raises(Refused, match="TW131.*/dev/null is no I2C bus"):
@@ -195,7 +213,7 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
 
 
 def test_a_library_that_is_missing_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "smbus2", None)                    # as where it is not installed
+    monkeypatch.setitem(sys.modules, "smbus2", None)  # as where it is not installed
     with pytest.raises(Refused, match="TW119.*smbus2 is not installed"):
         open_adapter(RigBus("imus", "i2c", "/dev/null"))
 
@@ -210,21 +228,31 @@ def test_everything_on_a_bus_is_named_and_told_once():
     add_mpu(wires)
     wires.add(0x49, wide=True)
     nau = wires.add(0x2A, 1 + 2)
-    wires.write(nau, 0x1F, b"\x0F")
-    wires.exchange_bytes(0x70, -1, b"\x04")                             # what a run before has left open
+    wires.write(nau, 0x1F, b"\x0f")
+    wires.exchange_bytes(0x70, -1, b"\x04")  # what a run before has left open
     found = KnownChips(Chips(Wires(wires))).everywhere()
     assert [(mux, channel, address, name) for mux, channel, address, name, _ in found] == [
-        (0, 0, 0x0C, "AK8963"), (0, 0, 0x49, "ADS1115 or ADS1015"), (0, 0, 0x68, "MPU-9250"), (0, 0, 0x70, "TCA9548A multiplexer"),
-        (0x70, 2, 0x2A, "NAU7802")]
-    assert wires.exchange_bytes(0x70, -1, count=1) == b"\x00"           # closed again
+        (0, 0, 0x0C, "AK8963"),
+        (0, 0, 0x49, "ADS1115 or ADS1015"),
+        (0, 0, 0x68, "MPU-9250"),
+        (0, 0, 0x70, "TCA9548A multiplexer"),
+        (0x70, 2, 0x2A, "NAU7802"),
+    ]
+    assert wires.exchange_bytes(0x70, -1, count=1) == b"\x00"  # closed again
 
 
 # The rig file
 
-@pytest.mark.parametrize("line, words", [
-    ("bitrate = 400_000", "bitrate: an I2C bus has none"), ("fd = true", "fd: an I2C bus has none"), ('options = { a = 1 }', "options: an I2C bus"),
-    ('channel = "i2c-1"', "an I2C bus is a file in /dev"),
-])
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ("bitrate = 400_000", "bitrate: an I2C bus has none"),
+        ("fd = true", "fd: an I2C bus has none"),
+        ("options = { a = 1 }", "options: an I2C bus"),
+        ('channel = "i2c-1"', "an I2C bus is a file in /dev"),
+    ],
+)
 def test_what_an_i2c_bus_does_not_have_is_refused(tmp_path, line, words):
     text = RIG.replace('channel = "/dev/i2c-1"', line) if line.startswith("channel") else RIG + line
     with pytest.raises(RigError, match=words):
@@ -239,9 +267,10 @@ def test_a_rig_says_where_a_sensor_sits(tmp_path):
     assert (imu.address, imu.mux, imu.channel) == (0x69, 0x71, 4) and imu.identity == (1 + 8 + 4) << 8 | 0x69
 
 
-@pytest.mark.parametrize("kind, interface, words", [
-    ("imu", "socketcan", "what is on it speaks I2C"), ("knee", "i2c", "what is on it speaks CAN"),
-])
+@pytest.mark.parametrize(
+    "kind, interface, words",
+    [("imu", "socketcan", "what is on it speaks I2C"), ("knee", "i2c", "what is on it speaks CAN")],
+)
 def test_an_interface_of_another_medium_is_refused(tmp_path, kind, interface, words):
     from blocks.actuators import CubeMars
 

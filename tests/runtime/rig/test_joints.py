@@ -41,8 +41,14 @@ def troubles(tmp_path, text="", kind=CubeMars, **parameters):
 
 def test_a_joint_without_a_range_is_named_with_the_way_to_measure_it(tmp_path):
     [(code, message, hint)] = troubles(tmp_path, model="AK80-9")
-    assert (code, message) == ("TW136", '[device."knee"] has no range, the lowest and the highest angle that the joint reaches')
-    assert "write range = [LOWEST, HIGHEST] there, in rad; configure --joint knee --rig" in hint and "moved by hand" in hint
+    assert (code, message) == (
+        "TW136",
+        '[device."knee"] has no range, the lowest and the highest angle that the joint reaches',
+    )
+    assert (
+        "write range = [LOWEST, HIGHEST] there, in rad; configure --joint knee --rig" in hint
+        and "moved by hand" in hint
+    )
 
 
 def test_the_rig_or_the_diagram_may_give_it(tmp_path):
@@ -52,7 +58,11 @@ def test_the_rig_or_the_diagram_may_give_it(tmp_path):
 
 def test_an_actuator_of_ones_own_that_measures_an_angle_has_to_declare_one(tmp_path):
     [(_, message, hint)] = troubles(tmp_path, kind=Board)
-    assert message == '[device."knee"]: Board has no parameter `range`' and "declare range = Param((), " in hint and "`hardware`" in hint
+    assert (
+        message == '[device."knee"]: Board has no parameter `range`'
+        and "declare range = Param((), " in hint
+        and "`hardware`" in hint
+    )
     assert troubles(tmp_path, kind=Winch) == []
 
 
@@ -60,7 +70,11 @@ def test_an_actuator_of_ones_own_that_measures_an_angle_has_to_declare_one(tmp_p
 def test_run_and_check_name_every_joint_and_go_no_further(command_line, command):
     rig = write(command_line.folder, LEGS, "lab.toml")
     said = command_line.refused(command, KNEE_EXO, "--rig", rig)
-    assert said.count("error TW136 joint without a range") == 2 and '[device."left/knee"]' in said and '[device."right/knee"]' in said
+    assert (
+        said.count("error TW136 joint without a range") == 2
+        and '[device."left/knee"]' in said
+        and '[device."right/knee"]' in said
+    )
 
 
 def test_in_simulation_a_joint_needs_none(command_line):
@@ -72,4 +86,8 @@ def test_in_simulation_a_joint_needs_none(command_line):
 def test_a_setpoint_outside_the_range_of_the_rig_is_found_by_check(command_line):
     rig = write(command_line.folder, LEGS + RANGES, "lab.toml")
     code, out, _ = command_line("check", KNEE_EXO, "--rig", rig, "--set", "left/gait_phase.threshold=40")
-    assert code == 1 and "TW026" in out and "40 rad is out of reach of left/knee: -0.1 to 2 rad (its range)" in " ".join(out.split())
+    assert (
+        code == 1
+        and "TW026" in out
+        and "40 rad is out of reach of left/knee: -0.1 to 2 rad (its range)" in " ".join(out.split())
+    )

@@ -1,4 +1,6 @@
-"""MicroStrain's sensors on a rig: real pyserial on pseudo-terminals, behind them a process that answers byte for byte."""
+"""MicroStrain's sensors on a rig: real pyserial on pseudo-terminals, behind them a process that answers byte for
+byte.
+"""
 
 import fcntl
 import os
@@ -108,7 +110,11 @@ def heard(pairs, until, patience=10.0):
 
 
 def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there, opened):
-    devices, _ = robot({"serial": "3932", "rate": 500.0}, {"serial": "6253.133931"}, {"serial": "0001", "attitude": "sensor", "rate": 100.0})
+    devices, _ = robot(
+        {"serial": "3932", "rate": 500.0},
+        {"serial": "6253.133931"},
+        {"serial": "0001", "attitude": "sensor", "rate": 100.0},
+    )
     lines = opened(devices)
     assert lines.troubles == []
     lines.start(0)
@@ -121,7 +127,8 @@ def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there,
     remarks = {device.path: lines.lines[device.bus][0].remarks for device in devices}
     assert [Path(channels[device.path]).name for device in devices] == ["tty133932", "tty133931", "tty900001"]
     for device, block in zip(devices, blocks):
-        assert block["measured_rate"] == pytest.approx(device.rate, rel=0.3)                     # 500, 200, 100; a busy machine may be late
+        # 500, 200, 100; a busy machine may be late
+        assert block["measured_rate"] == pytest.approx(device.rate, rel=0.3)
         assert block["corrupt"] == 0 and block["accel"][2] == pytest.approx(-9.80665) and block["quaternion"][0] == 1.0
     assert "has no mag" in remarks["imu_2"][0] and not remarks["imu_0"]
 
@@ -134,7 +141,15 @@ def test_what_it_was_set_to_is_what_it_was_told(there):
 
     found = one(serial="133931", rate=250.0, heading="magnetometer", low_pass=40.0, channels=("gyro", "quaternion"))
     assert [message[2] << 8 | mip.fields(message)[0][0] for message in found.setup] == [
-        0x0102, 0x0C08, 0x0C0A, 0x0D18, 0x0C50, 0x0C11, 0x0C11, 0x0106]
+        0x0102,
+        0x0C08,
+        0x0C0A,
+        0x0D18,
+        0x0C50,
+        0x0C11,
+        0x0C11,
+        0x0106,
+    ]
     with open_port("", found.channel, 115200) as port:
         sensor = MipPort(port)
         sensor.identify()
@@ -151,7 +166,9 @@ def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(t
 
     for heading, enabled in (("magnetometer", 1), ("none", 0)):
         found = one(serial="133932", heading=heading)
-        assert [mip.fields(message)[0] for message in found.setup if message[2] == mip.COMMAND_FILTER] == [(0x50, bytes((mip.WRITE, 0, 4, enabled)))]
+        assert [mip.fields(message)[0] for message in found.setup if message[2] == mip.COMMAND_FILTER] == [
+            (0x50, bytes((mip.WRITE, 0, 4, enabled)))
+        ]
     with open_port("", found.channel, 115200) as port:
         sensor = MipPort(port)
         sensor.identify()
@@ -179,7 +196,7 @@ def test_one_that_is_pulled_and_plugged_in_again_streams_as_before(plug, opened)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
     gone = block["packets"]
-    plug("133931")                              # which has forgotten everything, and streams nothing by itself
+    plug("133931")  # which has forgotten everything, and streams nothing by itself
     heard([(stream, block)], lambda: block["connected"] and block["packets"] > gone + 30)
     assert stream.counts["losses"] == stream.counts["returns"] == 1
 
@@ -189,7 +206,7 @@ def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path)
     sensors.unplug()
     heard([(stream, block)], lambda: not block["connected"])
     before, other = block["packets"], plug("133932")
-    (tmp_path / "tty133931").symlink_to(os.readlink(tmp_path / "tty133932"))        # at the very port
+    (tmp_path / "tty133931").symlink_to(os.readlink(tmp_path / "tty133932"))  # at the very port
     heard([(stream, block)], lambda: stream.counts["strangers"] > 0)
     assert not block["connected"] and block["packets"] == before and stream.counts["returns"] == 0
     other.unplug()
@@ -200,6 +217,7 @@ def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path)
 
 # Failures in words
 
+
 def test_a_serial_number_that_nobody_has(there):
     trouble = one(serial="77")
     assert trouble.code == "TW127" and 'serial = "77": no sensor has a serial number that ends so' in trouble.message
@@ -208,12 +226,17 @@ def test_a_serial_number_that_nobody_has(there):
 
 def test_a_heading_from_a_magnetometer_that_is_not_there(there):
     trouble = one(serial="900001", heading="magnetometer", channels=("gyro",))
-    assert trouble.code == "TW129" and "cannot take its heading from a magnetometer: it has no magnetometer" in trouble.message
-    assert "leave `heading` out" in trouble.hint and isinstance(one(serial="900001", heading="none", channels=("gyro",)), Opened)
+    assert (
+        trouble.code == "TW129"
+        and "cannot take its heading from a magnetometer: it has no magnetometer" in trouble.message
+    )
+    assert "leave `heading` out" in trouble.hint and isinstance(
+        one(serial="900001", heading="none", channels=("gyro",)), Opened
+    )
 
 
 def test_digits_that_two_have_and_none_at_all(there):
-    assert '2 sensors have a serial number that ends so' in one(serial="33931").message
+    assert "2 sensors have a serial number that ends so" in one(serial="33931").message
     trouble = one()
     assert trouble.code == "TW127" and "names neither a serial number nor a port" in trouble.message
 
@@ -226,12 +249,23 @@ def test_no_sensor_at_all(plug, tmp_path):
 def test_a_port_that_another_process_holds(there):
     path = str(there / "tty133931")
     holder = subprocess.Popen(
-        [sys.executable, "-c", f"import serial; p = serial.Serial({path!r}, exclusive=True); print('held', flush=True); input()"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        [
+            sys.executable,
+            "-c",
+            f"import serial; p = serial.Serial({path!r}, exclusive=True); print('held', flush=True); input()",
+        ],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     assert holder.stdout.readline() == "held\n"
     by_port, by_serial = one(port=path), one(serial="133931")
     holder.communicate("\n")
-    assert by_port.code == "TW126" and "is in use by python" in by_port.message and f"(process {holder.pid})" in by_port.message
+    assert (
+        by_port.code == "TW126"
+        and "is in use by python" in by_port.message
+        and f"(process {holder.pid})" in by_port.message
+    )
     assert by_serial.code == "TW127" and f"(process {holder.pid})" in by_serial.hint
     assert isinstance(one(serial="133931"), Opened)
 
@@ -263,7 +297,9 @@ def test_the_wrong_sensor_at_a_port(there):
 
 def test_a_rate_that_it_cannot_have(there):
     trouble = one(serial="133931", rate=300.0)
-    assert trouble.code == "TW129" and "300 Hz is not its base rate, 1000 Hz, divided by a whole number" in trouble.message
+    assert (
+        trouble.code == "TW129" and "300 Hz is not its base rate, 1000 Hz, divided by a whole number" in trouble.message
+    )
     assert "333.333 or 250 Hz" in trouble.hint
 
 

@@ -45,13 +45,16 @@ def test_hardware_parameters_are_those_of_the_rig_and_others_stay(fitted):
     diagram = fitted(LEGS + '[device."left/knee"]\ncan_id = 3\ninvert = true\noffset = 0.5\n')
     left, right = diagram["left/knee"], diagram["right/knee"]
     assert (left.can_id, left.invert, left.offset) == (3, True, 0.5)
-    assert left.limits[0] == 12.0 and left.addresses() == [(3, False)]         # what follows from them follows: 12.5 rad less the offset
+    # what follows from them follows: 12.5 rad less the offset
+    assert left.limits[0] == 12.0 and left.addresses() == [(3, False)]
     assert (right.can_id, right.invert, right.offset) == (2, False, 0.0)
     assert [device.enable[0][0] for device in compile(diagram).devices] == [3, 2]
 
 
 def test_a_number_may_carry_its_unit(fitted):
-    assert fitted(LEGS + '[device."left/knee"]\noffset = "90 deg"\n')["left/knee"].offset == pytest.approx(1.5708, abs=1e-4)
+    assert fitted(LEGS + '[device."left/knee"]\noffset = "90 deg"\n')["left/knee"].offset == pytest.approx(
+        1.5708, abs=1e-4
+    )
 
 
 def test_the_load_of_a_bus_is_that_of_the_rigs_bitrate(fitted):
@@ -91,37 +94,88 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
     fitted(LEGS + '[bus.arms]\ninterface = "socketcan"\nchannel = "can1"\n')
 
 
-@pytest.mark.parametrize("text, expected", [
-    ("", ("TW104", "nothing stands behind the bus 'legs'", 'add [bus.legs] with interface = "socketcan" and channel = "can0"')),
-    (LEGS.replace("legs", "leg"),
-     ("TW104", "nothing stands behind the bus 'legs'; did you mean 'leg'?",
-      'add [bus.legs] with interface = "socketcan" and channel = "can0"')),
-    (LEGS + '[device."left/kne"]\ncan_id = 3',
-     ("TW103", '[device."left/kne"]: robot has no such device', "did you mean 'left/knee'?")),
-    (LEGS + '[device.zzz]\ncan_id = 3',
-     ("TW103", '[device."zzz"]: robot has no such device', "its devices are left/knee, right/knee")),
-    (LEGS + '[device."left/torque_limiter"]\nlimit = 20.0',
-     ("TW103", '[device."left/torque_limiter"] is a TorqueLimiter and no device',
-      "a rig changes hardware alone; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any block")),
-    (LEGS + '[device."left/knee"]\nlimit = "peak"',
-     ("TW103", '[device."left/knee"] limit is no hardware parameter', f"set it in the diagram; {HARDWARE}")),
-    (LEGS + '[device."left/knee"]\ncanid = 3',
-     ("TW103", '[device."left/knee"] canid: there is no such parameter', "did you mean 'can_id'?")),
-    (LEGS + '[device."left/knee"]\nzzz = 3',
-     ("TW103", '[device."left/knee"] zzz: there is no such parameter', HARDWARE)),
-    (LEGS + '[device."left/knee"]\ncan_id = 300',
-     ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "id set in the drive")),
-    (LEGS + '[device."left/knee"]\ncan_id = 3.5',
-     ("TW103", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "id set in the drive")),
-    (LEGS + '[device."left/knee"]\ninvert = 1',
-     ("TW103", '[device."left/knee"] invert = 1: expected True or False, got 1', "whether the joint turns against the motor")),
-    (LEGS + '[device."left/knee"]\noffset = nan',
-     ("TW103", '[device."left/knee"] offset = nan: NaN is not allowed',
-      "motor position where the joint is at zero, at the joint and the way the joint turns")),
-    (LEGS + '[device."left/knee"]\noffset = [0.1]',
-     ("TW103", '[device."left/knee"] offset = [0.1]: expected one number, got [0.1]',
-      "motor position where the joint is at zero, at the joint and the way the joint turns")),
-])
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        (
+            "",
+            (
+                "TW104",
+                "nothing stands behind the bus 'legs'",
+                'add [bus.legs] with interface = "socketcan" and channel = "can0"',
+            ),
+        ),
+        (
+            LEGS.replace("legs", "leg"),
+            (
+                "TW104",
+                "nothing stands behind the bus 'legs'; did you mean 'leg'?",
+                'add [bus.legs] with interface = "socketcan" and channel = "can0"',
+            ),
+        ),
+        (
+            LEGS + '[device."left/kne"]\ncan_id = 3',
+            ("TW103", '[device."left/kne"]: robot has no such device', "did you mean 'left/knee'?"),
+        ),
+        (
+            LEGS + "[device.zzz]\ncan_id = 3",
+            ("TW103", '[device."zzz"]: robot has no such device', "its devices are left/knee, right/knee"),
+        ),
+        (
+            LEGS + '[device."left/torque_limiter"]\nlimit = 20.0',
+            (
+                "TW103",
+                '[device."left/torque_limiter"] is a TorqueLimiter and no device',
+                "a rig changes hardware alone; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any "
+                "block",
+            ),
+        ),
+        (
+            LEGS + '[device."left/knee"]\nlimit = "peak"',
+            ("TW103", '[device."left/knee"] limit is no hardware parameter', f"set it in the diagram; {HARDWARE}"),
+        ),
+        (
+            LEGS + '[device."left/knee"]\ncanid = 3',
+            ("TW103", '[device."left/knee"] canid: there is no such parameter', "did you mean 'can_id'?"),
+        ),
+        (
+            LEGS + '[device."left/knee"]\nzzz = 3',
+            ("TW103", '[device."left/knee"] zzz: there is no such parameter', HARDWARE),
+        ),
+        (
+            LEGS + '[device."left/knee"]\ncan_id = 300',
+            ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "id set in the drive"),
+        ),
+        (
+            LEGS + '[device."left/knee"]\ncan_id = 3.5',
+            ("TW103", '[device."left/knee"] can_id = 3.5: expected a whole number, got 3.5', "id set in the drive"),
+        ),
+        (
+            LEGS + '[device."left/knee"]\ninvert = 1',
+            (
+                "TW103",
+                '[device."left/knee"] invert = 1: expected True or False, got 1',
+                "whether the joint turns against the motor",
+            ),
+        ),
+        (
+            LEGS + '[device."left/knee"]\noffset = nan',
+            (
+                "TW103",
+                '[device."left/knee"] offset = nan: NaN is not allowed',
+                "motor position where the joint is at zero, at the joint and the way the joint turns",
+            ),
+        ),
+        (
+            LEGS + '[device."left/knee"]\noffset = [0.1]',
+            (
+                "TW103",
+                '[device."left/knee"] offset = [0.1]: expected one number, got [0.1]',
+                "motor position where the joint is at zero, at the joint and the way the joint turns",
+            ),
+        ),
+    ],
+)
 def test_what_does_not_fit_the_diagram_is_told(fitted, text, expected):
     assert troubles(fitted, text) == [expected]
 
@@ -133,6 +187,7 @@ def test_everything_that_does_not_fit_is_told_at_once_and_nothing_is_half_done(f
 
 def test_hardware_must_be_parameters():
     with pytest.raises(TypeError, match="Sensor.hardware names 'serial', which is no parameter of it"):
+
         class Sensor(Device):
             """A sensor."""
 

@@ -1,4 +1,6 @@
-"""docs/rigs.md: its rig fits the knee exoskeleton, and it has every code of this room, each of which some test provokes."""
+"""docs/rigs.md: its rig fits the knee exoskeleton, and it has every code of this room, each of which some test
+provokes.
+"""
 
 import re
 import socket
@@ -30,11 +32,18 @@ def test_the_charge_pump_of_the_page_compiles_and_its_rig_fits_it(tmp_path):
     (tmp_path / "lab.toml").write_text(re.search(r"^```toml\n(.*?)^```", section, re.DOTALL | re.MULTILINE)[1])
     override(read(tmp_path / "lab.toml"), names["diagram"])
     pump = names["diagram"]["pump"]
-    assert compile(names["diagram"]).devices and (pump.line, pump.opening()["pin"], pump.relay_time, pump.start_time) == ("gpio", "GPIO4", 0.1, 1.0)
+    assert compile(names["diagram"]).devices and (
+        pump.line,
+        pump.opening()["pin"],
+        pump.relay_time,
+        pump.start_time,
+    ) == ("gpio", "GPIO4", 0.1, 1.0)
 
 
 def test_the_sender_of_the_page_is_heard_as_a_released_button():
-    script = next(text for text in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "sendto" in text)
+    script = next(
+        text for text in re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE) if "sendto" in text
+    )
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
         receiver.bind(("127.0.0.1", 0))
         receiver.settimeout(10.0)
@@ -51,8 +60,18 @@ def test_every_code_has_its_row():
 
 def test_every_code_is_raised_and_provoked():
     here = Path(__file__)
-    raised = "".join(path.read_text() for room in ("rig", "emulation") for path in (ROOT / "runtime" / room).glob("*.py") if path.name != "troubles.py")
-    tests = [path for folder in (here.parent, here.parents[1] / "emulation", ROOT / "tests" / "hardware") for path in folder.glob("*.py") if path != here]
+    raised = "".join(
+        path.read_text()
+        for room in ("rig", "emulation")
+        for path in (ROOT / "runtime" / room).glob("*.py")
+        if path.name != "troubles.py"
+    )
+    tests = [
+        path
+        for folder in (here.parent, here.parents[1] / "emulation", ROOT / "tests" / "hardware")
+        for path in folder.glob("*.py")
+        if path != here
+    ]
     provoked = "".join(path.read_text() for path in tests)
     for text in (raised, provoked):
         assert {code for code in CODES if code in text} == set(CODES)

@@ -1,4 +1,6 @@
-"""Before a rig is armed a person reads a table and presses Enter: real processes, a terminal, drives on udp_multicast, and a third party."""
+"""Before a rig is armed a person reads a table and presses Enter: real processes, a terminal, drives on udp_multicast,
+and a third party.
+"""
 
 import json
 import os
@@ -47,16 +49,23 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
     shown = at_the_table(bus, terminal, "--record", "out", "--duration", "60").replace("\r", "")
     for side, can_id in (("left", 1), ("right", 2)):
         assert f"  {side}/knee".ljust(14) + f"legs {can_id}      yes       " in shown
-    assert shown.count("0.100 rad in [-12.5, 12.5]") == 2 and shown.count("30 °C        none") == 2 and shown.count("limit 18 N·m; own time-out: none known;") == 2
+    assert (
+        shown.count("0.100 rad in [-12.5, 12.5]") == 2
+        and shown.count("30 °C        none") == 2
+        and shown.count("limit 18 N·m; own time-out: none known;") == 2
+    )
     assert f"bus legs  udp_multicast {bus.channel}, load 9%, 11% at worst" in shown
-    assert f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})" in " ".join(shown.split())
+    assert (
+        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})"
+        in " ".join(shown.split())
+    )
     assert "2 devices, nothing out of the ordinary\n" in shown
     terminal.wait_for(r"ready .*0\.0/60 s .* Enter arms, space ends")
-    terminal.press(b"rmx")                                          # any other key arms nothing
-    bus.listen(1.2)                                                 # longer than arming may take
+    terminal.press(b"rmx")  # any other key arms nothing
+    bus.listen(1.2)  # longer than arming may take
     told = [frame.data for frame in bus.commands(1)]
     assert told[0] == ENABLE and set(told[20:]) == {NOTHING} and told.count(NOTHING) > 150
-    assert set(told) == {ENABLE, NOTHING}                           # a drive that is slow to answer is enabled once more
+    assert set(told) == {ENABLE, NOTHING}  # a drive that is slow to answer is enabled once more
     terminal.press(b"\n")
     bus.await_torque()
     terminal.wait_for("running")
@@ -66,7 +75,9 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
     files = Files(tmp_path / "out")
     assert files.table["tick"][0] == 0 and files.sidecar["missed"] == 0
     [table] = [event for event in files.sidecar["events"] if event["event"] == "preflight"]
-    assert [row["device"] for row in table["devices"]] == ["left/knee", "right/knee"] and table["devices"][0]["position"] == pytest.approx(0.1, abs=1e-3)
+    assert [row["device"] for row in table["devices"]] == ["left/knee", "right/knee"] and table["devices"][0][
+        "position"
+    ] == pytest.approx(0.1, abs=1e-3)
     assert {"event": "confirm", "tick": -1, "by": "keys"} in files.sidecar["events"]
 
 
@@ -76,7 +87,10 @@ def test_the_run_can_be_ended_at_the_table(bus, terminal, key, code):
     terminal.press(key)
     assert terminal.end() == code and terminal.attributes == terminal.before
     bus.listen()
-    assert not any(is_torque(frame) for frame in bus.frames) and [frame.data for frame in bus.commands(2)][-2:] == [NOTHING, DISABLE]
+    assert not any(is_torque(frame) for frame in bus.frames) and [frame.data for frame in bus.commands(2)][-2:] == [
+        NOTHING,
+        DISABLE,
+    ]
     assert "  ticks       0 done" in terminal.look()
 
 
@@ -97,7 +111,7 @@ def test_the_guardian_watches_over_the_table_as_well(bus, terminal):
     os.kill(terminal.process.pid, signal.SIGCONT)
     assert terminal.end() == 3 and "fenced by the guardian" in terminal.look()
     bus.listen()
-    bus.stopped_after(stopped)                                      # and nothing since
+    bus.stopped_after(stopped)  # and nothing since
 
 
 def test_a_drive_that_goes_away_while_somebody_reads_ends_the_run_with_words(bus, terminal):
@@ -117,8 +131,13 @@ def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_y
     """Its drive reads 0.1 rad, and 0.80 and 1.50 rad lie in its range, too."""
     bus.rig.write_text(bus.rig.read_text() + IN_DOUBT)
     robot = write(bus.folder, ROBOT.format(law="pass", torque=2.0, more="", blocks="", drive=""))
-    run = finished(robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "1", cwd=bus.folder)
-    assert run.returncode == 3 and "FAULT at knees, while arming: left/knee reads 0.100 rad; a power cycle can shift" in run.stderr, run.stderr
+    run = finished(
+        robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "1", cwd=bus.folder
+    )
+    assert (
+        run.returncode == 3
+        and "FAULT at knees, while arming: left/knee reads 0.100 rad; a power cycle can shift" in run.stderr
+    ), run.stderr
     terminal.run(robot, "--rig", bus.rig, "--realtime", "off", "--no-record", cwd=bus.folder)
     terminal.wait_for("press Enter to look again")
     assert "out of the ordinary: left/knee: in doubt" in terminal.look()
@@ -129,7 +148,20 @@ def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_y
     assert terminal.end() == 0
     bus.listen()
     assert not any(is_torque(frame) for frame in bus.frames)
-    run = finished(robot, "--rig", bus.rig, "--realtime", "off", "--yes", "--no-record", "--duration", "0.5", "--pose", "left/knee=6 deg", cwd=bus.folder)
+    run = finished(
+        robot,
+        "--rig",
+        bus.rig,
+        "--realtime",
+        "off",
+        "--yes",
+        "--no-record",
+        "--duration",
+        "0.5",
+        "--pose",
+        "left/knee=6 deg",
+        cwd=bus.folder,
+    )
     assert run.returncode == 0, run.stderr
     bus.await_torque()
 
@@ -143,7 +175,10 @@ def test_a_pose_is_an_angle_of_a_joint_on_a_rig(command_line):
 
 def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_line):
     with Bus(command_line.folder, number=6, answering=False) as bus:
-        bus.rig.write_text(bus.rig.read_text() + '[device."left/knee"]\nrange = [-0.1, 2.0]\n[device."right/knee"]\nrange = [-0.1, 2.0]\n')
+        bus.rig.write_text(
+            bus.rig.read_text() + '[device."left/knee"]\nrange = [-0.1, '
+            '2.0]\n[device."right/knee"]\nrange = [-0.1, 2.0]\n'
+        )
         complaint = command_line.refused(KNEE_EXO, "--rig", bus.rig)
         bus.listen(0.2)
         assert not bus.frames
@@ -151,6 +186,7 @@ def test_without_a_terminal_a_rig_is_refused_before_anything_is_sent(command_lin
 
 
 # The table
+
 
 @pytest.fixture
 def knee():
@@ -163,7 +199,14 @@ def knee():
 
     def told(**outputs):
         values = schedule.arena.copy()
-        for name, value in {"position": 0.5, "velocity": 0.1, "temperature": 31.0, "fault": 0.0, "age": 0.002, **outputs}.items():
+        for name, value in {
+            "position": 0.5,
+            "velocity": 0.1,
+            "temperature": 31.0,
+            "fault": 0.0,
+            "age": 0.002,
+            **outputs,
+        }.items():
             values[schedule.signals[f"knee.{name}"].slot] = value
         return table.event(values)
 
@@ -178,21 +221,26 @@ def test_a_drive_as_it_should_be(knee):
         "  knee    legs 7      yes       2.0 ms  0.500 rad in [-12.5, 12.5]  0.10 rad/s  31 °C        none   "
         "limit 9 N·m; own time-out: none known; safe stop: zero torque then disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
-        "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)",
+        "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung "
+        "block (the watchdog, then the guardian)",
         f"    not covered: {BOTH_GONE} (nothing stops knee once both processes are gone: {NO_MEANS})",
-        "1 device, nothing out of the ordinary", ASK,
+        "1 device, nothing out of the ordinary",
+        ASK,
     ]
 
 
-@pytest.mark.parametrize("outputs, mark, why", [
-    ({"position": 12.5}, "12.500 rad in [-12.5, 12.5] !", "at the end of its range"),
-    ({"position": -12.6}, "-12.600 rad in [-12.5, 12.5] !", "outside its range"),
-    ({"position": float("nan")}, "nan rad", "outside its range"),
-    ({"temperature": 70.0}, "70 °C !", "hot"),
-    ({"fault": 5.0}, "encoder !", "encoder"),
-    ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
-    ({"age": 0.06}, "60.0 ms !", "an old sample"),
-])
+@pytest.mark.parametrize(
+    "outputs, mark, why",
+    [
+        ({"position": 12.5}, "12.500 rad in [-12.5, 12.5] !", "at the end of its range"),
+        ({"position": -12.6}, "-12.600 rad in [-12.5, 12.5] !", "outside its range"),
+        ({"position": float("nan")}, "nan rad", "outside its range"),
+        ({"temperature": 70.0}, "70 °C !", "hot"),
+        ({"fault": 5.0}, "encoder !", "encoder"),
+        ({"fault": 77.0}, "code 77, which the manual does not know !", "code 77, which the manual does not know"),
+        ({"age": 0.06}, "60.0 ms !", "an old sample"),
+    ],
+)
 def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):
     lines = text(knee(**outputs), WIDE)
     assert mark in lines[2] and lines[-2] == f"1 thing out of the ordinary: knee: {why}"
@@ -208,11 +256,18 @@ def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both
         return [(entry["failure"], entry["covered"], entry["by"]) for entry in coverage(both, both)[-2:]]
 
     failures = BOTH_GONE.split(", ")
-    assert last() == [(failure, False, f"nothing stops knee1, knee2 once both processes are gone: {NO_MEANS}") for failure in failures]
+    assert last() == [
+        (failure, False, f"nothing stops knee1, knee2 once both processes are gone: {NO_MEANS}") for failure in failures
+    ]
     one.own_timeout = 0.025
-    assert last() == [(failure, False, f"nothing stops knee2 once both processes are gone: {NO_MEANS}") for failure in failures]
+    assert last() == [
+        (failure, False, f"nothing stops knee2 once both processes are gone: {NO_MEANS}") for failure in failures
+    ]
     other.own_timeout = 0.025
-    assert in_words(coverage(both, both))[1] == "" and f"{BOTH_GONE} (the drives' own time-out)" in in_words(coverage(both, both))[0]
+    assert (
+        in_words(coverage(both, both))[1] == ""
+        and f"{BOTH_GONE} (the drives' own time-out)" in in_words(coverage(both, both))[0]
+    )
 
 
 def test_the_table_tells_how_each_device_is_stopped():
@@ -220,19 +275,37 @@ def test_the_table_tells_how_each_device_is_stopped():
         CubeMars("AK80-9", name="knee", safe_stop="damp", stop_time=2.0)(torque_command=0.0)
         EStopHeartbeat(bus="estop", name="button")
     rows = Preflight(robot, compile(robot), {}, False).event(compile(robot).arena)
-    assert {row["device"]: row["stop"] for row in rows["devices"]} == {"knee": "damped within 9 N·m for 2 s then disable", "button": "nothing to stop"}
+    assert {row["device"]: row["stop"] for row in rows["devices"]} == {
+        "knee": "damped within 9 N·m for 2 s then disable",
+        "button": "nothing to stop",
+    }
     assert {bus["bus"]: len(bus["coverage"]) for bus in rows["buses"]} == {"can": 7, "estop": 0}
-    assert any(line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop") for line in text(rows, WIDE))
+    assert any(
+        line.startswith("  button  estop 256   yes") and line.endswith("safe stop: nothing to stop")
+        for line in text(rows, WIDE)
+    )
 
 
 def test_check_tells_what_is_covered(command_line):
     out = command_line("check", KNEE_EXO)[1]
-    assert "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung block (the watchdog, then the guardian)" in out
-    assert f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})" in out
+    assert (
+        "covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung "
+        "block (the watchdog, then the guardian)"
+    ) in out
+    assert (
+        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})"
+        in out
+    )
     [bus] = json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"]
     assert {entry["failure"]: entry["covered"] for entry in bus["coverage"]} == {
-        "exception": True, "kill -9": True, "kill -STOP": True, "hung block": True, "loss of the guardian": True,
-        "kill -9 of guardian and control process together": False, "loss of power of the computer": False}
+        "exception": True,
+        "kill -9": True,
+        "kill -STOP": True,
+        "hung block": True,
+        "loss of the guardian": True,
+        "kill -9 of guardian and control process together": False,
+        "loss of power of the computer": False,
+    }
 
 
 def test_a_drive_whose_replies_carry_no_temperature_and_no_error_is_shown_so():
@@ -243,6 +316,6 @@ def test_a_drive_whose_replies_carry_no_temperature_and_no_error_is_shown_so():
     for name, value in (("temperature", float("nan")), ("age", 0.001)):
         arena[schedule.signals[f"knee.{name}"].slot] = value
     event = Preflight(diagram, schedule, {}, True).event(arena)
-    row, = event["devices"]
+    (row,) = event["devices"]
     assert row["temperature"] is None and row["fault_words"] == "not reported" and row["marks"] == {}
     assert json.loads(json.dumps(event, allow_nan=False)) and "not reported" in "\n".join(text(event, WIDE))

@@ -1,4 +1,6 @@
-"""Sensors with lines of their own on a rig: a real run reads a pseudo-terminal and a socket; and docs/sensors.md tells what is so."""
+"""Sensors with lines of their own on a rig: a real run reads a pseudo-terminal and a socket; and docs/sensors.md tells
+what is so.
+"""
 
 import csv
 import os
@@ -22,8 +24,10 @@ from tests.runtime.runs import ROOT, finished, write
 
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 SECTIONS = {
-    section.splitlines()[0]: section for section in re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
-    if re.match(r"OpenIMU|Orientation|A microcontroller|Pressure|Switches|A game", section)}
+    section.splitlines()[0]: section
+    for section in re.split(r"^## ", PAGE, flags=re.MULTILINE)[1:]
+    if re.match(r"OpenIMU|Orientation|A microcontroller|Pressure|Switches|A game", section)
+}
 
 
 def blocks_of(section, kind):
@@ -94,7 +98,11 @@ def lab(tmp_path):
     speaker = threading.Thread(target=speak)
     speaker.start()
     write(tmp_path, DIAGRAM, "walk.py")
-    write(tmp_path, f'[device.teensy]\nport = "{os.ttyname(slave)}"\n\n[device.sole]\naddress = "127.0.0.1:{port}"\n', "lab.toml")
+    write(
+        tmp_path,
+        f'[device.teensy]\nport = "{os.ttyname(slave)}"\n\n[device.sole]\naddress = "127.0.0.1:{port}"\n',
+        "lab.toml",
+    )
     yield tmp_path, speaks
     speaks.clear()
     speaker.join()
@@ -109,7 +117,9 @@ def test_a_run_on_a_rig_reads_a_serial_port_and_a_socket(lab):
     [file] = (folder / "recordings").glob("*.csv")
     rows = list(csv.DictReader(file.read_text().splitlines()))
     last = rows[-1]
-    assert float(last["sole.force [N]"]) == pytest.approx(1e4 * 0.27 * 0.09, rel=1e-6) and int(last["sole.received"]) > 30
+    assert (
+        float(last["sole.force [N]"]) == pytest.approx(1e4 * 0.27 * 0.09, rel=1e-6) and int(last["sole.received"]) > 30
+    )
     assert float(last["teensy.load [N]"]) > float(rows[0]["teensy.load [N]"]) >= 10.0
     assert [last[f"{name}.{count}"] for name in ("sole", "teensy") for count in ("lost", "corrupt")] == ["0"] * 4
     assert max(float(row["sole.age [s]"]) for row in rows) < 0.05
@@ -120,7 +130,14 @@ def test_a_port_that_is_not_there_and_a_port_that_is_taken_are_told_at_once(lab)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         number = taken.getsockname()[1]
-        write(folder, f'[device.teensy]\nport = "/dev/ttyNothing"\n\n[device.sole]\naddress = "127.0.0.1:{number}"\n', "lab.toml")
+        write(
+            folder,
+            f'[device.teensy]\nport = "/dev/ttyNothing"\n\n[device.sole]\naddress = "127.0.0.1:{number}"\n',
+            "lab.toml",
+        )
         process = finished("walk.py", "--rig", "lab.toml", "--duration", "0.5", "--yes", cwd=folder)
     assert process.returncode == BAD_INPUT
-    assert '[device."teensy"] /dev/ttyNothing: there is no such port' in process.stderr and f"another program has UDP port {number} open" in process.stderr
+    assert (
+        '[device."teensy"] /dev/ttyNothing: there is no such port' in process.stderr
+        and f"another program has UDP port {number} open" in process.stderr
+    )

@@ -31,7 +31,8 @@ serial = "133932"
 def await_rows(folder):
     """Until a run in that folder has written rows."""
     deadline = time.monotonic() + 15.0
-    while not any(file.read_bytes().count(b"\n") > 1 for file in folder.glob("recordings/*.csv")):      # a header is there before it is armed
+    # a header is there before it is armed
+    while not any(file.read_bytes().count(b"\n") > 1 for file in folder.glob("recordings/*.csv")):
         assert time.monotonic() < deadline, "it did not begin"
         time.sleep(0.02)
 
@@ -51,7 +52,10 @@ def robot(tmp_path, monkeypatch):
 def test_it_arms_once_they_answer_records_them_and_is_replayed_bit_for_bit(robot):
     run = finished("robot.py", "--rig", "lab.toml", "--yes", "--duration", "0.5", "--record", "out", cwd=robot.folder)
     assert run.returncode == OK, run.stderr
-    assert "bus shank  microstrain " in run.stderr + run.stdout and "2 devices, nothing out of the ordinary" in run.stderr + run.stdout
+    assert (
+        "bus shank  microstrain " in run.stderr + run.stdout
+        and "2 devices, nothing out of the ordinary" in run.stderr + run.stdout
+    )
     assert not list((robot.folder / "out").glob("*.can.log"))
     [recording] = (robot.folder / "out").glob("*.mcap")
     again = finished("replay", str(recording), cwd=robot.folder)
@@ -67,4 +71,8 @@ def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
     robot.unplug()
     out, err = run.communicate(timeout=20)
     assert run.returncode == FAULT
-    assert "no reply for longer than its timeout (0.5 s); " in err and "tty13393" in err and "which was lost 1 time and is gone" in err
+    assert (
+        "no reply for longer than its timeout (0.5 s); " in err
+        and "tty13393" in err
+        and "which was lost 1 time and is gone" in err
+    )

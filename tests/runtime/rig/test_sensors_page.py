@@ -1,4 +1,6 @@
-"""docs/sensors.md, the part on I2C: its diagram runs, its rig fits, its scan is what a scan prints, its commands are taken."""
+"""docs/sensors.md, the part on I2C: its diagram runs, its rig fits, its scan is what a scan prints, its commands are
+taken.
+"""
 
 import re
 

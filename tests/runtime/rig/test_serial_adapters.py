@@ -1,4 +1,6 @@
-"""Adapters that python-can speaks to over a serial line, whose `recv` waits whatever it is told: python-can at both ends of two ptys."""
+"""Adapters that python-can speaks to over a serial line, whose `recv` waits whatever it is told: python-can at both
+ends of two ptys.
+"""
 
 import os
 import pty
@@ -50,7 +52,7 @@ class Line:
             masters = list(self.masters)
             if len(masters) < 2:
                 return
-            with suppress(OSError, ValueError):                 # nobody has that port open, or it is unplugged
+            with suppress(OSError, ValueError):  # nobody has that port open, or it is unplugged
                 for ready in select.select(masters, [], [], 0.02)[0]:
                     data = os.read(ready, 4096)
                     os.write(masters[ready == masters[0]], data)
@@ -60,7 +62,7 @@ class Line:
     def drive(self):
         with can.Bus(interface=self.interface, channel=self.ports[1]) as bus:
             while not self.over.is_set():
-                with suppress(TypeError, can.CanError):         # half a frame
+                with suppress(TypeError, can.CanError):  # half a frame
                     message = bus.recv(0.02)
                     if message is not None:
                         self.frames.append(message.data.hex().upper())
@@ -70,11 +72,15 @@ class Line:
 
 def run(folder, line, *words):
     rig = write(folder, f'[bus.legs]\ninterface = "{line.interface}"\nchannel = "{line.ports[0]}"\n', "lab.toml")
-    return started(knee(folder, "return 2.0"), "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder)
+    return started(
+        knee(folder, "return 2.0"), "--rig", rig, "--realtime", "off", "--yes", "--no-record", *words, cwd=folder
+    )
 
 
-@pytest.mark.parametrize("interface", [
-    "serial", pytest.param("seeedstudio", marks=pytest.mark.soak), pytest.param("robotell", marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "interface",
+    ["serial", pytest.param("seeedstudio", marks=pytest.mark.soak), pytest.param("robotell", marks=pytest.mark.soak)],
+)
 def test_an_interface_that_waits_for_its_frames_does_not_hold_the_guardian(tmp_path, interface):
     with Line(interface) as line:
         out, errors = run(tmp_path, line, "--duration", "0.5").communicate(timeout=20)

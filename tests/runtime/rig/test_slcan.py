@@ -38,7 +38,7 @@ class Adapter:
         self.master, port = pty.openpty()
         tty.setraw(port)
         self.channel = os.ttyname(port)
-        os.close(port)                      # it is for the guardian to open
+        os.close(port)  # it is for the guardian to open
         self.drives, self.said, self.frames = drives, [], []
         self.unplugged = threading.Event()
         self.thread = threading.Thread(target=self.play, daemon=True)
@@ -64,7 +64,7 @@ class Adapter:
                 continue
             try:
                 heard += os.read(self.master, 4096)
-            except OSError:                 # nobody has the port open
+            except OSError:  # nobody has the port open
                 time.sleep(0.001)
                 continue
             *commands, heard = heard.split(b"\r")
@@ -89,7 +89,9 @@ class Adapter:
 
 
 def rig_of(folder, channel, more="sleep_after_open = 0.05\n"):
-    return write(folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{channel}"\n[bus.legs.options]\n{more}', "lab.toml")
+    return write(
+        folder, f'[bus.legs]\ninterface = "slcan"\nchannel = "{channel}"\n[bus.legs.options]\n{more}', "lab.toml"
+    )
 
 
 def run(folder, adapter, *words, **options):
@@ -109,7 +111,8 @@ def test_a_robot_arms_runs_and_stops_over_slcan(tmp_path):
         process = run(tmp_path, adapter, "--duration", "0.7")
         out, errors = process.communicate(timeout=20)
         assert process.returncode == OK, errors
-        assert "S8" in adapter.said and "O" in adapter.said and adapter.said[-1] == "C"         # 1 Mbit/s; open; and closed at the end
+        # 1 Mbit/s; open; and closed at the end
+        assert "S8" in adapter.said and "O" in adapter.said and adapter.said[-1] == "C"
         told = [data for _, data in adapter.frames]
         assert told[0] == ENABLE and adapter.torque() and told[-2:] == [NOTHING, DISABLE] and len(told) > 130
         assert "confirmed by knee" in out and re.search(r"0 missed|\d+ missed", out)
@@ -140,7 +143,7 @@ def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_a
             time.sleep(0.001)
         took = time.monotonic() - at
         _, errors = process.communicate(timeout=10)
-        assert took < 0.1, took                         # 5 to 15 ms where the machine is not busy
+        assert took < 0.1, took  # 5 to 15 ms where the machine is not busy
         assert process.returncode == FAULT and "SIGKILL" in errors
         told = [data for _, data in adapter.frames]
         assert set(told[told.index(DISABLE) :]) == {NOTHING, DISABLE}
@@ -151,10 +154,13 @@ def test_an_adapter_without_drives_does_not_arm(tmp_path):
     with Adapter(drives=()) as adapter:
         process = run(tmp_path, adapter)
         _, errors = process.communicate(timeout=20)
-        assert process.returncode == FAULT and "no answer from knee (id 1 on bus legs)" in errors and not adapter.torque()
+        assert (
+            process.returncode == FAULT and "no answer from knee (id 1 on bus legs)" in errors and not adapter.torque()
+        )
 
 
 # Ports
+
 
 def refusal(channel, **options):
     with pytest.raises(Refused) as refused:
@@ -167,10 +173,14 @@ def test_a_port_that_is_not_there_names_those_that_are(tmp_path):
         (tmp_path / name).touch()
     trouble = refusal(str(tmp_path / "ttyACM1"), folder=tmp_path)
     assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM1: there is no such port")
-    assert trouble.hint.startswith(f"did you mean '{tmp_path}/ttyACM0'? there are ") and trouble.hint.endswith(f"{tmp_path}/ttyUSB3")
+    assert trouble.hint.startswith(f"did you mean '{tmp_path}/ttyACM0'? there are ") and trouble.hint.endswith(
+        f"{tmp_path}/ttyUSB3"
+    )
     trouble = refusal(str(tmp_path / "ttyACM0"), folder=tmp_path)
     assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM0 is no serial port")
-    assert refusal("/dev/ttyNone", folder=tmp_path / "empty").hint == "this machine has no serial port: is the adapter plugged in?"
+    assert refusal("/dev/ttyNone", folder=tmp_path / "empty").hint == (
+        "this machine has no serial port: is the adapter plugged in?"
+    )
 
 
 def test_a_rig_with_such_a_port_is_refused_before_anything_is_opened(tmp_path):
@@ -195,7 +205,7 @@ def test_a_port_that_another_process_holds_is_told_with_its_name(port):
     assert f"(process {os.getpid()})" in trouble.message
 
 
-AS_NOBODY = '''
+AS_NOBODY = """
 import os, sys
 sys.path.insert(0, {root!r})
 from runtime.rig.file import RigBus
@@ -206,7 +216,7 @@ try:
     look_at_port(RigBus("legs", "slcan", {channel!r}))
 except Refused as refused:
     print(refused.trouble)
-'''
+"""
 
 
 def as_nobody(port):
@@ -220,8 +230,12 @@ def test_a_port_without_permission_is_told_with_the_lines_that_give_it(port):
     os.fchmod(port, 0o600)
     os.fchown(port, 0, 20)
     said = as_nobody(port)
-    assert said.startswith(f"error TW124 serial port without permission: [bus.legs] {os.ttyname(port)}: Permission denied")
-    assert "sudo usermod -aG dialout nobody, then log in again" in said and "/etc/udev/rules.d/70-tickwork.rules" in said
+    assert said.startswith(
+        f"error TW124 serial port without permission: [bus.legs] {os.ttyname(port)}: Permission denied"
+    )
+    assert (
+        "sudo usermod -aG dialout nobody, then log in again" in said and "/etc/udev/rules.d/70-tickwork.rules" in said
+    )
     assert "sudo udevadm control --reload" in said
 
 
@@ -229,26 +243,46 @@ def test_a_port_that_is_held_exclusively_is_told_though_nobody_is_to_be_seen(por
     fcntl.ioctl(port, termios.TIOCEXCL)
     os.fchmod(port, 0o666)
     said = as_nobody(port)
-    assert said.startswith(f"error TW126 serial port in use: [bus.legs] {os.ttyname(port)} is in use") and "sudo fuser -v /dev/pts/" in said
+    assert (
+        said.startswith(f"error TW126 serial port in use: [bus.legs] {os.ttyname(port)} is in use")
+        and "sudo fuser -v /dev/pts/" in said
+    )
 
 
 # What else an interface takes
+
 
 def test_options_are_handed_over_as_they_are(tmp_path):
     rig = read(rig_of(tmp_path, "/dev/ttyACM0", 'ttyBaudrate = 3_000_000\napp_name = "gait"\nports = [1, 2.5, true]\n'))
     assert rig.buses["legs"].options == {"ttyBaudrate": 3_000_000, "app_name": "gait", "ports": [1, 2.5, True]}
 
 
-@pytest.mark.parametrize("line, message, hint", [
-    ('channel = "can1"', "[bus.legs] options.channel: that belongs to the bus itself", "write channel in [bus.legs]"),
-    ("when = 1979-05-27", "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",
-     "take it out"),
-    ("deep = { a = 1 }", "[bus.legs] options.deep = {'a': 1}: expected text, a number, true or false, or a list of those", "take it out"),
-])
+@pytest.mark.parametrize(
+    "line, message, hint",
+    [
+        (
+            'channel = "can1"',
+            "[bus.legs] options.channel: that belongs to the bus itself",
+            "write channel in [bus.legs]",
+        ),
+        (
+            "when = 1979-05-27",
+            "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",
+            "take it out",
+        ),
+        (
+            "deep = { a = 1 }",
+            "[bus.legs] options.deep = {'a': 1}: expected text, a number, true or false, or a list of those",
+            "take it out",
+        ),
+    ],
+)
 def test_options_that_cannot_be_are_told(tmp_path, line, message, hint):
     with pytest.raises(RigError) as raised:
         read(rig_of(tmp_path, "/dev/ttyACM0", line))
-    assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.troubles] == [("TW102", message, hint)]
+    assert [(trouble.code, trouble.message, trouble.hint) for trouble in raised.value.troubles] == [
+        ("TW102", message, hint)
+    ]
 
 
 def test_socketcan_has_no_options(tmp_path):

@@ -1,4 +1,6 @@
-"""UDP as a bus: channels, what keeps one from being opened, and an emergency-stop button over it that ends a run on another bus."""
+"""UDP as a bus: channels, what keeps one from being opened, and an emergency-stop button over it that ends a run on
+another bus.
+"""
 
 import os
 import socket
@@ -57,7 +59,9 @@ class Button:
 
     def send(self):
         self.counter += 1
-        self.socket.sendto(CAN_FRAME.pack(0x100, 2, bytes([self.counter % 256, 0x00 if self.pressed else 0x5A])), self.address)
+        self.socket.sendto(
+            CAN_FRAME.pack(0x100, 2, bytes([self.counter % 256, 0x00 if self.pressed else 0x5A])), self.address
+        )
 
     def press(self):
         """Returns the time of the wall clock at which it is pressed."""
@@ -69,17 +73,34 @@ class Button:
 
 # Channels
 
-@pytest.mark.parametrize("text, found", [
-    ("0.0.0.0:9871", ("0.0.0.0", 9871)), ("127.0.0.1:1", ("127.0.0.1", 1)), ("[::]:65535", ("::", 65535)), ("[::1]:9871", ("::1", 9871)),
-])
+
+@pytest.mark.parametrize(
+    "text, found",
+    [
+        ("0.0.0.0:9871", ("0.0.0.0", 9871)),
+        ("127.0.0.1:1", ("127.0.0.1", 1)),
+        ("[::]:65535", ("::", 65535)),
+        ("[::1]:9871", ("::1", 9871)),
+    ],
+)
 def test_a_channel_is_an_address_and_a_port(text, found):
     assert Endpoint(text) == found
 
 
-@pytest.mark.parametrize("text, why", [
-    ("9871", "expected ADDRESS:PORT"), ("::1:9871", "expected ADDRESS:PORT"), ("localhost:9871", "is no address"), ("0.0.0.0:", "is no port"),
-    ("0.0.0.0:0", "is no port"), ("0.0.0.0:65536", "is no port"), ("0.0.0.0:٣", "is no port"), ("[0.0.0.0]:9871", "IPv6"), ("", "expected"),
-])
+@pytest.mark.parametrize(
+    "text, why",
+    [
+        ("9871", "expected ADDRESS:PORT"),
+        ("::1:9871", "expected ADDRESS:PORT"),
+        ("localhost:9871", "is no address"),
+        ("0.0.0.0:", "is no port"),
+        ("0.0.0.0:0", "is no port"),
+        ("0.0.0.0:65536", "is no port"),
+        ("0.0.0.0:٣", "is no port"),
+        ("[0.0.0.0]:9871", "IPv6"),
+        ("", "expected"),
+    ],
+)
 def test_what_is_none_is_told(text, why, tmp_path):
     with pytest.raises(ValueError, match=why):
         Endpoint(text)
@@ -89,16 +110,23 @@ def test_what_is_none_is_told(text, why, tmp_path):
 
 
 def test_keys_that_do_not_fit_are_told(tmp_path):
-    rig = write(tmp_path, '[bus.estop]\ninterface = "udp"\nchannel = "0.0.0.0:9871"\nfd = true\npeer = "button"\n'
-                '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\npeer = "127.0.0.1:9"\n', "lab.toml")
+    rig = write(
+        tmp_path,
+        '[bus.estop]\ninterface = "udp"\nchannel = "0.0.0.0:9871"\nfd = true\npeer = "button"\n'
+        '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\npeer = "127.0.0.1:9"\n',
+        "lab.toml",
+    )
     with pytest.raises(RigError) as raised:
         read(rig)
     assert [trouble.message for trouble in raised.value.troubles] == [
-        "[bus.estop] peer = 'button': expected ADDRESS:PORT", "[bus.estop] fd = true: a datagram of UDP is a classic frame",
-        "[bus.legs] peer is of UDP alone"]
+        "[bus.estop] peer = 'button': expected ADDRESS:PORT",
+        "[bus.estop] fd = true: a datagram of UDP is a classic frame",
+        "[bus.legs] peer is of UDP alone",
+    ]
 
 
 # Opening
+
 
 def refusal(tmp_path, channel, build=EStopHeartbeat):
     with Diagram("robot", rate=100) as robot:
@@ -116,13 +144,21 @@ def test_a_port_in_use_is_told_with_who_has_it(tmp_path, family, host):
         other.bind((host, 0))
         port = other.getsockname()[1]
         trouble = refusal(tmp_path, f"[{host}]:{port}" if ":" in host else f"{host}:{port}")
-    assert trouble.code == "TW121" and f"UDP port {port} is in use by " in trouble.message and f"(process {os.getpid()})" in trouble.message
+    assert (
+        trouble.code == "TW121"
+        and f"UDP port {port} is in use by " in trouble.message
+        and f"(process {os.getpid()})" in trouble.message
+    )
     assert owner_of(port) == ""
 
 
 def test_an_address_of_another_machine_is_told_with_our_own(tmp_path):
     trouble = refusal(tmp_path, "198.51.100.7:9871")
-    assert trouble.code == "TW122" and "198.51.100.7 is no address of this machine; it has " in trouble.message and "127.0.0.1" in trouble.message
+    assert (
+        trouble.code == "TW122"
+        and "198.51.100.7 is no address of this machine; it has " in trouble.message
+        and "127.0.0.1" in trouble.message
+    )
     assert trouble.hint == 'write channel = "0.0.0.0:9871" for any of its addresses' and "127.0.0.1" in addresses()
 
 
@@ -131,7 +167,7 @@ def test_a_privileged_port_is_told(tmp_path):
     start = int(open("/proc/sys/net/ipv4/ip_unprivileged_port_start").read())
     if start <= 80:
         pytest.skip("every port is for everybody here")
-    script = f'''
+    script = f"""
 import os, sys
 sys.path.insert(0, {str(ROOT)!r})
 from runtime.rig.file import RigBus
@@ -143,17 +179,20 @@ try:
     UdpInterface(RigBus("estop", "udp", "127.0.0.1:80"), [])
 except Refused as refused:
     print(refused.trouble)
-'''
+"""
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT).stdout
     assert said.startswith("error TW123 privileged port: [bus.estop] port 80 is a privileged one") and "9871" in said
 
 
 def test_an_actuator_is_refused_there(tmp_path):
-    trouble = refusal(tmp_path, "127.0.0.1:9871", lambda: CubeMars("AK80-9", bus="estop", name="knee")(torque_command=0.0))
+    trouble = refusal(
+        tmp_path, "127.0.0.1:9871", lambda: CubeMars("AK80-9", bus="estop", name="knee")(torque_command=0.0)
+    )
     assert trouble.code == "TW105" and "cannot carry knee: the guardian could not stop it" in trouble.message
 
 
 # Frames
+
 
 @pytest.fixture
 def bus():
@@ -169,7 +208,15 @@ def bus():
 def test_a_datagram_is_a_frame_and_anything_else_is_counted(bus):
     can, sender = bus
     can.begin(time.monotonic_ns())
-    for data in (b"", b"\0", bytes(15), bytes(17), bytes(72), CAN_FRAME.pack(0x100, 9, bytes(8)), b"hello, is this the button?"):
+    for data in (
+        b"",
+        b"\0",
+        bytes(15),
+        bytes(17),
+        bytes(72),
+        CAN_FRAME.pack(0x100, 9, bytes(8)),
+        b"hello, is this the button?",
+    ):
         sender.send(data)
     sender.send(CAN_FRAME.pack(0x100, 2, b"\x07\x5a"))
     sender.send(CAN_FRAME.pack(0x80000000 | 0x12345, 8, bytes(range(8))))
@@ -193,7 +240,10 @@ def test_nothing_is_sent_without_a_peer(bus):
 
 def test_with_a_peer_it_is_sent_there_and_nobody_else_is_heard():
     port = free_port()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+    ):
         peer.bind(("127.0.0.1", 0))
         peer.settimeout(1.0)
         named = RigBus("estop", "udp", f"127.0.0.1:{port}", peer=f"127.0.0.1:{peer.getsockname()[1]}")
@@ -204,7 +254,7 @@ def test_with_a_peer_it_is_sent_there_and_nobody_else_is_heard():
         peer.sendto(CAN_FRAME.pack(0x100, 2, b"\x02\x5a"), ("127.0.0.1", port))
         assert [frame[2] for frame in can.end.receive(2) + can.end.receive(2)] == [b"\x02\x5a"]
         peer.close()
-        can.end.send(0x200, b"")                                    # the system hears here that nobody listens
+        can.end.send(0x200, b"")  # the system hears here that nobody listens
         can.end.receive()
         assert failed(can.trouble, named)[0] == f"nobody listens at {named.peer}"
         interface.close()
@@ -213,7 +263,7 @@ def test_with_a_peer_it_is_sent_there_and_nobody_else_is_heard():
 # Runs
 
 MORE = "from blocks.safety import EStopHeartbeat; EStopHeartbeat(name='button', timeout=0.3)"
-PATIENT = 0.03                  # s: a generous bound for six ticks of 5 ms, on a machine that others use
+PATIENT = 0.03  # s: a generous bound for six ticks of 5 ms, on a machine that others use
 
 
 def robot_and_button(folder, port, host="127.0.0.1"):
@@ -224,7 +274,9 @@ def robot_and_button(folder, port, host="127.0.0.1"):
 
 
 def pressed(folder, port, *words):
-    """A run that is ended by a press: (s from the press to the last drive's disable as a third party sees it, return code, standard error)."""
+    """A run that is ended by a press: (s from the press to the last drive's disable as a third party sees it, return
+    code, standard error).
+    """
     with Button(port) as button, robot_and_button(folder, port) as bus:
         process = bus.start(*words, more=MORE)
         bus.await_torque()
@@ -258,7 +310,11 @@ def test_a_button_that_falls_silent_stops_them_after_its_timeout(tmp_path):
         bus.listen(2.0, lambda frame: frame.data == DISABLE)
         bus.listen(0.3)
         _, errors = process.communicate(timeout=10)
-        assert process.returncode == FAULT and "FAULT at button, tick " in errors and "no reply for longer than its timeout (0.3 s)" in errors
+        assert (
+            process.returncode == FAULT
+            and "FAULT at button, tick " in errors
+            and ("no reply for longer than its timeout (0.3 s)") in errors
+        )
         assert 0.25 < bus.stopped_after(at) < 0.3 + 10 * PATIENT
 
 
@@ -268,8 +324,12 @@ def test_nothing_is_armed_without_the_button(tmp_path):
         _, errors = process.communicate(timeout=20)
         bus.listen(0.1)
         assert process.returncode == FAULT
-        assert "no answer from button (id 256 on bus estop)" in errors or "fenced by the guardian" in errors        # of a machine that stood still
-        assert all(not frame.is_command or frame.data in (DISABLE, NOTHING) or frame.data.startswith("FFFFFFFF") for frame in bus.frames)
+        # of a machine that stood still
+        assert "no answer from button (id 256 on bus estop)" in errors or "fenced by the guardian" in errors
+        assert all(
+            not frame.is_command or frame.data in (DISABLE, NOTHING) or frame.data.startswith("FFFFFFFF")
+            for frame in bus.frames
+        )
 
 
 @pytest.mark.soak
@@ -282,5 +342,8 @@ def test_fifty_presses(tmp_path):
         seconds, code, _ = pressed(folder, free_port(), "--no-record")
         assert code == FAULT
         took.append(seconds * 1e3)
-    print(f"from the press to the last disable, 50 presses: min {min(took):.1f}, median {statistics.median(took):.1f}, max {max(took):.1f} ms")
+    print(
+        f"from the press to the last disable, 50 presses: min {min(took):.1f}, median "
+        f"{statistics.median(took):.1f}, max {max(took):.1f} ms"
+    )
     assert statistics.median(took) < 1e3 * PATIENT and max(took) < 10e3 * PATIENT

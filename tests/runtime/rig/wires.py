@@ -1,4 +1,6 @@
-"""Chips in memory behind the methods of smbus2.SMBus, for what is set up on a machine without I2C. The real one is in tests/hardware."""
+"""Chips in memory behind the methods of smbus2.SMBus, for what is set up on a machine without I2C. The real one is in
+tests/hardware.
+"""
 
 from cext.i2c_memory import MemoryI2c
 from runtime.rig.chips import Chips

@@ -48,10 +48,16 @@ def test_what_was_held_is_in_the_summary_and_in_the_recording(tmp_path):
     assert process.returncode == OK, process.stderr
     where = f"flaky.py:{line_of(file, 'no data')}"
     [line] = [line for line in process.stdout.splitlines() if line.startswith("  held")]
-    assert line == f"  held        sensor held 4 exceptions, the first at 0.2 s; the last: AssertionError: no data ({where})"
+    assert line == (
+        f"  held        sensor held 4 exceptions, the first at 0.2 s; the last: AssertionError: no data ({where})"
+    )
     told = sidecar(tmp_path)
-    assert told["end"]["held"] == [{"block": "sensor", "count": 4, "first_tick": 20, "last": "AssertionError: no data", "at": where}]
-    assert [event for event in told["events"] if event["event"] == "exception held"] == [{"event": "exception held", "block": "sensor", "tick": 20}]
+    assert told["end"]["held"] == [
+        {"block": "sensor", "count": 4, "first_tick": 20, "last": "AssertionError: no data", "at": where}
+    ]
+    assert [event for event in told["events"] if event["event"] == "exception held"] == [
+        {"event": "exception held", "block": "sensor", "tick": 20}
+    ]
 
 
 def test_one_too_many_is_a_fault_with_its_line(tmp_path):
@@ -72,7 +78,10 @@ def test_sys_exit_in_a_block_is_told_as_such(tmp_path):
 
 def test_check_tells_how_many_a_block_holds(tmp_path):
     file = robot(tmp_path, "pass")
-    assert {block["path"]: block["hold_exceptions"] for block in check(file)["blocks"]} == {"sensor": 3, "csv_recorder": 0}
+    assert {block["path"]: block["hold_exceptions"] for block in check(file)["blocks"]} == {
+        "sensor": 3,
+        "csv_recorder": 0,
+    }
     process = finished("check", file.name, cwd=tmp_path)
     assert "flaky.py:22, holds 3 exceptions in a row" in process.stdout
 

@@ -20,7 +20,9 @@ def test_where_too_little_room_is_left_the_text_goes_below():
 
 def test_in_a_pipe_nothing_is_wrapped_or_cut_or_coloured():
     pipe = Paper()
-    assert pipe.hang("a ", "b " * 500) == ["a " + "b " * 500] and pipe.cut("x" * 500) == "x" * 500 and pipe.bad("x") == "x"
+    assert (
+        pipe.hang("a ", "b " * 500) == ["a " + "b " * 500] and pipe.cut("x" * 500) == "x" * 500 and pipe.bad("x") == "x"
+    )
 
 
 def test_colours_take_no_room():
@@ -31,7 +33,11 @@ def test_colours_take_no_room():
 
 
 def test_a_path_without_a_blank_is_not_broken():
-    assert Paper(width=20).hang("", "a left/very/long/path/that/is/wide b") == ["a", "left/very/long/path/that/is/wide", "b"]
+    assert Paper(width=20).hang("", "a left/very/long/path/that/is/wide b") == [
+        "a",
+        "left/very/long/path/that/is/wide",
+        "b",
+    ]
 
 
 def test_an_empty_text_leaves_the_head():

@@ -37,8 +37,12 @@ with Diagram("late", rate=200) as diagram:
 def ended(status, tick=121, rows=STEADY, overruns=(), culprit="knee"):
     """A Result as far as it is read."""
     return SimpleNamespace(
-        outcome=SimpleNamespace(status=status, tick=tick, culprit=culprit), newest=rows, overruns=list(overruns), failed_in_plant=False,
-        schedule=SimpleNamespace(rate=200.0))
+        outcome=SimpleNamespace(status=status, tick=tick, culprit=culprit),
+        newest=rows,
+        overruns=list(overruns),
+        failed_in_plant=False,
+        schedule=SimpleNamespace(rate=200.0),
+    )
 
 
 def blamed(name, at_tick=100):
@@ -66,9 +70,18 @@ def test_ticks_that_run_late_instead_of_being_lost_count_as_well():
     assert before_fault(ended("silent", 101, rows)) == f"; the loop was up to 100.0 ms late before that: {CURE}"
 
 
-@pytest.mark.parametrize("result", [
-    ended("silent", 101), ended("silent", 102), ended("silent", 100), ended("not finite"), ended("silent", -1, []), ended("overrun", culprit="law")],
-    ids=["none lost", "one lost", "in the newest row", "another fault", "while arming", "an overrun of a block"])
+@pytest.mark.parametrize(
+    "result",
+    [
+        ended("silent", 101),
+        ended("silent", 102),
+        ended("silent", 100),
+        ended("not finite"),
+        ended("silent", -1, []),
+        ended("overrun", culprit="law"),
+    ],
+    ids=["none lost", "one lost", "in the newest row", "another fault", "while arming", "an overrun of a block"],
+)
 def test_a_fault_that_lost_ticks_do_not_explain_is_told_as_before(result):
     assert before_fault(result) == ""
 
@@ -79,9 +92,15 @@ def test_an_overrun_of_the_machine_names_the_cure():
 
 def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
     result = run(prepare(Request(write(tmp_path, SLEEPS), duration=0.125, no_record=True)))
-    said = before_fault(SimpleNamespace(
-        outcome=SimpleNamespace(status="silent", tick=round(result.newest[-1][0]) + 30, culprit=None), newest=result.newest,
-        overruns=result.overruns, failed_in_plant=False, schedule=result.schedule))
+    said = before_fault(
+        SimpleNamespace(
+            outcome=SimpleNamespace(status="silent", tick=round(result.newest[-1][0]) + 30, culprit=None),
+            newest=result.newest,
+            overruns=result.overruns,
+            failed_in_plant=False,
+            schedule=result.schedule,
+        )
+    )
     assert said.startswith("; the loop had lost ") and said.endswith(" (tick 20)") and ": law took 5" in said
 
 
@@ -89,4 +108,7 @@ def test_the_first_line_of_a_report_holds_it(tmp_path):
     result = run(prepare(Request(write(tmp_path, SLEEPS), duration=1.0, fast=True, no_record=True)))
     result.outcome = replace(result.outcome, status="silent", tick=230)
     first = fault.explain(result)[0]
-    assert first == f"FAULT at late, tick 230 (1.15 s): no reply for longer than its timeout; the loop had lost 30 ticks before that: {CURE}"
+    assert first == (
+        "FAULT at late, tick 230 (1.15 s): no reply for longer than its timeout; the loop had lost 30 "
+        f"ticks before that: {CURE}"
+    )

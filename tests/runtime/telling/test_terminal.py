@@ -16,8 +16,14 @@ from runtime.telling.terminal import complain, harmless, tell, write
 LINE = "late by 61 µs at −4.5 N·m, 30° … ━╌ 漢"
 
 
-@pytest.mark.parametrize("encoding, expected", [
-    ("utf-8", LINE), ("ascii", "late by 61 us at -4.5 N*m, 30 deg ... #. ?"), ("latin-1", "late by 61 µs at -4.5 N·m, 30° ... #. ?")])
+@pytest.mark.parametrize(
+    "encoding, expected",
+    [
+        ("utf-8", LINE),
+        ("ascii", "late by 61 us at -4.5 N*m, 30 deg ... #. ?"),
+        ("latin-1", "late by 61 µs at -4.5 N·m, 30° ... #. ?"),
+    ],
+)
 def test_units_stay_readable_in_an_encoding_without_them(encoding, expected):
     file = io.TextIOWrapper(io.BytesIO(), encoding)
     write([LINE], file)
@@ -31,7 +37,17 @@ SHOWN = "knee\\x1b]0;title\\x07 \\x1b[2J\\x1b[8m \\x9b31m \\x7f\\r \\u202e end\t
 def test_control_characters_of_a_text_are_written_out_and_our_own_styles_stay():
     assert harmless(NASTY, True) == harmless(NASTY, False) == SHOWN
     styled = Paper(80, True)
-    ours = " ".join((styled.bold("a"), styled.faint("b"), styled.good("c"), styled.bad("d"), styled.dubious("e"), *COLOURS.values(), RESET))
+    ours = " ".join(
+        (
+            styled.bold("a"),
+            styled.faint("b"),
+            styled.good("c"),
+            styled.bad("d"),
+            styled.dubious("e"),
+            *COLOURS.values(),
+            RESET,
+        )
+    )
     assert harmless(ours, True) == ours
     assert "\x1b" not in harmless(ours, False)
 
@@ -50,7 +66,8 @@ def test_neither_a_status_line_nor_a_line_that_stays_holds_one():
     shown.draw(f"\x1b[32mrunning\x1b[0m {NASTY[:-1]}")
     shown.say(NASTY[:-1])
     expected, seen = f"\r\x1b[32mrunning\x1b[0m {SHOWN[:-1]}\x1b[K\r\x1b[K{SHOWN[:-1]}\n".encode(), b""
-    while len(seen) < len(expected) and select.select([master], [], [], 2.0)[0]:        # a terminal may pass on what it has got in pieces
+    # a terminal may pass on what it has got in pieces
+    while len(seen) < len(expected) and select.select([master], [], [], 2.0)[0]:
         seen += os.read(master, 4096)
     os.close(master)
     os.close(slave)

@@ -1,4 +1,5 @@
-"""Nodes of a bus on udp_multicast or SocketCAN, a thread and a socket each: drives and IMUs that speak as the manuals say.
+"""Nodes of a bus on udp_multicast or SocketCAN, a thread and a socket each: drives and IMUs that speak as the manuals
+say.
 
 The answers are made by the references of tests/blocks/actuators, not by what is tested.
 """
@@ -26,7 +27,9 @@ def channel(number):
 
 
 class Node:
-    """A node of its own: `hear` gives its answers to a frame, `speak` what it says by itself every `period` s, as (id, extended, data)."""
+    """A node of its own: `hear` gives its answers to a frame, `speak` what it says by itself every `period` s, as (id,
+    extended, data).
+    """
 
     period = None
 
@@ -34,7 +37,7 @@ class Node:
         self.heard, self.alive, self.deaf = [], True, Counter()
 
     def start(self, channel):
-        self.echoed = not channel.startswith("vcan")            # whether it hears its own frames
+        self.echoed = not channel.startswith("vcan")  # whether it hears its own frames
         self.bus = open_bus(channel) if self.echoed else can.Bus(channel, interface="socketcan")
         self.thread = threading.Thread(target=self.live, daemon=True)
         self.thread.start()
@@ -54,7 +57,7 @@ class Node:
             if message is None or message.is_error_frame:
                 continue
             frame = message.arbitration_id, message.is_extended_id, bytes(message.data)
-            if self.deaf[frame]:                # its own
+            if self.deaf[frame]:  # its own
                 self.deaf[frame] -= 1
                 continue
             self.heard.append(frame)
@@ -70,7 +73,9 @@ class Node:
 
 
 class Mit(Node):
-    """A CubeMars in MIT mode, or with a host's id a RobStride in its MIT protocol. Its torque is that of the last command."""
+    """A CubeMars in MIT mode, or with a host's id a RobStride in its MIT protocol. Its torque is that of the last
+    command.
+    """
 
     def __init__(self, can_id, position=0.1, temperature=31.0, error=0, host=None, velocity=0.0, drift=0.0):
         super().__init__()
@@ -80,11 +85,11 @@ class Mit(Node):
         self.enabled = False
 
     def hear(self, identifier, extended, data):
-        if extended or identifier != self.can_id or len(data) != 8 or data[0] == self.can_id:       # another's answer
+        if extended or identifier != self.can_id or len(data) != 8 or data[0] == self.can_id:  # another's answer
             return []
         if data in (ENABLE, DISABLE):
             self.enabled = data == ENABLE
-        if data == ZERO:                                # then it is silent for a while
+        if data == ZERO:  # then it is silent for a while
             self.position, self.silent = 0.0, time.monotonic() + 0.6
         self.position += self.drift
         if time.monotonic() < self.silent:
@@ -97,24 +102,49 @@ class Mit(Node):
 
 
 class Private(Node):
-    """A RobStride drive, or a CyberGear, in the private protocol: it can be read, written, given an id, zeroed and saved."""
+    """A RobStride drive, or a CyberGear, in the private protocol: it can be read, written, given an id, zeroed and
+    saved.
+    """
 
-    def __init__(self, can_id, unique=0x1122334455667788, cybergear=False, position=0.25, velocity=0.0, current=0.0, faults=0):
+    def __init__(
+        self, can_id, unique=0x1122334455667788, cybergear=False, position=0.25, velocity=0.0, current=0.0, faults=0
+    ):
         super().__init__()
         self.can_id, self.unique, self.cybergear, self.faults = can_id, unique, cybergear, faults
-        self.values = {0x7019: position, 0x701A: current, 0x701B: velocity, 0x701C: 47.5, 0x700B: 17.0, 0x7018: 23.0, 0x7005: 0, 0x7028: 0,
-                       0x7026: 1}
+        self.values = {
+            0x7019: position,
+            0x701A: current,
+            0x701B: velocity,
+            0x701C: 47.5,
+            0x700B: 17.0,
+            0x7018: 23.0,
+            0x7005: 0,
+            0x7028: 0,
+            0x7026: 1,
+        }
         self.layouts = {0x7005: "<Bxxx", 0x7028: "<I", 0x7026: "<Hxx"}
         self.mode, self.saved, self.protocol = 0, 0, None
 
     def state(self, host):
         flagged, data = robstride_reference.reply(
-            RS02, self.can_id, position=self.values[0x7019], velocity=self.values[0x701B], temperature=36.5, faults=self.faults,
-            mode=self.mode, host=host)
+            RS02,
+            self.can_id,
+            position=self.values[0x7019],
+            velocity=self.values[0x701B],
+            temperature=36.5,
+            faults=self.faults,
+            mode=self.mode,
+            host=host,
+        )
         return flagged & 0x1FFFFFFF, True, data
 
     def hear(self, identifier, extended, data):
-        kind, field, host, target = identifier >> 24, identifier >> 8 & 0xFFFF, identifier >> 8 & 0xFF, identifier & 0xFF
+        kind, field, host, target = (
+            identifier >> 24,
+            identifier >> 8 & 0xFFFF,
+            identifier >> 8 & 0xFF,
+            identifier & 0xFF,
+        )
         if not extended or target != self.can_id:
             return []
         if kind == 0:
@@ -142,7 +172,9 @@ class Private(Node):
                     self.values[index] = struct.unpack_from(layout, data, 4)[0]
                 return [self.state(host)]
             value = struct.pack(layout, self.values[index]) if known else bytes(4)
-            return [(17 << 24 | (not known) << 16 | self.can_id << 8 | host, True, struct.pack("<HH", index, 0) + value)]
+            return [
+                (17 << 24 | (not known) << 16 | self.can_id << 8 | host, True, struct.pack("<HH", index, 0) + value)
+            ]
         if kind == 22:
             self.saved += 1
             return [self.state(host)]
@@ -195,8 +227,10 @@ class OpenImu(Node):
         self.address, self.serial = address, serial
 
     def speak(self):
-        return [(3 << 26 | 61482 << 8 | self.address, True, bytes.fromhex("007d007d007dff00")),
-                (2 << 26 | 61485 << 8 | self.address, True, bytes.fromhex("007d007d007dffff"))]
+        return [
+            (3 << 26 | 61482 << 8 | self.address, True, bytes.fromhex("007d007d007dff00")),
+            (2 << 26 | 61485 << 8 | self.address, True, bytes.fromhex("007d007d007dffff")),
+        ]
 
     def hear(self, identifier, extended, data):
         if not extended or identifier >> 16 & 0xFF != 0xEA or identifier >> 8 & 0xFF not in (self.address, 0xFF):

@@ -29,22 +29,31 @@ def test_every_chip_is_told_with_what_tells_it(wires, command_line):
     code, out, err = command_line(*WORDS)
     assert (code, err) == (OK, "")
     assert out.splitlines() == [
-        "bus imus  i2c /dev/i2c-97", "  0x0c        AK8963  (register 0x00 is 0x48)", "  0x3c        a chip that is not known here",
-        "  0x68        MPU-9250  (register 0x75 is 0x71)", "  0x70        TCA9548A multiplexer  (by its address)",
-        "  0x70.4 0x69 MPU-9255  (register 0x75 is 0x73)"]
+        "bus imus  i2c /dev/i2c-97",
+        "  0x0c        AK8963  (register 0x00 is 0x48)",
+        "  0x3c        a chip that is not known here",
+        "  0x68        MPU-9250  (register 0x75 is 0x71)",
+        "  0x70        TCA9548A multiplexer  (by its address)",
+        "  0x70.4 0x69 MPU-9255  (register 0x75 is 0x73)",
+    ]
 
 
 def test_a_rig_file_to_begin_with(wires, command_line):
     add_mpu(wires, 0x68, 1 + 4)
-    wires.write(wires.add(0x2A), 0x1F, b"\x0F")
+    wires.write(wires.add(0x2A), 0x1F, b"\x0f")
     code, _, err = command_line(*WORDS, "--write-rig", "new.toml")
     assert code == OK and "written" in err
     text = (command_line.folder / "new.toml").read_text()
     assert read(command_line.folder / "new.toml").buses["imus"].channel == "/dev/i2c-97"
-    assert '# [device."mpu9250_70_4"]\n# address = 0x68\n# mux = 0x70\n# channel = 4\n' in text and '# [device."nau7802_2a"]' in text
+    assert (
+        '# [device."mpu9250_70_4"]\n# address = 0x68\n# mux = 0x70\n# channel = 4\n' in text
+        and '# [device."nau7802_2a"]' in text
+    )
     rows = json.loads(command_line("scan", "--rig", "new.toml", "--json")[1])["buses"][0]["chips"]
     assert [(row["mux"], row["channel"], row["address"], row["name"]) for row in rows if row["block"]] == [
-        (0, 0, 0x2A, "NAU7802"), (0x70, 4, 0x68, "MPU-9250")]
+        (0, 0, 0x2A, "NAU7802"),
+        (0x70, 4, 0x68, "MPU-9250"),
+    ]
 
 
 def test_silence_is_told_with_its_likely_cause(monkeypatch, command_line):

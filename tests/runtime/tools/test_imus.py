@@ -38,8 +38,23 @@ def test_two_are_shown_recorded_and_plotted(command_line):
     """In Rerun, where it is there, each channel has a plot, and an attitude its axes."""
     viewer = ["--rerun", "out.rrd"] if importlib.util.find_spec("rerun") else []
     with Listener() as listener:
-        code, out, err = command_line("stream", "imu", "3931", "3932", "--channels", "accel,quaternion", "--rate", "100", "--duration", "1",
-                                      "--record", "out", "--plotjuggler", listener.address, *viewer)
+        code, out, err = command_line(
+            "stream",
+            "imu",
+            "3931",
+            "3932",
+            "--channels",
+            "accel,quaternion",
+            "--rate",
+            "100",
+            "--duration",
+            "1",
+            "--record",
+            "out",
+            "--plotjuggler",
+            listener.address,
+            *viewer,
+        )
         told = listener.rest()
     assert (code, err) == (OK, "")
     assert re.search(r"imu_3931  accel +-?0\.000 +-?0\.000 +-9\.807 m/s²", out)
@@ -53,7 +68,10 @@ def test_two_are_shown_recorded_and_plotted(command_line):
         for sensor in ("imu_3931", "imu_3932"):
             ticks, accel = seen[f"/{sensor}/accel"]
             assert len(ticks) > 10 and ticks == sorted(ticks) and accel[-1] == pytest.approx([0.0, 0.0, -9.80665])
-            assert seen[f"/{sensor}/quaternion"][1][-1] == pytest.approx([1.0, 0.0, 0.0, 0.0]) and len(seen[f"/{sensor}/euler"][1][-1]) == 3
+            assert (
+                seen[f"/{sensor}/quaternion"][1][-1] == pytest.approx([1.0, 0.0, 0.0, 0.0])
+                and len(seen[f"/{sensor}/euler"][1][-1]) == 3
+            )
 
 
 def test_one_that_is_not_there_is_told_with_those_that_are(command_line):

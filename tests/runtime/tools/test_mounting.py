@@ -1,4 +1,6 @@
-"""`configure --joint`: a joint is moved by hand, its rig file says how its motor sits, and the table before arming compares with it."""
+"""`configure --joint`: a joint is moved by hand, its rig file says how its motor sits, and the table before arming
+compares with it.
+"""
 
 import subprocess
 import sys
@@ -19,7 +21,7 @@ from runtime.tools.mounting import Motor
 from tests.runtime.runs import environment, finished, knee, write
 from tests.runtime.tools.nodes import DISABLE, ENABLE, V3, Commander, Mit, Nodes, Servo
 
-RIG = '''# the lab's exo
+RIG = """# the lab's exo
 [bus.legs]      # both knees
 interface = "udp_multicast"
 channel = "{channel}"
@@ -29,7 +31,7 @@ can_id = 1      # the label says 1
 offset = 0.5    # of last year
 
 # that was all
-'''
+"""
 
 
 class Person:
@@ -37,8 +39,15 @@ class Person:
 
     def __init__(self, folder, *words):
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "runtime", "configure", *map(str, words)], cwd=folder, env=environment(), stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1)
+            [sys.executable, "-m", "runtime", "configure", *map(str, words)],
+            cwd=folder,
+            env=environment(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            bufsize=1,
+        )
 
     def asked(self, word):
         while word not in (line := self.process.stdout.readline()):
@@ -62,7 +71,7 @@ def test_boards_in_extended_frames_are_asked_with_what_keeps_them_off():
         assert Motor(bus, robot["knee"]).angle() == pytest.approx(1.5708, abs=1e-4)
         bus.listen(0.05)
     told = {frame for node in nodes.nodes for frame in node.heard if frame[0] >> 8 != 0x29}
-    assert told == {(1 << 8 | 4, True, bytes(4)), (15 << 8 | 5, True, b"")}          # no current; disable
+    assert told == {(1 << 8 | 4, True, bytes(4)), (15 << 8 | 5, True, b"")}  # no current; disable
 
 
 def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path):
@@ -73,7 +82,7 @@ def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path
         person.asked("1 of 3")
         person.enter()
         person.asked("2 of 3")
-        drive.position = -0.7                           # bending turns the motor down
+        drive.position = -0.7  # bending turns the motor down
         person.enter()
         person.asked("3 of 3")
         for drive.position in (0.4, -1.5):
@@ -82,18 +91,28 @@ def test_straight_bent_and_the_full_motion_become_offset_sign_and_range(tmp_path
         code, out, err = person.end()
         assert (code, err) == (0, "")
         drive.position = -0.7
-        run = finished("robot.py", "--rig", rig, "--yes", "--realtime", "off", "--no-record", "--duration", "0.2", cwd=tmp_path)
+        run = finished(
+            "robot.py", "--rig", rig, "--yes", "--realtime", "off", "--no-record", "--duration", "0.2", cwd=tmp_path
+        )
         told = next(line for line in (run.stdout + run.stderr).splitlines() if line.startswith("  knee "))
-        assert "  1.000 rad in [-0.1, 1.8]  " in told or "  0.999 rad in [-0.1, 1.8]  " in told          # the wire's steps are 0.4 mrad
+        # the wire's steps are 0.4 mrad
+        assert "  1.000 rad in [-0.1, 1.8]  " in told or "  0.999 rad in [-0.1, 1.8]  " in told
     drive.heard = drive.heard[: next(place for place, frame in enumerate(drive.heard) if frame[2] == ENABLE)]
-    assert {data for _, extended, data in drive.heard if not extended} == {DISABLE}           # motor off, all the time
+    assert {data for _, extended, data in drive.heard if not extended} == {DISABLE}  # motor off, all the time
     found = read(rig)
     step = 25.0 / 65535
-    assert found.devices["knee"]["invert"] is True and found.devices["knee"]["offset"] == pytest.approx(-0.3, abs=2 * step)
-    assert found.devices["knee"]["range"] == pytest.approx([-0.1, 1.8], abs=2e-3) and found.devices["knee"]["can_id"] == 1
+    assert found.devices["knee"]["invert"] is True and found.devices["knee"]["offset"] == pytest.approx(
+        -0.3, abs=2 * step
+    )
+    assert (
+        found.devices["knee"]["range"] == pytest.approx([-0.1, 1.8], abs=2e-3) and found.devices["knee"]["can_id"] == 1
+    )
     text = rig.read_text()
     assert text.startswith("# the lab's exo\n[bus.legs]      # both knees\n") and text.endswith("\n\n# that was all\n")
-    assert "can_id = 1      # the label says 1\noffset = -0." in text and "    # of last year\ninvert = true\nrange = [" in text
+    assert (
+        "can_id = 1      # the label says 1\noffset = -0." in text
+        and ("    # of last year\ninvert = true\nrange = [") in text
+    )
 
 
 @pytest.mark.soak
@@ -105,7 +124,11 @@ def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_pat
             person.asked(number)
             person.enter()
         code, _, err = person.end()
-    assert code == 2 and "tells no sign; nothing was written" in err and rig.read_text() == RIG.format(channel=nodes.channel)
+    assert (
+        code == 2
+        and "tells no sign; nothing was written" in err
+        and rig.read_text() == RIG.format(channel=nodes.channel)
+    )
 
 
 def test_a_joint_that_somebody_else_drives_is_left_alone(command_line):
@@ -113,7 +136,11 @@ def test_a_joint_that_somebody_else_drives_is_left_alone(command_line):
     with Nodes(42, drive, Commander(1)) as nodes:
         rig = write(command_line.folder, RIG.format(channel=nodes.channel), "lab.toml")
         code, _, err = command_line("configure", "--joint", "knee", "--rig", rig, knee(command_line.folder))
-    assert code == 2 and "somebody else commands id 1 on this bus" in err and DISABLE not in [data for _, _, data in drive.heard]
+    assert (
+        code == 2
+        and "somebody else commands id 1 on this bus" in err
+        and DISABLE not in [data for _, _, data in drive.heard]
+    )
 
 
 def test_the_tables_before_arming_compare_with_the_range_of_the_rig(tmp_path):
@@ -136,12 +163,17 @@ def test_a_range_that_is_none_is_refused(command_line, value):
     assert code and "range is the lowest and the highest angle in rad" in out + err
 
 
-@pytest.mark.parametrize("text, device", [
-    ('[device]\n"left/knee" = { can_id = 3 }\n', "left/knee"),
-    ('[device."left/knee"]\nrange = [\n  0.0,\n  1.0,\n]\n', "left/knee"),
-])
+@pytest.mark.parametrize(
+    "text, device",
+    [
+        ('[device]\n"left/knee" = { can_id = 3 }\n', "left/knee"),
+        ('[device."left/knee"]\nrange = [\n  0.0,\n  1.0,\n]\n', "left/knee"),
+    ],
+)
 def test_a_file_that_would_break_is_left_alone(text, device):
-    with pytest.raises(BadInput, match="cannot be changed from here; nothing was written. Write it yourself: offset = 0.5, range = "):
+    with pytest.raises(
+        BadInput, match="cannot be changed from here; nothing was written. Write it yourself: offset = 0.5, range = "
+    ):
         rig_edit.changed("lab.toml", text, device, {"offset": 0.5, "range": [0.0, 2.0]})
 
 

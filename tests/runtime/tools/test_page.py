@@ -1,4 +1,6 @@
-"""docs/tools.md: its scan is what a scan prints, its commands are taken, and it has every option that it should tell of."""
+"""docs/tools.md: its scan is what a scan prints, its commands are taken, and it has every option that it should tell
+of.
+"""
 
 import re
 

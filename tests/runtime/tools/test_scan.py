@@ -22,20 +22,47 @@ def found(command_line, nodes, *more):
 
 
 def test_every_family_is_found_and_told(command_line):
-    with Nodes(1, Mit(3, position=0.5, error=5), Private(9), Mit(12, host=0xFD, temperature=28.4), OpenImu(), Servo(77), V3(78)) as nodes:
+    with Nodes(
+        1, Mit(3, position=0.5, error=5), Private(9), Mit(12, host=0xFD, temperature=28.4), OpenImu(), Servo(77), V3(78)
+    ) as nodes:
         code, report = found(command_line, nodes)
     by_id = {drive["can_id"]: drive for drive in report["drives"]}
     assert code == OK and sorted(by_id) == [3, 9, 12, 77, 78]
-    assert by_id[3]["family"] == "CubeMars in MIT mode" and by_id[3]["temperature"] == 31.0 and by_id[3]["fault"] == "encoder"
+    assert (
+        by_id[3]["family"] == "CubeMars in MIT mode"
+        and by_id[3]["temperature"] == 31.0
+        and by_id[3]["fault"] == "encoder"
+    )
     assert by_id[3]["position"] == pytest.approx(0.5, abs=4e-4) and by_id[3]["velocity"] is None
-    assert by_id[9]["family"] == "RobStride" and by_id[9]["firmware"] == "0.3.1.7.0" and by_id[9]["unique"] == "1122334455667788"
+    assert (
+        by_id[9]["family"] == "RobStride"
+        and by_id[9]["firmware"] == "0.3.1.7.0"
+        and by_id[9]["unique"] == "1122334455667788"
+    )
     assert (by_id[9]["position"], by_id[9]["voltage"], by_id[9]["temperature"]) == (0.25, 47.5, 36.5)
-    assert by_id[12]["family"] == "RobStride in its MIT protocol" and by_id[12]["temperature"] == 28.4 and by_id[12]["fault"] is None
-    assert by_id[77]["family"] == "CubeMars in servo mode, or a V3.0 board" and "CubeMars wants MIT mode" in by_id[77]["notes"][0]
-    assert by_id[78]["family"] == "CubeMars with a V3.0 board" and by_id[78]["fault"] == "" and by_id[78]["temperature"] == 33.0
+    assert (
+        by_id[12]["family"] == "RobStride in its MIT protocol"
+        and by_id[12]["temperature"] == 28.4
+        and by_id[12]["fault"] is None
+    )
+    assert (
+        by_id[77]["family"] == "CubeMars in servo mode, or a V3.0 board"
+        and "CubeMars wants MIT mode" in by_id[77]["notes"][0]
+    )
+    assert (
+        by_id[78]["family"] == "CubeMars with a V3.0 board"
+        and by_id[78]["fault"] == ""
+        and by_id[78]["temperature"] == 33.0
+    )
     assert by_id[77]["position"] == pytest.approx(1.5708, abs=1e-3) and by_id[77]["fault"] == "under-voltage"
     [node] = report["nodes"]
-    assert (node["family"], node["address"], node["manufacturer"], node["function"], node["firmware"]) == ("OpenIMU", 128, 823, 131, "1.1.2.0.0")
+    assert (node["family"], node["address"], node["manufacturer"], node["function"], node["firmware"]) == (
+        "OpenIMU",
+        128,
+        823,
+        131,
+        "1.1.2.0.0",
+    )
     assert node["sends"]["acceleration"] == pytest.approx(100.0, rel=0.5)
 
 
@@ -44,7 +71,9 @@ def test_what_is_sent_arms_nothing_frame_by_frame(command_line):
     with Nodes(2, drive, private, witness) as nodes:
         code, report = found(command_line, nodes, "--ids", "1-20")
     told = [(frame["id"], frame["extended"], bytes.fromhex(frame["data"])) for frame in report["sent"]]
-    answers = [frame for frame in witness.heard if frame[2][:1] == b"\x03" or (frame[1] and frame[0] & 0xFF in (0xFD, 0xFE))]
+    answers = [
+        frame for frame in witness.heard if frame[2][:1] == b"\x03" or (frame[1] and frame[0] & 0xFF in (0xFD, 0xFE))
+    ]
     heard = [frame for frame in witness.heard if frame not in answers]
     assert heard == told and code == OK
     standard = [frame for frame in heard if not frame[1]]
@@ -54,11 +83,16 @@ def test_what_is_sent_arms_nothing_frame_by_frame(command_line):
     assert extended[1:21] == [(GET_ID | can_id, True, bytes(8)) for can_id in range(1, 21)]
     assert extended[26:] == [(0xF00 | can_id, True, b"") for can_id in range(1, 21)]
     assert extended[21:26] == [
-        (STOP | 9, True, bytes(8)), (STOP | 9, True, bytes.fromhex("00C4000000000000")), (READ | 9, True, bytes.fromhex("1970000000000000")),
-        (READ | 9, True, bytes.fromhex("1B70000000000000")), (READ | 9, True, bytes.fromhex("1C70000000000000"))]
+        (STOP | 9, True, bytes(8)),
+        (STOP | 9, True, bytes.fromhex("00C4000000000000")),
+        (READ | 9, True, bytes.fromhex("1970000000000000")),
+        (READ | 9, True, bytes.fromhex("1B70000000000000")),
+        (READ | 9, True, bytes.fromhex("1C70000000000000")),
+    ]
     assert ENABLE not in [data for _, _, data in heard] and not drive.enabled
     assert not {identifier >> 24 for identifier, extended, _ in heard if extended} - {0, 4, 17, 0x18}
-    assert {identifier & 0xFF for identifier, extended, _ in heard if extended and identifier >> 24 == 0x18} == {0xF9}     # for no drive
+    # for no drive
+    assert {identifier & 0xFF for identifier, extended, _ in heard if extended and identifier >> 24 == 0x18} == {0xF9}
 
 
 class Odd(Mit):
@@ -69,7 +103,10 @@ class Odd(Mit):
         self.length, self.name = length, can_id if name is None else name
 
     def hear(self, *frame):
-        return [(identifier, extended, bytes([self.name]) + data[1 : self.length]) for identifier, extended, data in super().hear(*frame)]
+        return [
+            (identifier, extended, bytes([self.name]) + data[1 : self.length])
+            for identifier, extended, data in super().hear(*frame)
+        ]
 
 
 def test_a_drive_with_short_replies_is_found_with_what_its_block_needs(command_line, tmp_path):
@@ -95,7 +132,9 @@ def test_two_drives_with_one_id_are_told(command_line):
     assert "! id 9: 2 answers to one question: 2 drives have id 9" in out
 
 
-@pytest.mark.parametrize("identifier, extended", [(3, False), (0x01FFFF03, True), (0x0300FD03, True), (0x00000103, True), (0x00000803, True)])
+@pytest.mark.parametrize(
+    "identifier, extended", [(3, False), (0x01FFFF03, True), (0x0300FD03, True), (0x00000103, True), (0x00000803, True)]
+)
 def test_where_somebody_else_commands_a_drive_nothing_is_asked(command_line, identifier, extended):
     drive = Mit(3)
     with Nodes(4, drive, Commander(identifier, extended)) as nodes:
@@ -117,7 +156,9 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
         lock = BusLock("udp_multicast", nodes.channel)
         code, out, err = command_line("scan", *nodes.words, *QUICK)
         lock.close()
-    said = f"error TW106 bus that somebody else controls: [bus.can] {nodes.channel} is controlled by process {os.getpid()}"
+    said = (
+        f"error TW106 bus that somebody else controls: [bus.can] {nodes.channel} is controlled by process {os.getpid()}"
+    )
     assert (code, out) == (CHECK_FAILED, "") and said in err
     assert drive.heard == []
 
@@ -125,7 +166,11 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
 def test_silence_is_told_with_the_likely_cure(command_line):
     with Nodes(6) as nodes:
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-3")
-    assert code == CHECK_FAILED and "! nobody answers: is its supply on" in out and "OpenIMU as it is sold has 250 kbit/s" in out
+    assert (
+        code == CHECK_FAILED
+        and "! nobody answers: is its supply on" in out
+        and ("OpenIMU as it is sold has 250 kbit/s") in out
+    )
     assert "try --bitrate 250000" in out
 
 
@@ -151,15 +196,18 @@ def test_every_frame_is_told_when_asked(command_line):
     assert "  sent: disable of drives in MIT mode, 2 frames, 003#FFFFFFFFFFFFFFFD to 004#FFFFFFFFFFFFFFFD\n" in brief
 
 
-@pytest.mark.parametrize("words, said", [
-    (["--ids", "0-3"], "--ids 0-3: expected ids from 1 to 255"),
-    (["--ids", "3-"], "--ids 3-: expected"),
-    (["--ids", "9-3"], "--ids 9-3: expected"),
-    (["--interface", "slcan"], "--interface slcan: which channel? as in --channel /dev/ttyACM0"),
-    (["--bus", "legs"], "--bus names a bus of a rig: give --rig, too"),
-    (["--interface", "slacn", "--channel", "x"], "python-can has none of that name"),
-    (["--channel", "can0", "--rig", "lab.toml"], "exclude each other"),
-])
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["--ids", "0-3"], "--ids 0-3: expected ids from 1 to 255"),
+        (["--ids", "3-"], "--ids 3-: expected"),
+        (["--ids", "9-3"], "--ids 9-3: expected"),
+        (["--interface", "slcan"], "--interface slcan: which channel? as in --channel /dev/ttyACM0"),
+        (["--bus", "legs"], "--bus names a bus of a rig: give --rig, too"),
+        (["--interface", "slacn", "--channel", "x"], "python-can has none of that name"),
+        (["--channel", "can0", "--rig", "lab.toml"], "exclude each other"),
+    ],
+)
 def test_what_cannot_be_is_refused_in_words(command_line, words, said):
     code, _, err = command_line("scan", *words)
     assert code == BAD_INPUT and said in err

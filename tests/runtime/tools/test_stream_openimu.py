@@ -36,7 +36,11 @@ def test_a_unit_is_set_up_shown_and_recorded(command_line):
     unit = Unit()
     with Nodes(90, unit) as nodes:
         code, out, err = command_line("stream", "openimu", "128", *nodes.words, "--duration", "0.5", "--record", "out")
-    assert (code, err) == (OK, "") and "OpenIMU 300RI at address 128 on" in out and "accel    1.000    9.500   -2.000 m/s²" in out
+    assert (
+        (code, err) == (OK, "")
+        and "OpenIMU 300RI at address 128 on" in out
+        and ("accel    1.000    9.500   -2.000 m/s²") in out
+    )
     assert frames.behaviour(128, "300RI") in unit.heard
     [file] = (command_line.folder / "out").glob("imu_128_*.csv")
     header, *rows = file.read_text().splitlines()
@@ -48,7 +52,13 @@ def test_one_that_tells_no_settings_and_one_that_is_not_there_are_told_apart(com
     monkeypatch.setattr(watched_openimu, "PATIENCE", 0.3)
     with Nodes(91, OpenImu(address=130)) as nodes:
         code, _, err = command_line("stream", "openimu", "130", *nodes.words)
-        assert code == BAD_INPUT and "speaks, and does not tell its settings: is it a 300RI? --untold reads it as it is" in err
+        assert (
+            code == BAD_INPUT
+            and ("speaks, and does not tell its settings: is it a 300RI? --untold reads it as it is") in err
+        )
         code, _, err = command_line("stream", "openimu", "131", *nodes.words)
         assert code == BAD_INPUT and "nobody has address 131" in err
-    assert "expected a whole number from 128 to 247" in command_line("stream", "openimu", "12", "--interface", "virtual", "--channel", "x")[2]
+    assert (
+        "expected a whole number from 128 to 247"
+        in command_line("stream", "openimu", "12", "--interface", "virtual", "--channel", "x")[2]
+    )
