@@ -44,22 +44,11 @@ help:
 run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
-# What does not mind a busy machine goes side by side; what keeps time has it for itself.
-TOGETHER := tests/hardware tests/blocks tests/graph tests/diagrams tests/mutation tests/test_house.py tests/test_makefile.py \
-	tests/test_packaging.py tests/test_wheel.py \
-	$(addprefix tests/runtime/,calibration doctor live rate recordings rerun telling) \
-	$(addprefix tests/runtime/test_,actuators_page.py catalog.py check.py cli.py diagram_file.py documents.py draw.py layout.py library.py) \
-	$(addprefix tests/runtime/test_,processor.py profile.py run.py settings.py trial.py) \
-	$(addprefix tests/runtime/recorder/test_,csv.py mcap.py mcap_mending.py plotjuggler.py strides.py) \
-	$(addprefix tests/runtime/rig/test_,file.py fitness.py overrides.py page.py) \
-	$(addprefix tests/runtime/tools/test_,chips.py configure.py page.py scan.py) $(addprefix tests/runtime/bench/test_,command.py ticks.py) \
-	$(addprefix tests/cext/test_,abi.py determinism.py devices.py drive_watch.py every_fault.py faults.py held_exceptions.py python_blocks.py) \
-	$(addprefix tests/cext/test_,bits.py buses.py damping.py life_cycle.py live.py timed_bus.py)
-
+# Tests that keep time (marked `timing`) run alone, after all others.
 test: $(VENV)/installed-test
 	if [ -z "$(TESTS)" ]; then
-	    $(VENV)/bin/python -m pytest -n auto --dist worksteal $(TOGETHER)
-	    exec $(VENV)/bin/python -m pytest $(TOGETHER:%=--ignore=%)
+	    $(VENV)/bin/python -m pytest -n auto --dist worksteal -m 'not soak and not timing'
+	    exec $(VENV)/bin/python -m pytest -m 'timing and not soak'
 	fi
 	exec $(VENV)/bin/python -m pytest $(TESTS)
 

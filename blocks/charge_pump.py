@@ -5,8 +5,7 @@ import binascii
 from blocks.gpio import GpioLine
 from blocks.serial_lines import speed_of
 from cext.kernels import charge_pump as kernels
-from cext.kernels import quiet
-from cext.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND
+from cext.safety.thresholds import LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS, STOP_ROUND
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 from graph.budget import BITS_OF_A_BYTE
 

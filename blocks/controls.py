@@ -2,7 +2,7 @@
 what makes a robot safe.
 """
 
-from cext.kernels import controls as kernels
+from cext.kernels.devices import input_devices as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 KEY, AXIS = 1, 3

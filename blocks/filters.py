@@ -2,8 +2,8 @@
 
 import math
 
-from blocks import biquads
-from blocks.response import HUGE, designed, with_zero
+from blocks._plumbing import biquads
+from blocks._plumbing.filter_bounds import HUGE, designed, with_zero
 from cext.kernels import filters as kernels
 from cext.kernels import linear
 from graph import Block, Input, Interval, Memory, Output, Param

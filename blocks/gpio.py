@@ -6,8 +6,8 @@ own times, so that a press between two ticks is not missed and an edge is timed 
 kernel says after `active_low`.
 """
 
-from cext.kernels import gpio as kernels
-from cext.kernels import quiet
+from cext.kernels import no_io
+from cext.kernels.devices import gpio as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 BIASES = ("as_is", "disabled", "pull_up", "pull_down")
@@ -135,7 +135,7 @@ class SyncOut(GpioLine, StreamDevice):
     high = Output("1", "whether the line is active", dtype=bool)
     state = Memory((0.0,) * 3, "s, when the pulse ends; whether there was the first one; the level that was sent + 1")
 
-    decode = quiet.deaf
+    decode = no_io.ignore_all
     encode = kernels.pulse
     sent_outputs = ("high",)
     hardware = ("chip", "pin", "active_low")

@@ -1,11 +1,12 @@
 """Devices on I2C: where they sit, what is written to set them up, and the table of what is read from them.
 
-A thread of the bus carries the table out (cext/i2c.pyx); each answer becomes a frame (cext/kernels/i2c_answers.pxd).
+A thread of the bus carries the table out (cext/lines/i2c.pyx); each answer becomes a frame
+(cext/lines/i2c_answers.pxd).
 """
 
 from dataclasses import dataclass
 
-from cext.kernels import quiet
+from cext.kernels import no_io
 from graph import Device, Param
 
 MUX, CHANNELS = 0x70, 8  # lowest address of a TCA9548A, and how many buses each makes
@@ -80,7 +81,7 @@ class I2cDevice(Device):
         "each chip on a piece of bus has an address of its own: choose another with its pins, or put one "
         "behind a multiplexer"
     )
-    encode = quiet.mute
+    encode = no_io.send_nothing
 
     bus = Param("i2c", "1", "logical name of its I2C bus", dtype=str)
     address = Param(0x08, "1", "its address, of seven bits", min=0x08, max=0x77, fixed=True, kernel=False)

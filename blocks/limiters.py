@@ -4,7 +4,7 @@ actuator.
 
 import math
 
-from blocks.response import designed
+from blocks._plumbing.filter_bounds import designed
 from blocks.windows import samples_in
 from cext.kernels import limiters as kernels
 from graph import Block, Input, Interval, Memory, Output, Param

@@ -8,8 +8,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from blocks import biquads
-from blocks.response import designed, reach_of_cascade, reach_of_state_space, stable
+from blocks._plumbing import biquads
+from blocks._plumbing.filter_bounds import designed, reach_of_cascade, reach_of_state_space, stable
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output, Param
 from graph.interval import EVERYTHING

@@ -4,8 +4,8 @@ these.
 
 import math
 
-from blocks.ports import several
-from blocks.ranges import can_be_false, can_be_true, hull, truth
+from blocks._plumbing.ports import several
+from blocks._plumbing.ranges import can_be_false, can_be_true, hull, truth
 from cext.kernels import logic as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 

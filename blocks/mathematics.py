@@ -6,8 +6,8 @@ inf, inf to the power -1) the result is NaN.
 
 import math
 
-from blocks.ports import UnitOfOutput, finite_numbers, several
-from blocks.ranges import LIBM, falling, horner, rising
+from blocks._plumbing.ports import UnitOfOutput, finite_numbers, several
+from blocks._plumbing.ranges import LIBM, falling, horner, rising
 from cext.kernels import mathematics as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
 from graph.arithmetic import Divide, Gain, Product, Sum, UnitConversion  # noqa: F401  (the operators of signals are blocks of this room)

@@ -7,7 +7,7 @@ NaN passes. (Diebel, Representing Attitude: Euler Angles, Unit Quaternions, and 
 
 import math
 
-from blocks.ranges import total
+from blocks._plumbing.ranges import total
 from cext.kernels import quaternions as kernels
 from graph import Block, Input, Interval, Output
 from graph.interval import EVERYTHING

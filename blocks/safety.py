@@ -43,8 +43,8 @@ class EStopHeartbeat(Device):
 
     Pressed ends the run in the same tick: no command of that tick is sent. Silence for `timeout`, a counter that stands
     still and frames of another length, which are counted and ignored, end it too. A press is latched: a run that has
-    seen one ends, even if it was let go within the tick, and even while it was still being armed. Who can send on its
-    bus can say that it is released.
+    seen one ends, even if it was let go within the tick, and even while it was still being armed. Who
+    can send on its bus can say that it is released.
     """
 
     bus = Param("estop", "1", "logical name of its bus", dtype=str)

@@ -51,4 +51,4 @@ class Rerun(Sink):
     port = Param(9876, "1", "of the viewer, or of the server", min=1, max=65535, fixed=True)
     web_port = Param(9090, "1", "of the page that the server has for browsers", min=1, max=65535, fixed=True)
 
-    service = "runtime.rerun.sender:RerunSender"
+    service = "runtime.recorder.rerun.sender:RerunSender"

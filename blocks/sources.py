@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from blocks.columns import read_columns
-from blocks.ports import UnitOfOutput, finite_numbers
+from blocks._plumbing.csv_columns import read_columns
+from blocks._plumbing.ports import UnitOfOutput, finite_numbers
 from cext.kernels import sources as kernels
 from graph import Block, Interval, Memory, Output, Param, units
 

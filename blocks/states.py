@@ -11,7 +11,8 @@ class StateMachine(Block):
     another.
 
         gait = StateMachine(
-            takes={"angle": "rad", "contact": "1"}, gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
+            takes={"angle": "rad", "contact": "1"},
+            gives={"stiffness": "N·m/rad", "damping": "N·m·s/rad"},
             states={"stance": {"stiffness": 60.0, "damping": 1.0}, "swing": {"stiffness": 0.0, "damping": 0.4}},
             transitions=[("stance", "swing", "not contact and angle > 0.5"), ("swing", "stance", "contact and
             time_in_state > 0.1")],

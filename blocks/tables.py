@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from blocks.ports import UnitOfOutput, finite_numbers
+from blocks._plumbing.ports import UnitOfOutput, finite_numbers
 from cext.kernels import tables as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, units
 from graph.interval import EVERYTHING

@@ -4,7 +4,7 @@ infinity, which is no angle and no ratio, becomes NaN.
 
 import math
 
-from blocks.ranges import FAR, LIBM, TURN, falling, holds_phase, outward, rising, wave
+from blocks._plumbing.ranges import FAR, LIBM, TURN, falling, holds_phase, outward, rising, wave
 from cext.kernels import trigonometry as kernels
 from graph import Block, Input, Interval, Output
 from graph.interval import EVERYTHING

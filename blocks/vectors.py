@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from blocks.ranges import hull, total
+from blocks._plumbing.ranges import hull, total
 from cext.kernels import vectors as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.arithmetic import Select, Stack, whole_numbers  # noqa: F401  (Select and Stack stand behind gyro[1] and stack(...))

@@ -4,7 +4,7 @@ sample.
 
 import math
 
-from blocks.response import HUGE
+from blocks._plumbing.filter_bounds import HUGE
 from cext.kernels import windows as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING

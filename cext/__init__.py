@@ -6,7 +6,7 @@ from importlib.machinery import PathFinder
 
 # Looked for in this folder alone: an environment whose editable install is another clone would lend that clone's
 # modules.
-if PathFinder.find_spec(f"{__name__}.page", __path__) is None:
+if PathFinder.find_spec("deadline_clock", [f"{__path__[0]}/clock"]) is None:
     raise ImportError(
         f"Tickwork is not built for this Python in {__path__[0]}: run `make run`, or `pip install -e .` in your own "
         "environment",

@@ -51,10 +51,12 @@ class Port(Declaration):
 class Input(Port):
     """An input port.
 
-    unit : canonical SI string, or "any": all "any" ports of a block share one unit shape : (), (3,), ...; `...` for any
-    shape, the same for all such ports of a block dtype : float, int or bool default : value of an unwired input;
-    without one, leaving it unwired is an error broadcast : of shape ..., a scalar signal may be wired too and goes with
-    every element; a kernel finds size 1, a step a float
+    unit : canonical SI string, or "any": all "any" ports of a block share one unit
+    shape : (), (3,), ...; `...` for any shape, the same for all such ports of a block
+    dtype : float, int or bool
+    default : value of an unwired input; without one, leaving it unwired is an error
+    broadcast : of shape ..., a scalar signal may be wired too and goes with every element; a kernel finds size 1, a
+        step a float
     """
 
     def __init__(self, unit, description="", *, shape=(), dtype=float, default=None, broadcast=False):
@@ -87,12 +89,14 @@ class Output(Port):
 class Param(Declaration):
     """A parameter, a plain attribute of the block once it is built.
 
-    default : its value when none is given; its type is the parameter's unit : of the value min, max : inclusive bounds;
-    above, below : exclusive ones choices : the values allowed live : may change while running; needs min and max, both
-    finite fixed : is read before the run alone, so that a change while running would do nothing; text and tables are,
-    always slew : how fast it may change while running, in its unit per second; its whole live range in a second if left
-    out, a step if infinite.
-        Whole numbers and truths step
+    default : its value when none is given; its type is the parameter's
+    unit : of the value
+    min, max : inclusive bounds; above, below : exclusive ones
+    choices : the values allowed
+    live : may change while running; needs min and max, both finite
+    fixed : is read before the run alone, so that a change while running would do nothing; text and tables are, always
+    slew : how fast it may change while running, in its unit per second; its whole live range in a second if left out, a
+        step if infinite. Whole numbers and truths step
     required : there is no default
     file : it is the path of a file that the block reads, whose content counts in the diagram's hash instead of the path
     kernel : it is among the items of a native block's kernel, if it is a number

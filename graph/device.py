@@ -9,16 +9,18 @@ from graph.interval import Interval
 
 @dataclass(frozen=True)
 class Motion:
-    """What the run watches of an actuator's motion and torque, at the joint: cext/motion_watch.pxd has the rules.
+    """What the run watches of an actuator's motion and torque, at the joint: cext/safety/motion_watch.pxd has the
+    rules.
 
     acceleration : rad/s² on which the limit rests where stiffness or damping is commanded; velocity_code : rad/s of a
-    code of the velocity gains : (name of a memory, index) where its kernel finds the share of stiffness and damping
-    that is allowed, or None range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s limit,
-    accuracy : N·m, of what may be measured: the first goes down with `felt` offset, position_end, velocity_end : rad,
-    rad, rad/s: half ranges of what is reported, as the drive has it law : name of the memory of position, velocity,
-    stiffness, damping, torque that were sent, or None current, current_scale : name of the output of a current that was
-    sent, or None, and N·m of an A velocity_tolerance, torque_tolerance : by how much of the other two measurements of
-    one thing may differ
+        code of the velocity
+    gains : (name of a memory, index) where its kernel finds the share of stiffness and damping that is allowed, or None
+    range : (lowest, highest) angle in rad, () where it is not known; fastest : rad/s
+    limit, accuracy : N·m, of what may be measured: the first goes down with `felt`
+    offset, position_end, velocity_end : rad, rad, rad/s: half ranges of what is reported, as the drive has it
+    law : name of the memory of position, velocity, stiffness, damping, torque that were sent, or None
+    current, current_scale : name of the output of a current that was sent, or None, and N·m of an A
+    velocity_tolerance, torque_tolerance : by how much of the other two measurements of one thing may differ
     """
 
     acceleration: float = math.inf
@@ -40,7 +42,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class Watch:
-    """What the run watches over an actuator: cext/drive_watch.pyx has the rules.
+    """What the run watches over an actuator: cext/safety/drive_watch.pyx has the rules.
 
     rated, limit : N·m, of what its output `torque` tells; `rms_torque` is written
     mode : what happens where the RMS torque passes the rated one: silent, warn, saturate, throttle or disable
@@ -61,7 +63,7 @@ class Watch:
     motion: Motion | None = None
 
     def words(self):
-        """What is told, in the order of cext/drive_watch.pxd."""
+        """What is told, in the order of cext/safety/drive_watch.pxd."""
         rms = f"RMS torque over {self.window:g} s"
         return (
             {
@@ -103,13 +105,16 @@ class ReplyField:
 
 @dataclass(frozen=True)
 class DampedStop:
-    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/speed_bands.pyx chooses among
-    them.
+    """Frames that take the speed out of a joint at the beginning of a safe stop. cext/safety/speed_bands.pyx chooses
+    among them.
 
-    duration : s; after it the device is disabled bands : (highest speed in rad/s, frames) in ascending order; the last
-    speed is infinite. Frames are as in `Device.zero_frames` velocity : ReplyField of the joint's velocity; with None
-    the last band is used acceleration : rad/s², highest of the joint: by it the speed can have grown until the next
-    frame arrives round : s between frames limit : N·m inside which the torque stays
+    duration : s; after it the device is disabled
+    bands : (highest speed in rad/s, frames) in ascending order; the last speed is infinite. Frames are as in
+        `Device.zero_frames`
+    velocity : ReplyField of the joint's velocity; with None the last band is used
+    acceleration : rad/s², highest of the joint: by it the speed can have grown until the next frame arrives
+    round : s between frames
+    limit : N·m inside which the torque stays
     """
 
     duration: float
@@ -125,8 +130,7 @@ class TorqueBound:
     """What bounds the torque of an actuator.
 
     kind : "proved", by the bounds of its commands alone; "assumed", while an assumption holds; "drive", by a limit
-    inside the drive that nothing
-        here verifies; "none", by nothing that is sent
+        inside the drive that nothing here verifies; "none", by nothing that is sent
     limit : N·m, or None
     holds : where the kind is not "proved": in words, on what it rests
     acceleration : rad/s² that is assumed, or None
@@ -144,16 +148,18 @@ class Device(Block):
     """A block on a bus. Its outputs hold the newest sample and are there at the start of the tick; its inputs go out at
     the end.
 
-    decode, encode : native, cext.abi's decode_t and encode_t medium : what its bus is: "can"; "stream", bytes as they
-    come off a line, a socket or an input of the computer, in chunks of up to 64 a frame;
-        or "i2c", a frame for each answer to a transfer of registers
-    bus : logical name; a rig says which interface stands behind it timeout : s of silence after which the run ends in
-    the safe stop; 0 for never relay_time : s without a frame of its own after which the relay that this device holds
-    drops; 0 for a device without a relay. Above 0 `encode` is also
-        called in every round of arming, and in the damped part of a safe stop as long as the relay cannot have dropped
+    decode, encode : native, cext.abi's decode_t and encode_t
+    medium : what its bus is: "can"; "stream", bytes as they come off a line, a socket or an input of the computer, in
+        chunks of up to 64 a frame; or "i2c", a frame for each answer to a transfer of registers
+    bus : logical name; a rig says which interface stands behind it
+    timeout : s of silence after which the run ends in the safe stop; 0 for never
+    relay_time : s without a frame of its own after which the relay that this device holds drops; 0 for a device without
+        a relay. Above 0 `encode` is also called in every round of arming, and in the damped part of a safe stop as long
+        as the relay cannot have dropped
     start_time : s at the beginning of arming in which no other device is sent anything: those behind the relay start
-    meanwhile hot : °C from which on a person should look at it before it is armed; None for never hardware : names of
-    the parameters that say how this one is built and mounted; a rig may set them, and no others
+        meanwhile
+    hot : °C from which on a person should look at it before it is armed; None for never
+    hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
     decode = encode = None

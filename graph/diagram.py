@@ -6,7 +6,7 @@ import numbers
 from collections import namedtuple
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class Wire:
     where: Location
 
 
-@lru_cache(maxsize=None)
+@cache
 def _outputs_type(names):
     return namedtuple("Outputs", names, rename=True)
 

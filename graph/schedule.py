@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from graph.arena_layout import KernelTable
 from graph.device import DampedStop
 from graph.interval import Interval
-from graph.layout import KernelTable
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,10 @@
 """One native block on an arena of its own, so that `block.step(...)` computes as it does in a diagram."""
 
 import numpy as np
-from cext.handover import call_kernel
 
+from cext.schedule.kernel_table import call_kernel
+from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters
 from graph.block import size_of
-from graph.layout import Layout, kernel_table, place_memory, place_parameters
 
 
 class Scratch:

@@ -2,7 +2,7 @@
 bytes.
 """
 
-from cext.kernels import quiet
+from cext.kernels import no_io
 from graph.declarations import Param
 from graph.device import Device
 
@@ -11,9 +11,10 @@ class StreamDevice(Device):
     """A device that has a line for itself. Its `decode` is the parser: a frame holds up to 64 bytes as they came, cut
     anywhere.
 
-    frame.id : 0 bytes; 1 the line is gone; 2 it is back frame.flags : bit 0, bytes before this frame were lost; bit 1,
-    the first bytes of one read, of a datagram its beginning `decode` returns TAKEN where a whole sample was among them,
-    NOTED where not, MALFORMED where what was among them was corrupt.
+    frame.id : 0 bytes; 1 the line is gone; 2 it is back
+    frame.flags : bit 0, bytes before this frame were lost; bit 1, the first bytes of one read, of a datagram its
+        beginning `decode` returns TAKEN where a whole sample was among them, NOTED where not, MALFORMED where what was
+        among them was corrupt.
 
     line : kind of its line, a key of runtime.rig.streams.KINDS, whose module opens it on a rig
     opening : what that is told
@@ -24,7 +25,7 @@ class StreamDevice(Device):
     abstract = True
     medium = "stream"
     line = "serial"
-    encode = quiet.mute
+    encode = no_io.send_nothing
 
     def __init_subclass__(cls, **options):
         super().__init_subclass__(**options)

@@ -10,7 +10,7 @@ A unit is a product of symbols with whole exponents. "any" is the only wildcard;
 import difflib
 import math
 import re
-from functools import lru_cache
+from functools import cache
 
 ANY, ONE = "any", "1"
 
@@ -72,7 +72,7 @@ def _symbol(text):
     return _SPELLINGS.get(text, text)
 
 
-@lru_cache(maxsize=None)
+@cache
 def parse(unit):
     """A unit string as ((symbol, exponent), ...) in canonical order. ValueError if it is not a unit."""
     if not isinstance(unit, str):
@@ -117,7 +117,7 @@ def _write(exponents):
     return ("·".join(above) or ONE) + "".join("/" + factor for factor in below)
 
 
-@lru_cache(maxsize=None)
+@cache
 def canonical(unit):
     """The one spelling of a unit: 'N*m' gives 'N·m', 'm/s^2' gives 'm/s²', 'any' stays. ValueError if it is not a
     unit.

@@ -3,13 +3,13 @@
 import os
 import sys
 
-from runtime import working_folder
+from runtime.base import working_folder
 
 FOLDER = working_folder.move_back() if __name__ == "__main__" else None  # before anything that it could hide
 
 import signal  # noqa: E402
 
-from runtime import house  # noqa: E402
+from runtime.base import installation_check  # noqa: E402
 
 INTERRUPTED = 130
 
@@ -30,15 +30,15 @@ def main(folder=FOLDER):
 
 
 def start(folder):
-    trouble = house.trouble(*sys.argv[1:2], folder=folder)
+    trouble = installation_check.trouble(*sys.argv[1:2], folder=folder)
     if trouble is None:
         try:
-            from runtime.cli import main as command_line
+            from runtime.cli.main import main as command_line
         except ImportError as error:
-            trouble = house.explain(error)
+            trouble = installation_check.explain(error)
     if trouble is not None:
         print(f"tickwork: {trouble}", file=sys.stderr)
-        return house.BAD_INPUT
+        return installation_check.BAD_INPUT
     return command_line(folder=folder)
 
 

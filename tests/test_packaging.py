@@ -5,6 +5,7 @@ import re
 import sys
 from fnmatch import fnmatch
 
+import networkx
 import pytest
 
 from tests.house import ROOMS, ROOT, tracked
@@ -73,7 +74,7 @@ def test_imports_only_go_down():
 @pytest.mark.parametrize("imports", [python_imports, cython_imports])
 def test_a_climbing_import_is_found_wherever_it_stands(imports):
     source = (
-        "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli import "
+        "import math, blocks.filters as f\nfrom graph import deg\ndef step():\n    from runtime.cli.main import "
         "main\n    from . import a\n"
     )
     found = [(name, line) for name, line in imports(source) if climbs("graph", name)]
@@ -83,6 +84,116 @@ def test_a_climbing_import_is_found_wherever_it_stands(imports):
 def test_cimports_are_imports():
     source = "cimport blocks.a, graph\nfrom runtime.x cimport (\n    y)\n"
     assert list(cython_imports(source)) == [("blocks", 1), ("graph", 1), ("runtime", 2)]
+
+
+# Inside a package its rooms stand in order, too: each imports only those before it
+
+ORDER = {
+    "cext": ("clock", "bus", "ring", "lines", "kernels", "safety", "schedule"),
+    "runtime": (
+        "base",
+        "console",
+        "live",
+        "recording",
+        "analysis",
+        "machine",
+        "guardian",
+        "rig",
+        "diagrams",
+        "report",
+        "recorder",
+        "session",
+        "export",
+        "commissioning",
+        "emulation",
+        "bench",
+        "doctor",
+        "cli",
+    ),
+}
+
+
+def module_imports(path):
+    """(dotted name, line) of everything that a source imports, wherever in it; of `from a import b`, a.b."""
+    text = path.read_text()
+    if path.suffix == ".py":
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.Import):
+                yield from ((alias.name, node.lineno) for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                yield from ((f"{node.module}.{alias.name}", node.lineno) for alias in node.names)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                if re.fullmatch(r"(cext|graph|blocks|runtime)(\.\w+)+(:\w+)?", node.value):
+                    yield node.value.partition(":")[0], node.lineno
+    else:
+        for number, line in enumerate(text.splitlines(), 1):
+            if found := re.match(
+                r"\s*(?:from|cimport|import)\s+((?:cext|graph)(?:\.\w+)*)(?:\s+c?import\s+(\w+))?", line
+            ):
+                yield ".".join(filter(None, found.groups())), number
+
+
+def room_of(name):
+    """(package, room) of a dotted name; the room is None for what stands in the package itself."""
+    package, _, rest = name.partition(".")
+    room = rest.partition(".")[0]
+    return package, room if room in ORDER.get(package, ()) else None
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_rooms_import_only_rooms_before_them(package):
+    order = ORDER[package]
+    found = []
+    for path in sorted((ROOT / package).rglob("*")):
+        if path.suffix not in (".py", ".pyx", ".pxd"):
+            continue
+        room = path.relative_to(ROOT / package).parts[0]
+        for name, line in module_imports(path):
+            other_package, other = room_of(name)
+            if room in order and other_package == package and other and order.index(other) > order.index(room):
+                found.append(f"{path.relative_to(ROOT)}:{line} imports {name}")
+    assert found == []
+
+
+@pytest.mark.parametrize("package", ORDER)
+def test_every_folder_has_its_place_in_the_order(package):
+    folders = {path.name for path in (ROOT / package).iterdir() if (path / "__init__.py").exists()}
+    assert folders == set(ORDER[package])
+
+
+CIRCLES = {  # {first module: how many}, to be untied
+    "blocks.actuators.cubemars.emulator": 2,
+    "blocks.imus.invensense.emulator": 3,
+    "graph": 4,
+    "graph.arithmetic": 5,
+    "runtime.analysis.trial": 2,
+    "runtime.bench.views": 2,
+    "runtime.rig.evdev_line": 6,
+}
+
+
+def python_modules():
+    """{dotted name: path} of every Python module of the four packages."""
+    return {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+    }
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    modules = python_modules()
+    imports = networkx.DiGraph()
+    for name, path in modules.items():
+        for other, _ in module_imports(path):
+            while other not in modules and "." in other:
+                other = other.rpartition(".")[0]
+            if other in modules and other != name and not name.startswith(other + "."):
+                imports.add_edge(name, other)
+    circles = {
+        min(circle): len(circle) for circle in networkx.strongly_connected_components(imports) if len(circle) > 1
+    }
+    assert circles == CIRCLES
 
 
 # Packages

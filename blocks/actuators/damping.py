@@ -4,7 +4,7 @@ inside the limit.
 
 import math
 
-from cext.thresholds import STOP_DAMP_ROUND
+from cext.safety.thresholds import STOP_DAMP_ROUND
 from graph import DampedStop
 
 STEP = 1.1  # between the speeds of two bands

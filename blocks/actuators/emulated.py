@@ -5,7 +5,7 @@ import math
 from blocks.actuators.joint import RANGES, Ranges
 from graph import Input, Interval, Memory, Output, Param
 
-ANSWERS, WORDS = 24, 4  # of cext/kernels/drives.pxd
+ANSWERS, WORDS = 24, 4  # of cext/kernels/devices/drives.pxd
 
 
 class Emulated:
@@ -95,7 +95,7 @@ class Emulated:
         """The emulator of one block of a robot.
 
         parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match
-        the table.
+            the table.
         """
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)

@@ -6,7 +6,7 @@ import math
 from numbers import Real
 
 from blocks.actuators import law_figures
-from cext.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
+from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
 from graph import Input, Interval, Memory, Motion, Output, Param, TorqueBound, Watch
 from graph.reach import Reach
 
@@ -48,8 +48,8 @@ class Joint:
 
     The limit bounds the drive's whole law for every motion of the joint with |α| <= max_acceleration, until a next
     frame that is a period late. Where the law does not fit, the wanted torque is sent as feed-forward, with as much of
-    the gains as the limit leaves; on feedback older than two ticks, torque_command alone. cext/kernels/drive_law.pxd
-    has the rule. **Where a bound must be hard, command torque alone.**
+    the gains as the limit leaves; on feedback older than two ticks, torque_command alone.
+    cext/kernels/devices/drive_law.pxd has the rule. **Where a bound must be hard, command torque alone.**
 
     A family gives `find`, which looks a model up by its name, and the native encode and decode. It may change the
     defaults.

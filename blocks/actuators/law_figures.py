@@ -1,10 +1,10 @@
 """What follows from the assumption about acceleration for a drive that closes its own law: figures of
-cext/kernels/drive_law.pxd.
+cext/kernels/devices/drive_law.pxd.
 """
 
 from dataclasses import dataclass
 
-from cext.thresholds import GUARDIAN_LOOK_PERIOD, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
 from graph import Interval
 
 HORIZON = 3.0  # periods from feedback that is one period old to the end of a late frame

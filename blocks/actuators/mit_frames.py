@@ -1,4 +1,4 @@
-"""Frames of MIT mode that are the same for all boards. cext/kernels/mit.pxd has the layout."""
+"""Frames of MIT mode that are the same for all boards. cext/kernels/devices/mit.pxd has the layout."""
 
 from blocks.actuators.damping import damped_stop
 from graph import ReplyField

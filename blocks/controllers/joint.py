@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
+from blocks._plumbing.filter_bounds import designed, reach_of_state_space
+from blocks._plumbing.ranges import wave
 from blocks.linear import zero_order_hold
-from blocks.ranges import wave
-from blocks.response import designed, reach_of_state_space
 from cext.kernels import controllers as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 

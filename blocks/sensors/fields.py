@@ -10,7 +10,7 @@ from numbers import Real
 
 from graph import Input, Output, units
 
-# Sizes by type, in the order of cext/kernels/fields_of_bytes.pxd.
+# Sizes by type, in the order of cext/kernels/devices/fields_of_bytes.pxd.
 SIZES = {
     "uint8": 1,
     "int8": 1,

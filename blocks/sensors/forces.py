@@ -2,7 +2,7 @@
 
 import math
 
-from cext.kernels import forces as kernels
+from cext.kernels.devices import forces as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 
 

@@ -2,8 +2,8 @@
 
 import math
 
-from cext.kernels import insole as kernels
-from cext.kernels import quiet
+from cext.kernels import no_io
+from cext.kernels.devices import insole as kernels
 from graph import Block, Input, Interval, Memory, Output, Param, StreamDevice
 
 SIDES = {"left": 0, "right": 1}
@@ -12,7 +12,8 @@ LARGEST = 65534 * 10.0  # Pa that a cell can say
 
 def plan_of(block):
     """For the kernels: rows, columns, side, length, breadth, force from which on there is a centre, whether a read is a
-    datagram, whether frames have a time."""
+    datagram, whether frames have a time.
+    """
     return (
         float(block.rows),
         float(block.columns),
@@ -159,7 +160,7 @@ class EmulatedInsole(StreamDevice):
     waiting = Memory((), "those bytes")
 
     line = "net"
-    decode = quiet.deaf
+    decode = no_io.ignore_all
     encode = kernels.emulated_encode
 
     @classmethod

@@ -2,8 +2,8 @@
 
 from blocks.sensors import fields
 from blocks.serial_lines import speed_of
-from cext.kernels import microcontroller as kernels
-from cext.kernels import quiet
+from cext.kernels import no_io
+from cext.kernels.devices import microcontroller as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
 LONGEST = 250  # bytes of a packet's fields
@@ -154,7 +154,7 @@ class EmulatedMicrocontroller(StreamDevice):
     state = Memory((0.0,) * 5, "next counter, when it is due, luck of packets, bytes that wait: from, until")
     waiting = Memory((), "those bytes")
 
-    decode = quiet.deaf
+    decode = no_io.ignore_all
     encode = kernels.emulated_encode
     examples = Microcontroller.examples
 

@@ -1,8 +1,8 @@
 """NAU7802: an amplifier and converter of 24 bits for a load cell, on I2C. (Nuvoton, NAU7802 1.7)"""
 
 from blocks.i2c import I2cDevice, Identity, Read, Round, Transfer, Write
-from cext.kernels import converters as kernels
-from cext.kernels import quiet
+from cext.kernels import no_io
+from cext.kernels.devices import converters as kernels
 from graph import Input, Interval, Memory, Output, Param
 
 POWER, CONTROL_1, CONTROL_2, COUNTS, CONVERTER, POWER_2, REVISION = 0x00, 0x01, 0x02, 0x12, 0x15, 0x1C, 0x1F
@@ -148,7 +148,7 @@ class EmulatedNAU7802(I2cDevice):
     state = Memory((0.0,) * 4, "when the next answer is due, whether it is stuck, with what")
 
     kind, known_addresses = NAU7802.kind, NAU7802.known_addresses
-    decode = quiet.deaf
+    decode = no_io.ignore_all
     encode = kernels.nau_answers
 
     @classmethod

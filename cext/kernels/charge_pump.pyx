@@ -9,8 +9,8 @@ from libc.stdint cimport int32_t, int64_t, uint8_t
 from libc.string cimport memset
 
 from cext.abi cimport FOREIGN, MALFORMED, NOTED, OK, TIME, Frame, export, export_decode, export_encode
-from cext.kernels.cobs cimport checksum, stuff, unstuff
-from cext.stream_frames cimport BACK, BYTES, LOST
+from cext.kernels.devices.cobs cimport checksum, stuff, unstuff
+from cext.lines.stream_frames cimport BACK, BYTES, LOST
 
 cdef enum: # of ChargePump, in the order of its declaration
     CHANGES                     # also counts those of arming: memory is reset at tick 0, outputs are not

@@ -6,7 +6,7 @@ from libc.stdint cimport int32_t
 
 from cext.abi cimport DT, OK, PERIOD, export
 from cext.kernels.limits cimport clip, is_finite, toward
-from cext.kernels.sums cimport RUNNING, RUNNING_REST, add
+from cext.kernels.compensated_sum cimport RUNNING, RUNNING_REST, add
 
 
 cdef int saturation_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:

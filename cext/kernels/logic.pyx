@@ -6,7 +6,7 @@ from libc.stdint cimport int32_t
 
 from cext.abi cimport INPUTS, OK, TIME, export
 from cext.kernels.clock cimport just_after
-from cext.kernels.fold cimport fold
+from cext.kernels.reduce cimport fold
 
 cdef extern from "<math.h>" nogil:
     bint isunordered(double a, double b)                    # whether one of them is NaN

@@ -5,7 +5,7 @@ from libc.math cimport NAN, ceil, fabs, floor, pow, rint, sqrt
 from libc.stdint cimport int32_t
 
 from cext.abi cimport INPUTS, OK, export
-from cext.kernels.fold cimport fold
+from cext.kernels.reduce cimport fold
 from cext.kernels.limits cimport finite
 
 

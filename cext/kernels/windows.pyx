@@ -14,7 +14,7 @@ from libc.stdint cimport int32_t
 
 from cext.abi cimport OK, export
 from cext.kernels.limits cimport finite, is_finite
-from cext.kernels.sums cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
+from cext.kernels.compensated_sum cimport FRESH, RUNNING, RUNNING_REST, add, begin_anew
 
 cdef enum: # of MovingAverage and MovingRMS
     U, Y, WINDOW, SAMPLES, SUMS, PLACE

@@ -11,8 +11,8 @@ from graph.drawing.compose import collect, lay_out
 from graph.drawing.mermaid import mermaid
 from graph.drawing.model import Drawing
 from graph.drawing.outline import outline
-from graph.drawing.style import MARGIN
 from graph.drawing.page import page
+from graph.drawing.style import MARGIN
 from graph.drawing.svg import svg
 
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]

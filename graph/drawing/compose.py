@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import networkx as nx
 
+from graph.device import Device
 from graph.drawing import boxes, cards, channels, layers, placing
 from graph.drawing.layers import Edge, Node
 from graph.drawing.model import Box, Frame, Line, Pin, Port
@@ -19,7 +20,6 @@ from graph.drawing.style import (
     TITLE,
     text_width,
 )
-from graph.device import Device
 
 ASPECT = 1.6  # of what is packed: width to height
 

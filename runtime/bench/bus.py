@@ -16,13 +16,13 @@ from pathlib import Path
 
 import can
 
-from cext.bus_cost import time_of_ticks
-from cext.page import Page
-from cext.rings import Line, Lines
-from cext.socketcan import SocketCan
+from cext.bus.socketcan import SocketCan
+from cext.ring.rings import Line, Lines
+from cext.safety.shared_state import Page
+from cext.schedule.bus_cost import time_of_ticks
 from runtime.bench.drives import node
 from runtime.guardian import GuardianProcess
-from runtime.realtime import PRIORITY
+from runtime.machine.realtime import PRIORITY
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35

@@ -13,18 +13,18 @@ from pathlib import Path
 from blocks.actuators import CubeMars
 from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
-from cext.buses import MemoryBus
-from cext.bus_cost import time_of_control, time_of_ticks
-from cext.executor import Executor
-from cext.page import Page
-from cext.program import Program
-from cext.socketcan import SocketCan
+from cext.bus.memory_bus import MemoryBus
+from cext.bus.socketcan import SocketCan
+from cext.safety.shared_state import Page
+from cext.schedule.bus_cost import time_of_control, time_of_ticks
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.bench.by_hand import build
 from runtime.bench.c_grid import C_GRID
-from runtime.rate.robot import UNLIMITED
-from runtime.realtime import Realtime
-from runtime.telling.progress import rounds
+from runtime.bench.rate.robot import UNLIMITED
+from runtime.console.progress import rounds
+from runtime.machine.realtime import Realtime
 
 ROOT = Path(__file__).parents[2]
 SO_TIMESTAMPNS = 35

@@ -17,14 +17,14 @@ import numpy as np
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.histogram import counts_of, percentile
+from cext.clock.histogram import counts_of, percentile
 from graph import Block, Diagram, Input, Output, compile
 from runtime.bench.by_hand import build
 from runtime.bench.c_grid import C_GRID
-from runtime.realtime import Realtime
-from runtime.run import Prepared, Request, run
-from runtime.simulation import Simulation
-from runtime.telling.progress import rounds
+from runtime.console.progress import rounds
+from runtime.diagrams.simulation import Simulation
+from runtime.machine.realtime import Realtime
+from runtime.session.run import Prepared, Request, run
 
 SIGNALS = 60  # that are recorded
 PYTHON_BLOCKS = 10
@@ -56,7 +56,7 @@ double run(long period, long ticks, double *late, double *unused)
 class Kept:
     """Samples of one contender at one rate, pooled over its chunks.
 
-    lateness, period : counts, as of cext.histogram.counts_of
+    lateness, period : counts, as of cext.clock.histogram.counts_of
     ticks, missed : grid points
     each : s, the 99th percentile of the lateness of every chunk
     """

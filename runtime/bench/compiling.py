@@ -7,7 +7,7 @@ from graph import compile
 from runtime.bench.measure import Times
 from runtime.bench.netlists import wide
 from runtime.bench.ours import diagram_of, native_block
-from runtime.telling.progress import rounds
+from runtime.console.progress import rounds
 
 LANES = {8: 9, 41: 5, 416: 3}  # of the wide diagram: 200, 992 and 9992 blocks; and how often each is compiled
 

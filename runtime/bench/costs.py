@@ -10,16 +10,16 @@ import numpy as np
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.histogram import time_of_add
-from cext.pace import Pace
-from cext.page import Page
-from cext.program import Program
-from cext.signals import Signals
-from cext.stopwatch import time_of_lap
+from cext.clock.deadline_clock import Pace
+from cext.clock.histogram import time_of_add
+from cext.clock.signals import Signals
+from cext.clock.stopwatch import time_of_lap
+from cext.safety.shared_state import Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.bench.clock import SIGNALS, diagram
-from runtime.run import Request, prepare, run
+from runtime.session.run import Request, prepare, run
 
 KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
 RATES = ("200", "1000", "3000", "333.3", "0.7")  # Hz

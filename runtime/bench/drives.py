@@ -11,7 +11,7 @@ from collections import Counter
 import can
 
 from runtime.guardian.wires import keep_apart
-from runtime.realtime import Realtime
+from runtime.machine.realtime import Realtime
 
 NO_TORQUE = 0x7FF  # code
 

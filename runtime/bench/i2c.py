@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blocks.imus import MPU9250
-from cext.i2c import I2cBus
-from cext.i2c_memory import MemoryI2c
+from cext.lines.i2c import I2cBus
+from cext.lines.i2c_memory import MemoryI2c
 from graph import Diagram
 from runtime.rig.i2c import exchange
 

@@ -2,15 +2,16 @@
 
 A contender is made from a netlist and has
 
-    name restart()           back to before the first tick advance(ticks)      so many ticks further; returns the
-    processor time they took, in s. Some begin anew whenever they advance sinks               what the last tick gave
-    every sink, element by element
+    name
+    restart()           back to before the first tick
+    advance(ticks)      so many ticks further; returns the processor time they took, in s. Some begin anew whenever they
+    advance sinks               what the last tick gave every sink, element by element
 """
 
 import gc
 import statistics
 
-from runtime.telling.progress import rounds
+from runtime.console.progress import rounds
 
 CHECKED = (1, 2, 3, 257)  # ticks after which the sinks must agree with the reference
 TOLERANCE = 1e-9  # of the largest value: other frameworks add up time, and some sums, in another order

@@ -8,11 +8,11 @@ import socket
 import sys
 
 from blocks.actuators import EmulatedCubeMars
-from cext.executor import Executor
-from cext.program import Program
-from cext.socketcan import SocketCan
+from cext.bus.socketcan import SocketCan
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, compile
-from runtime.realtime import Realtime
+from runtime.machine.realtime import Realtime
 
 
 def main(rate, count, *descriptors):

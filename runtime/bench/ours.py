@@ -11,8 +11,8 @@ from blocks.limiters import Saturation, SlewRate
 from blocks.mathematics import Gain, Sum
 from blocks.sources import Constant, Sine
 from blocks.vectors import Stack
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, Sink, compile
 from runtime.bench.netlists import RATE
 

@@ -4,7 +4,7 @@ import json
 import os
 import platform
 
-from runtime.telling.terminal import tell
+from runtime.console.terminal import tell
 
 
 def machine():

@@ -19,15 +19,15 @@ from blocks.imus import MicroStrain
 from blocks.imus.microstrain import mip
 from blocks.mathematics import Gain
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.handover import feed
-from cext.histogram import counts_of, percentile
-from cext.page import Page
-from cext.program import Program
+from cext.clock.histogram import counts_of, percentile
+from cext.safety.shared_state import Page
+from cext.schedule.executor import Executor
+from cext.schedule.kernel_table import feed
+from cext.schedule.program import Program
 from graph import Diagram, compile
-from runtime.realtime import PRIORITY, Realtime
+from runtime.console.progress import rounds
+from runtime.machine.realtime import PRIORITY, Realtime
 from runtime.rig.streams import StreamLines
-from runtime.telling.progress import rounds
 
 SENSORS, RATE, LOOP = 8, 500.0, 200.0  # how many; Hz
 SERIALS = [str(700001 + number) for number in range(SENSORS)]

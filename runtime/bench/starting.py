@@ -8,10 +8,10 @@ import tempfile
 import time
 from pathlib import Path
 
+from runtime.base.errors import BadInput
 from runtime.bench.measure import Times
-from runtime.errors import BadInput
-from runtime.live.runs import page_of
-from runtime.telling.progress import rounds
+from runtime.console.progress import rounds
+from runtime.live.running import page_of
 
 IMPORTS = "numpy, networkx, can"
 BARE = {"Python alone": "pass", f"import {IMPORTS}": f"import {IMPORTS}"}

@@ -20,11 +20,11 @@ from blocks.recorders import CsvRecorder
 from blocks.sinks import PlotJuggler, Rerun
 from blocks.sources import Sine
 from graph import Diagram, compile, subsystem
+from runtime.base.errors import BadInput
 from runtime.bench.clock import Kept
-from runtime.errors import BadInput
-from runtime.run import Prepared, Request, run
-from runtime.simulation import Simulation
-from runtime.telling.progress import rounds
+from runtime.console.progress import rounds
+from runtime.diagrams.simulation import Simulation
+from runtime.session.run import Prepared, Request, run
 
 RATE, SIGNALS = 1000, 100  # Hz
 NONE, ALL = "none", "all"

@@ -6,7 +6,7 @@ import json
 import sys
 
 from runtime.bench import views
-from runtime.realtime import RealtimeRefused
+from runtime.machine.realtime import RealtimeRefused
 from runtime.recorder import RecorderError
 
 

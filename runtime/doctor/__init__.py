@@ -10,8 +10,9 @@
 A check is a function of (machine, wants) that returns a Finding, several in a list, or None where it does not apply.
 """
 
-from runtime.doctor import can, kernel, ports, power, python, user
-from runtime.doctor.finding import UNKNOWN, Finding
+from runtime.doctor import kernel, power, python, user
+from runtime.machine import can, ports
+from runtime.machine.finding import UNKNOWN, Finding
 
 CHECKS = (*kernel.CHECKS, *power.CHECKS, *user.CHECKS, *can.CHECKS, *ports.CHECKS, *python.CHECKS)
 

@@ -2,9 +2,9 @@
 
 import re
 
-from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding
-from runtime.doctor.machine import JETSON, PI
-from runtime.system import processors
+from runtime.base.system import processors
+from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
+from runtime.machine.probe import JETSON, PI
 
 FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource"}
 SMALLEST_SHARE = 0.9  # of a period, that real-time threads may run

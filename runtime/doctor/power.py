@@ -2,10 +2,10 @@
 
 import re
 
-from runtime.doctor.finding import BAD, OK, UNKNOWN, WORSE, Finding
-from runtime.doctor.machine import JETSON, PI
-from runtime.realtime import IDLE_DEVICE
-from runtime.system import CAP_IPC_LOCK, processors
+from runtime.base.system import CAP_IPC_LOCK, processors
+from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
+from runtime.machine.probe import JETSON, PI
+from runtime.machine.realtime import IDLE_DEVICE
 
 LONGEST_WAKE = 20  # µs that a processor may take to wake
 CPU = "/sys/devices/system/cpu"

@@ -5,7 +5,7 @@ import platform
 import sys
 import sysconfig
 
-from runtime.doctor.finding import BAD, OK, WORSE, Finding
+from runtime.machine.finding import BAD, OK, WORSE, Finding
 
 LITTLE, TOO_LITTLE = 2 << 30, 100 << 20  # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
 

@@ -7,9 +7,9 @@ With DESTDIR set it writes its files below that folder, runs no command, and nee
 import re
 import shlex
 
-from runtime.doctor.can import speed
-from runtime.doctor.finding import OK
-from runtime.realtime import GROUP, LIMITS_FILE
+from runtime.machine.can import speed
+from runtime.machine.finding import OK
+from runtime.machine.realtime import GROUP, LIMITS_FILE
 
 HEAD = """\
 #!/bin/sh

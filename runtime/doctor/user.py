@@ -1,8 +1,8 @@
 """What the person who runs the robot is allowed."""
 
-from runtime.doctor.finding import OK, UNKNOWN, WORSE, Finding
-from runtime.realtime import LIMITS_FILE, PRIORITY
-from runtime.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
+from runtime.base.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
+from runtime.machine.finding import OK, UNKNOWN, WORSE, Finding
+from runtime.machine.realtime import LIMITS_FILE, PRIORITY
 
 NEEDED_MEMORY = 512 << 20  # bytes: a run with its libraries, and what it grows by
 AGAIN = "then log in again"

@@ -6,19 +6,19 @@ import json
 import os
 from contextlib import suppress
 
-from cext.buses import MemoryBus
-from cext.rings import Line, Lines
-from cext.socketcan import SocketCan
-from cext.thresholds import TX_QUEUE_FULL_LIMIT
-from runtime.child import ChildProcess
-from runtime.doctor.machine import Machine
-from runtime.errors import BadInput
+from cext.bus.memory_bus import MemoryBus
+from cext.bus.socketcan import SocketCan
+from cext.ring.rings import Line, Lines
+from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
+from runtime.base.child_process import ChildProcess
+from runtime.base.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
+from runtime.machine.probe import Machine
 from runtime.rig.buses import ONE_PROCESS, SEE_PYTHON_CAN
+from runtime.rig.errors import Refused, RigError, Trouble
 from runtime.rig.file import SOCKETCAN, UDP
 from runtime.rig.interface import Interface
 from runtime.rig.serial_port import look_at_port
-from runtime.rig.troubles import Refused, RigError, Trouble
 
 READY_TIMEOUT = 30.0  # s
 ONE_MACHINE = ("udp_multicast",)  # kinds of python-can whose nodes are programs

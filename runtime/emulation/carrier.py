@@ -10,7 +10,7 @@ import signal
 import time
 from contextlib import suppress
 
-from cext.rings import Lines
+from cext.ring.rings import Lines
 from runtime.guardian.wires import CannotOpen, open_wire
 
 ORDERS = 0  # standard input

@@ -4,9 +4,8 @@ import os
 import tty
 from pathlib import Path
 
-from cext.streams import Streams
+from cext.lines.streams import Streams
 from graph import StreamDevice
-
 
 SERIAL = ("serial", "microstrain")  # kinds of line that a terminal can stand for
 
@@ -18,8 +17,9 @@ def on_terminals(robot, schedule):
 
 
 class PtyLines:
-    """names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start,
-    or None
+    """
+    names : of the lines; folder : where each gets a link to its terminal, which says the same name at every start, or
+        None
 
     paths : {name: what the robot opens}
     """

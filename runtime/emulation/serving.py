@@ -5,11 +5,11 @@ goes.
 import threading
 from contextlib import contextmanager
 
-from cext.executor import Executor
-from cext.page import Page
-from cext.program import Program
-from cext.timed_bus import SlowBus
-from runtime.recorder.terminal import Terminal
+from cext.bus.timed_bus import SlowBus
+from cext.safety.shared_state import Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from runtime.console.stderr import Terminal
 
 REFRESH = 0.2  # s
 ROOM = 1 << 16  # bytes of the ring, which nobody reads

@@ -19,8 +19,9 @@ The plan is a dict that JSON can carry:
                 the fields of graph.ReplyField with frames like replies, or None
     relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex
     digits, sent in turn), hold in s items       what a tick can hang with, by the numbers that the watchdog of the loop
-    puts on the page limit       s without a tick after which the loop counts as stalled priority    of SCHED_FIFO, or
-    None
+    puts on the page
+    limit       s without a tick after which the loop counts as stalled
+    priority    of SCHED_FIFO, or None
 
 The guardian writes on the page when it has looked last, and holds a mutex there: where its look is longer ago than
 GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The actuators on buses that the guardian carried are
@@ -36,12 +37,12 @@ import time
 from contextlib import suppress
 from importlib import import_module
 
-from cext.stopwatch import names
-from cext.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
-from runtime.child import ChildProcess
-from runtime.guardian.relay import Relay
+from cext.clock.stopwatch import names
+from cext.safety.thresholds import GUARDIAN_KILL_LIMIT, LOOP_STALL_MINIMUM, LOOP_STALL_PERIODS
+from runtime.base.child_process import ChildProcess
 from runtime.guardian import control_group
-from runtime.guardian.stopping import SafeStop, decoded
+from runtime.guardian.relay import Relay
+from runtime.guardian.stop import SafeStop, decoded
 from runtime.guardian.wires import CannotOpen, open_wire
 
 READY_TIMEOUT = 30.0  # s
@@ -60,8 +61,8 @@ class GuardianError(Exception):
 class GuardianProcess(ChildProcess):
     """The guardian of one run. Spawned at once.
 
-    page : cext.page.Page
-    lines : cext.rings.Lines, or None where the loop drives every bus itself
+    page : cext.safety.shared_state.Page
+    lines : cext.ring.rings.Lines, or None where the loop drives every bus itself
     bell : file descriptor of the eventfd that the loop rings, or -1
     locks : runtime.guardian.lock.BusLock of every bus, which it holds as long as it lives
     lines_of_relays : file descriptors of the plan's relays
@@ -107,8 +108,7 @@ class GuardianProcess(ChildProcess):
         """The run is over: let it go. Returns its report.
 
         stop : what it has done on its own, None if nothing: `because` is "died", "stalled" or "hung"; `silent`, `took`
-        in s;
-               `last_tick`; `block`, where one hung; `confirmed`, `unconfirmed` are names of devices
+            in s; `last_tick`; `block`, where one hung; `confirmed`, `unconfirmed` are names of devices
         troubles : {bus: why it failed}
         died : how it ended, where it did not last to the end
         """

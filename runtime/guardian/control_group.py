@@ -12,7 +12,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from runtime.system import read
+from runtime.base.system import read
 
 PREFIX = "tickwork-guardian-"
 

@@ -12,7 +12,7 @@ import socket
 import struct
 import time
 
-from cext.thresholds import BUS_LOCK_RELEASE_LIMIT
+from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
 
 NAME_BYTES = 80  # at most; the system takes 107
 CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid

@@ -21,17 +21,16 @@ import threading
 import time
 from contextlib import suppress
 
-from cext import realtime
-from cext.mourner import Mourner
-from cext.page import RECORD_EVENT, Page
-from cext.rings import Lines
-from cext.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
-
+from cext.clock import realtime
+from cext.ring.rings import Lines
+from cext.safety.owner_death import Mourner
+from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
+from runtime.base.system import CAP_IPC_LOCK, capable
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
-from runtime.guardian.stopping import SafeStop, decoded, frames_of_stop
+from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
 from runtime.guardian.wires import FRAMES_AT_ONCE, CannotOpen, open_wire
-from runtime.system import CAP_IPC_LOCK, capable
 
 ORDERS = 0  # standard input
 ACTIVE = ("arming", "ready", "running", "stopping", "waiting")

@@ -16,7 +16,7 @@ import time
 from collections import deque
 from contextlib import suppress
 
-from cext.thresholds import INTERFACE_FAILURE_LIMIT
+from cext.safety.thresholds import INTERFACE_FAILURE_LIMIT
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
 IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # of Linux, which Python's socket has no names for

@@ -2,7 +2,7 @@
 
 from fnmatch import fnmatchcase
 
-from runtime.telling.suggestion import suggestion
+from runtime.base.suggestions import suggestion
 
 
 def is_pattern(name):

@@ -34,10 +34,10 @@ import subprocess
 import termios
 from contextlib import suppress
 
-from runtime.child import ChildProcess
-from runtime.recorder.ascii_units import ascii_name
-from runtime.recorder.keyboard import own_terminal, put_back
-from runtime.recorder.terminal import Terminal
+from runtime.base.child_process import ChildProcess
+from runtime.console.keys import own_terminal, put_back
+from runtime.console.stderr import Terminal
+from runtime.recording.ascii_units import ascii_name
 
 READY_TIMEOUT = 30.0  # s, for a slow disk
 ABANDON_TIMEOUT = 5.0  # s
@@ -60,7 +60,7 @@ class RecorderError(Exception):
 class RecorderProcess(ChildProcess):
     """The recorder process of one run. Spawned at once.
 
-    page : cext.page.Page
+    page : cext.safety.shared_state.Page
     lifeline : file descriptor that hangs up when nobody is left that reads the ring
     pid : number of the process
     """

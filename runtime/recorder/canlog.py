@@ -9,8 +9,8 @@ which the control process handled them, which is what a replay needs.
 import os
 from struct import Struct
 
-from runtime.recorder.files import WholeFile, create
 from runtime.recorder.service import Service
+from runtime.recording.files import WholeFile, create
 
 FRAME = Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
 EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF

@@ -11,10 +11,10 @@ from math import isfinite
 
 from msgspec.json import encode
 
-from runtime.errors import BadInput
-from runtime.recorder.files import WholeFile, create
+from runtime.base.errors import BadInput
+from runtime.base.suggestions import suggestion
 from runtime.recorder.service import Service
-from runtime.telling.suggestion import suggestion
+from runtime.recording.files import WholeFile, create
 
 WITHOUT_UNIT = ("1", "any")
 NOT_A_NUMBER = b"null"

@@ -1,9 +1,10 @@
 """The flight log: everything of a run in one MCAP file, which PlotJuggler, Foxglove and Rerun open, and which a replay
 runs on.
 
-    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double /tickwork/tick
-    closes the row of a tick: number, time and lateness in s /tickwork/can/legs, ... every CAN frame, received or sent,
-    in the order in which the control process handled them; `sequence` tells in
+    /left, /right, ...      a message a subsystem and tick, with every recorded signal of it as a double
+    /tickwork/tick          closes the row of a tick: number, time and lateness in s
+    /tickwork/can/legs, ... every CAN frame, received or sent, in the order in which the control process handled them;
+    `sequence` tells in
                             which drain of the buses it was there, or which it followed, and `publish_time` when that
                             was
     /tickwork/events        what happened besides: the begin by both clocks, live changes, marks, the end
@@ -18,11 +19,11 @@ import json
 import os
 from struct import Struct
 
-from runtime.recordings import messages
-from runtime.recordings.reader import LIBRARY
-from runtime.recorder.files import WholeFile, claim, create
-from runtime.recorder.mcap_file import McapFile
 from runtime.recorder.service import Service
+from runtime.recording import messages
+from runtime.recording.files import WholeFile, claim, create
+from runtime.recording.mcap_file import McapFile
+from runtime.recording.reader import LIBRARY
 
 FRAME_HEAD = Struct("=qIBBBB")  # struct Frame of cext/abi.pxd, before its data
 EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF

@@ -1,8 +1,10 @@
 """What the keys of the run's terminal do, and what the status line says of it.
 
-space           stop, in the safe stop Enter           arm, where the run has shown what it found and asks; q ends
-it there r               arm again, where the run waits after a fault; q ends it there Tab, Shift-Tab  choose a live
-parameter: the next, the one before; what several parts of the diagram have alike, as both legs have
+space           stop, in the safe stop
+Enter           arm, where the run has shown what it found and asks; q ends it there
+r               arm again, where the run waits after a fault; q ends it there
+Tab, Shift-Tab  choose a live parameter: the next, the one before; what several parts of the diagram have alike, as
+both legs have
                 profile.scale, is offered first as one, */profile.scale
 up, down        a step of about a twentieth of its range
 right, left     a tenth of such a step
@@ -14,11 +16,10 @@ s               save the values in a file that `--set @FILE` reads
 
 import os
 
-from cext.mailbox_writer import MOST_CHANGES, Writer
-
+from cext.schedule.mailbox_writer import MOST_CHANGES, Writer
+from runtime.console.status_layout import part
 from runtime.live import patterns, table
-from runtime.recorder.files import create
-from runtime.recorder.line import part
+from runtime.recording.files import create
 
 ENDING = ".set"
 NOTE = 4.0  # s that a note stands in the status line
@@ -33,8 +34,8 @@ HELP = (
 
 class Panel:
     """
-    page : cext.page.Page
-    keyboard : runtime.recorder.keyboard.Keyboard
+    page : cext.safety.shared_state.Page
+    keyboard : runtime.console.keys.Keyboard
     recording : runtime.recorder.recording.Recording, beside whose files the values are saved
     """
 

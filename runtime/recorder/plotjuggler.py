@@ -15,8 +15,8 @@ from time import monotonic
 
 import msgspec.json
 
-from runtime.recorder.choice import chosen
 from runtime.recorder.service import Service
+from runtime.recording.signal_selection import chosen
 
 DATAGRAM = 65507  # bytes, the most that UDP over IPv4 carries
 STAMP = "timestamp"

@@ -1,8 +1,9 @@
 """The recorder process: starts a writer (runtime.recorder.writer), and another one where a writer dies.
 
-    start     the writer opens part 1 of the recording and drains the ring into it death     the cause is printed once;
-    a new writer records part 2, 3, ... into files of its own, from the first record that part 1 lacks end       no new
-    writer starts after RESTART_LIMIT deaths, after a second death of one cause, or once the control process has ended
+    start     the writer opens part 1 of the recording and drains the ring into it
+    death     the cause is printed once; a new writer records part 2, 3, ... into files of its own, from the first
+    record that part 1 lacks end       no new writer starts after RESTART_LIMIT deaths, after a second death of one
+    cause, or once the control process has ended
 
 Parts share nothing but the checkpoint (runtime.recorder.checkpoint), which says how far each file of the dead writer is
 whole. The loop never waits for any of this: without a writer the ring fills and drops. Signals do not end this process;
@@ -16,14 +17,13 @@ import signal
 from contextlib import suppress
 from pathlib import Path
 
-from cext import realtime
-from cext.page import Page
-
-from runtime.exception_text import name_and_text
+from cext.clock import realtime
+from cext.safety.shared_state import Page
+from runtime.base.exception_text import name_and_text
+from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.recording import RecordingFailed
 from runtime.recorder.report import PARTIAL, write_json
-from runtime.recorder.terminal import Terminal
 from runtime.recorder.writer import answer, name_process, write
 
 ORDERS = 0  # standard input

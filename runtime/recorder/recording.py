@@ -9,19 +9,18 @@ from contextlib import suppress
 from operator import itemgetter
 from struct import Struct
 
-from cext.bits import payload_bits
-from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
-
+from cext.bus.bits import payload_bits
+from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
+from runtime.console.styles import Paper
 from runtime.live import table
-from runtime.recorder import about, files
 from runtime.recorder.canlog import CanLog, on_can
-from runtime.recorder.changes import Changes
 from runtime.recorder.mcap import FlightLog
-from runtime.recorder.mcap_mending import Backlog
 from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
 from runtime.recorder.service import find
-from runtime.telling import preflight_text
-from runtime.telling.lines import Paper
+from runtime.recording import files, provenance
+from runtime.recording.changes import Changes
+from runtime.recording.repair import Backlog
+from runtime.report import preflight
 
 KEPT_EVENTS = 100_000
 BUS_OF_FRAME = 14  # bytes into struct Frame of cext/abi.pxd
@@ -34,7 +33,7 @@ class RecordingFailed(Exception):
 class Recording:
     """
     plan : as runtime.recorder describes it
-    page : cext.page.Page
+    page : cext.safety.shared_state.Page
     part : 1; after the death of a writer 2, and so on
     say : called with a line of text that the person at the terminal shall read
     """
@@ -121,7 +120,7 @@ class Recording:
 
     def begin(self):
         """What may take its time, once the control process need not wait for it."""
-        self.about = about.gather(self.plan)
+        self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
             write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
         for log in list(self.logs):
@@ -169,7 +168,7 @@ class Recording:
     def tell(self, event):
         """What of the events a person shall read at once."""
         if event.get("event") == "preflight":
-            for line in preflight_text.text(event, self.paper):
+            for line in preflight.text(event, self.paper):
                 self.say(line)
             self.asks = event["confirm"]
         for line in event.get("lines", ()):

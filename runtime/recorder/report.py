@@ -4,9 +4,9 @@ import os
 from datetime import datetime, timezone
 from signal import Signals
 
-from runtime.errors import BadInput
-from runtime.exception_text import name_and_text
-from runtime.recorder.files import private
+from runtime.base.errors import BadInput
+from runtime.base.exception_text import name_and_text
+from runtime.recording.files import private
 
 STILL_RECORDING = "still recording; if no process is, the recorder was killed, and the files stop where it did"
 

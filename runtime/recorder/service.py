@@ -3,11 +3,12 @@ in a Sink.
 
 The recorder calls, in this order and from one thread:
 
-    __init__(plan, sink)        as runtime.recorder describes them; plan["stem"] is free in plan["folder"] open()
-    create files, resolve hosts; an exception here means that the run does not begin row(tick, time, values)     every
-    completed tick: int, s, and a float for each of sink["columns"], in their order event(event)                what
-    happened besides, as the sidecar keeps it: a dict flush()                     at least once a second, and before
-    close close()                     returns what the report shall say of this sink: a dict that JSON can carry
+    __init__(plan, sink)        as runtime.recorder describes them; plan["stem"] is free in plan["folder"]
+    open()                      create files, resolve hosts; an exception here means that the run does not begin
+    row(tick, time, values)     every completed tick: int, s, and a float for each of sink["columns"], in their order
+    event(event)                what happened besides, as the sidecar keeps it: a dict
+    flush()                     at least once a second, and before close
+    close()                     returns what the report shall say of this sink: a dict that JSON can carry
     conclude(plan, services)    on the class, once, with all its closed services: what they make together, a dict for
     the report
 

@@ -10,13 +10,11 @@ those of the last second: of CAN the share of its bits that frames take, of othe
 
 from collections import deque
 
-from runtime.recorder.line import fit, part
+from runtime.console.status_layout import bar, fit, part
 
 REFRESH = 0.1  # s
 WINDOW = 10  # refreshes over which rates are taken
 STEADY = 30  # refreshes for which there was more room before the line takes it, so that it does not flicker
-BAR = 8  # characters
-BAR_CHARACTERS = "━╌#."
 TORQUE_BAR = 4  # characters
 LEVELS = ".:-=+*#@", "▁▂▃▄▅▆▇█"  # of a torque where there is room for one character
 HIGH_LOAD, HIGH_TORQUE = 0.8, 0.95  # share of the time in ticks; of the limit
@@ -175,12 +173,6 @@ def traffic(plan, pace, frames, each):
                 )
             )
     return parts or [part(2, f"{frames:.0f} frames/s", f"{frames:.0f}/s")]
-
-
-def bar(share, unicode, width=BAR):
-    done = min(width, max(0, int(share * width + 0.5)))
-    full, rest = BAR_CHARACTERS[:2] if unicode else BAR_CHARACTERS[2:]
-    return full * done + rest * (width - done)
 
 
 def both(median, high, digits=2):

@@ -5,9 +5,9 @@ Each part of a recording has its own average; `plot --strides` reads them all.
 
 import os
 
-from runtime.recorder.files import create
+from runtime.analysis.average_stride import INPUTS, AverageStride
 from runtime.recorder.service import Service
-from runtime.recordings.average_stride import INPUTS, AverageStride
+from runtime.recording.files import create
 
 
 class StrideAverage(Service):
@@ -39,7 +39,7 @@ class StrideAverage(Service):
         walked = [result for result in results if result["strides"]]
         if not walked or plan["folder"] is None:
             return {"strides": results}
-        from runtime.recorder.picture import draw
+        from runtime.analysis.stride_picture import draw
 
         path, descriptor = create(os.path.join(plan["folder"], plan["stem"]), ".png")
         try:

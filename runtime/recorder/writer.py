@@ -9,14 +9,13 @@ import os
 import signal
 import time
 
-from cext.thresholds import GUARDIAN_DEATH
-
-from runtime.recorder.keyboard import Keyboard, attributes_of, put_back
+from cext.safety.thresholds import GUARDIAN_DEATH
+from runtime.console.keys import Keyboard, attributes_of, put_back
+from runtime.console.stderr import Terminal
+from runtime.console.styles import Paper
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
-from runtime.recorder.terminal import Terminal
-from runtime.telling.lines import Paper
 
 BATCH = 4096  # records taken out of the ring at once
 IDLE = 5  # ms between looks at an empty ring

@@ -1,9 +1,9 @@
 """Rigs: which real interface and device stands behind each logical name of a diagram."""
 
 from runtime.rig.buses import RigBuses
+from runtime.rig.errors import CODES, RigError, Trouble
 from runtime.rig.file import RigFile, read
 from runtime.rig.joints import require_ranges
 from runtime.rig.overrides import override
-from runtime.rig.troubles import CODES, RigError, Trouble
 
 __all__ = ["CODES", "RigBuses", "RigError", "RigFile", "Trouble", "override", "read", "require_ranges"]

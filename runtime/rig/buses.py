@@ -4,21 +4,21 @@ import errno
 import os
 from dataclasses import dataclass
 
-from cext.rings import Line, Lines
-from cext.socketcan import SocketCan
-from cext.thresholds import TX_QUEUE_FULL_LIMIT
+from cext.bus.socketcan import SocketCan
+from cext.ring.rings import Line, Lines
+from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
 from graph import Device, StreamDevice
-from runtime.doctor.machine import Machine
 from runtime.guardian import GuardianError, GuardianProcess
 from runtime.guardian import plan as guardians_plan
 from runtime.guardian.lock import BusLock, BusTaken
+from runtime.machine.probe import Machine
+from runtime.rig.errors import Refused, RigError, Trouble
 from runtime.rig.file import I2C, SOCKETCAN, UDP
-from runtime.rig.fitness import WIRING, again, take_up
 from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words
 from runtime.rig.interface import Interface
+from runtime.rig.interface_checks import WIRING, again, take_up
 from runtime.rig.serial_port import look_at_port
 from runtime.rig.streams import StreamLines
-from runtime.rig.troubles import Refused, RigError, Trouble
 from runtime.rig.udp import UdpInterface, failed
 
 SEE_PYTHON_CAN = "interface and channel are python-can's: its page of this interface says what it needs"

@@ -7,8 +7,8 @@ import os
 import stat
 from pathlib import Path
 
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.streams import Opened, one_by_one
-from runtime.rig.troubles import Refused, Trouble
 
 EVENT = 24  # bytes of struct input_event where a time has 64 bits
 BY_ID = Path("/dev/input/by-id")

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from graph.block import suggestion
-from runtime.rig.troubles import RigError, Trouble
+from runtime.rig.errors import RigError, Trouble
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
 
 if sys.version_info >= (3, 11):
@@ -43,8 +43,11 @@ WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dic
 
 @dataclass(frozen=True)
 class RigBus:
-    """interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries
-    CAN FD peer : where UDP sends to, "" for nowhere options : more that the interface of python-can is given, as it is
+    """
+    interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries CAN
+        FD
+    peer : where UDP sends to, "" for nowhere
+    options : more that the interface of python-can is given, as it is
     """
 
     name: str

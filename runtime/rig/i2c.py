@@ -10,11 +10,11 @@ import stat
 import time
 from pathlib import Path
 
-from cext.i2c import I2cBus
-from cext.i2c_adapters import LinuxAdapter
+from cext.lines.i2c import I2cBus
+from cext.lines.i2c_adapters import LinuxAdapter
 from runtime.rig.chips import Chips, NoAnswer, in_hex
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.serial_port import permission
-from runtime.rig.troubles import Refused, Trouble
 
 NODES = "i2c-*"  # in /dev
 ENABLE = (
@@ -30,7 +30,7 @@ class I2cInterface:
     bus : RigBus; devices : blocks.i2c.I2cDevice that are on it
     opened : as `open_adapter` returns it, of that bus
 
-    wires : cext.i2c.I2cBus
+    wires : cext.lines.i2c.I2cBus
     virtual, remarks, strangers : as runtime.rig.interface.Interface has them
     """
 
@@ -151,7 +151,7 @@ class I2cInterface:
             return Trouble(
                 "TW135",
                 f"{who} {self.where(device)}: a driver of the kernel has this address",
-                f"take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
+                "take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
             )
         if error.mux:
             return Trouble(
@@ -217,14 +217,14 @@ class SeveralRefused(Refused):
 
 
 def error_in_words(error):
-    """Why a device failed last, as cext.i2c counts it."""
+    """Why a device failed last, as cext.lines.i2c counts it."""
     return {-1: "it had lost its settings", -2: "another kind of chip answers in its place"}.get(error) or os.strerror(
         error
     )
 
 
 def exchange(transfer, address):
-    """As cext.i2c.I2cBus.add takes it."""
+    """As cext.lines.i2c.I2cBus.add takes it."""
     steps = tuple(
         (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
     )

@@ -10,8 +10,8 @@ import os
 import socket
 import struct
 
-from runtime.rig.fitness import absent, look, refused, take_up
-from runtime.rig.troubles import Refused, Trouble
+from runtime.rig.errors import Refused, Trouble
+from runtime.rig.interface_checks import absent, look, refused, take_up
 
 SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # of Linux, which Python's socket has no names for
 SOL_CAN_RAW, FILTER, ERROR_FILTER, RECEIVE_OWN, FD_FRAMES, JOIN_FILTERS = 101, 1, 2, 4, 5, 6
@@ -29,7 +29,7 @@ class Interface:
     bus : RigBus
     listens : (arbitration id, mask, is extended) of all that devices here take; None for everything
     speaks : (arbitration id, is extended) of what they are told
-    machine : runtime.doctor.machine.Machine, where the interface is looked at
+    machine : runtime.machine.probe.Machine, where the interface is looked at
 
     socket : bound
     virtual, remarks : of its Fitness

@@ -1,7 +1,7 @@
 """What a rig has to say of every joint before it is run: how far it moves."""
 
 from graph import Actuator
-from runtime.rig.troubles import RigError, Trouble
+from runtime.rig.errors import RigError, Trouble
 
 
 def require_ranges(rig, diagram):

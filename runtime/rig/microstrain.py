@@ -19,10 +19,10 @@ from concurrent.futures import ThreadPoolExecutor
 from blocks.imus.microstrain import mip
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR
 from runtime.rig import ports
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.mip_port import MipPort, Refusal, Silent
 from runtime.rig.serial_line import let_go
 from runtime.rig.streams import Opened
-from runtime.rig.troubles import Refused, Trouble
 
 PORTS = "TICKWORK_PORTS"  # in the environment: patterns of the ports to look at, in place of what pyserial lists
 VENDORS = (0x199B, 0x0403, 0x10C4, 0x067B, 0x1A86)  # MicroStrain, and makers of USB adapters
@@ -78,7 +78,7 @@ class Seen:
     """The sensors of this machine that nobody else has open.
 
     open : {path: (MipPort, Information)}; troubles : of ports that could not be asked; silent : paths where no sensor
-    answers
+        answers
     """
 
     def __init__(self):

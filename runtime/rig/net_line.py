@@ -3,8 +3,9 @@ one.
 
 What a block says in `opening`:
 
-    transport   "udp" or "tcp" address     "HOST:PORT": of this computer for udp, such as 0.0.0.0:5005 for any of its
-    networks; of the other end for tcp
+    transport   "udp" or "tcp"
+    address     "HOST:PORT": of this computer for udp, such as 0.0.0.0:5005 for any of its networks; of the other end
+    for tcp
 
 A connection that is lost is made anew as soon as the program at the other end waits again.
 """
@@ -13,8 +14,8 @@ import errno
 import os
 import socket
 
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.streams import Opened, one_by_one
-from runtime.rig.troubles import Refused, Trouble
 
 PATIENCE = 3.0  # s for a connection
 

@@ -4,7 +4,7 @@ as they are.
 
 from graph import Device, DiagramError
 from graph.block import suggestion
-from runtime.rig.troubles import RigError, Trouble
+from runtime.rig.errors import RigError, Trouble
 
 
 def override(rig, diagram):

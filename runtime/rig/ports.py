@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from graph.block import suggestion
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.serial_port import holder, permission
-from runtime.rig.troubles import Refused, Trouble
 
 BY_ID = Path("/dev/serial/by-id")
 

@@ -3,9 +3,9 @@
 What a block may say in `opening`:
 
     port        path, such as /dev/ttyACM0 or one below /dev/serial/by-id, which stays the same wherever it is plugged
-    in serial      last characters of the serial number of its USB adapter, instead of a port baudrate    bit/s, 115200
-    by default; USB devices that are no adapters do not care setup       messages, as bytes, that it is told at the
-    start, and again when it comes back
+    in serial      last characters of the serial number of its USB adapter, instead of a port
+    baudrate    bit/s, 115200 by default; USB devices that are no adapters do not care
+    setup       messages, as bytes, that it is told at the start, and again when it comes back
 """
 
 import os

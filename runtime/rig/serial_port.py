@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from graph.block import suggestion
-from runtime.doctor.ports import SERIAL
-from runtime.rig.troubles import Refused, Trouble
+from runtime.machine.ports import SERIAL
+from runtime.rig.errors import Refused, Trouble
 from runtime.rig.udp import holder_of
 
 RULES = "/etc/udev/rules.d/70-tickwork.rules"

@@ -13,8 +13,8 @@ import importlib
 import os
 from dataclasses import dataclass
 
-from cext.streams import Streams
-from runtime.rig.troubles import Refused
+from cext.lines.streams import Streams
+from runtime.rig.errors import Refused
 
 KINDS = {  # kind of line: the module that opens it
     "serial": "runtime.rig.serial_line",
@@ -29,10 +29,10 @@ KINDS = {  # kind of line: the module that opens it
 class Opened:
     """A line that is open and set up.
 
-    fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None channel :
-    which one, for people path : where it can be opened again, "" for nowhere; setup : messages that it is then told;
-    record, is_gpio, reconnects, proof : as of
-        cext.streams.Streams.add
+    fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None
+    channel : which one, for people
+    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio,
+        reconnects, proof : as of cext.lines.streams.Streams.add
     remarks : lines that a person should read before the run
     """
 
@@ -86,8 +86,8 @@ class StreamLines:
     """
     devices : graph.StreamDevice of the robot, as the rig has it
 
-    lines : {name of its bus: (StreamInterface, cext.streams.Stream)}, of those that could be opened; troubles : of the
-    others
+    lines : {name of its bus: (StreamInterface, cext.lines.streams.Stream)}, of those that could be opened; troubles :
+        of the others
     """
 
     def __init__(self, devices):

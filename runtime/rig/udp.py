@@ -17,7 +17,7 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 
-from runtime.rig.troubles import Refused, Trouble
+from runtime.rig.errors import Refused, Trouble
 
 UDP = "udp"
 SO_TIMESTAMPNS = 35  # of Linux, which Python's socket has no name for

@@ -4,8 +4,8 @@ second.
 
 import numpy as np
 
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
 
 

@@ -5,10 +5,10 @@ import struct
 import numpy as np
 
 from blocks.recorders import CsvRecorder
-from cext.buses import MemoryBus
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.bus.memory_bus import MemoryBus
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile
 
 

@@ -18,10 +18,10 @@ from blocks.limiters import TorqueLimiter
 from blocks.logic import Not
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, Rearm
-from cext.page import Page
+from cext.safety.shared_state import Page
 from graph import Block, Diagram, DiagramError, Output, compile
-from runtime.check import check, told
-from runtime.coverage import coverage, in_words
+from runtime.report.failure_coverage import coverage, in_words
+from runtime.session.check import check, told
 from tests.blocks.actuators.wire import MALFORMED, Wired
 from tests.blocks.running import player
 from tests.cext.rigs import STOP, Rig

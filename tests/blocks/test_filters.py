@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from blocks._plumbing.biquads import butterworth
 from blocks.actuators import CubeMars
-from blocks.biquads import butterworth
 from blocks.filters import Butterworth
 from blocks.sources import StepSource
 from graph import Diagram, DiagramError, compile

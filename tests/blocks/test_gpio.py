@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 
 from blocks.actuators import CubeMars
 from blocks.gpio import EmulatedGpio, EStopSwitch, GpioInput, SyncIn, SyncOut
-from cext.streams import Streams
+from cext.lines.streams import Streams
 from graph import Diagram
 from runtime.rig import gpio_line
-from runtime.rig.troubles import Refused
+from runtime.rig.errors import Refused
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import player, run
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of

@@ -11,8 +11,8 @@ from scipy import signal
 from blocks.discrete import Delay, Derivative, Integrator, UnitDelay
 from blocks.mathematics import Gain
 from blocks.sources import StepSource
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, DiagramError, Interval, Live, compile
 from tests.blocks.playing import made, play, taker
 

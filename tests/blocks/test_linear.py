@@ -12,8 +12,8 @@ from blocks.filters import Butterworth
 from blocks.linear import StateSpace, TransferFunction, delays_at_rest, state_at_rest, tustin, zero_order_hold
 from blocks.mathematics import Gain, Sum
 from blocks.sources import StepSource
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, DiagramError, Interval, compile
 from tests.blocks.playing import made, play, settle, taker
 

@@ -11,8 +11,8 @@ from scipy import signal
 from blocks.controllers import PD, PI, PID, P
 from blocks.linear import TransferFunction
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, DiagramError, Interval, Live, compile
 from tests.blocks.playing import made, play, source, taker
 

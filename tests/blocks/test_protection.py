@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blocks.limiters import DeadZone, PowerLimiter, RMSTorqueLimiter, SoftStart, SoftStop, TemperatureDerating
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Interval, Live, Output, compile
 from tests.blocks.playing import made, play, taker
 

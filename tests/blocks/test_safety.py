@@ -10,7 +10,7 @@ from blocks.logic import Compare
 from blocks.models import Limb
 from blocks.safety import EmergencyStop, EmulatedEStop, EStopHeartbeat
 from blocks.sources import StepSource
-from cext.mailbox_writer import Writer
+from cext.schedule.mailbox_writer import Writer
 from graph import Block, Diagram, DiagramError, Output, compile, stack, subsystem
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 

@@ -10,8 +10,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from blocks.sources import Ramp
 from blocks.tables import LookupTable1D, LookupTable2D
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, DiagramError, Interval, compile
 from tests.blocks.proofs import anything, finite, keeps_its_range, sensible
 

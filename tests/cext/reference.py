@@ -7,7 +7,7 @@ any node, the others only by later ones.
 import math
 from dataclasses import dataclass, field
 
-from blocks.biquads import butterworth
+from blocks._plumbing.biquads import butterworth
 from blocks.discrete import UnitDelay
 from blocks.filters import Butterworth
 from blocks.limiters import Saturation, SlewRate

@@ -10,10 +10,10 @@ from blocks.actuators import CubeMars, EmulatedCubeMars
 from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
-from cext.buses import MemoryBus
-from cext.executor import Executor
-from cext.page import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
-from cext.program import Program
+from cext.bus.memory_bus import MemoryBus
+from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, compile
 
 FRAME = struct.Struct("=qIBBBB64s")

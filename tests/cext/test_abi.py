@@ -11,12 +11,13 @@ import pytest
 
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.handover import address, call_kernel
-from cext.kernels import cubemars, mathematics
-from cext.program import Program
+from cext.kernels import mathematics
+from cext.kernels.devices.cubemars import mit
+from cext.schedule.executor import Executor
+from cext.schedule.kernel_table import address, call_kernel
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Memory, Output, Param, compile
-from graph.layout import KernelTable
+from graph.arena_layout import KernelTable
 from tests.cext.rigs import Rig
 
 KERNEL = ctypes.CFUNCTYPE(
@@ -126,7 +127,7 @@ def test_a_status_of_its_own_is_a_fault_that_names_the_block():
     [
         (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), b"double (double)", None), "must be named"),
         (new_capsule(ctypes.cast(leaky, ctypes.c_void_p), None, None), "must be named"),
-        (cubemars.decode, "must be named"),
+        (mit.decode, "must be named"),
         (leaky.__call__, "a native kernel is a PyCapsule, a ctypes function or a Numba cfunc"),
         (lambda arena, slots, sizes: 0, "a native kernel is a PyCapsule"),
         (140_000_000_000, "a native kernel is a PyCapsule"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from graph import compile
-from runtime.diagram_file import build_plant, load
+from runtime.diagrams.file import build_plant, load
 from tests.blocks.running import run
 from tests.runtime.runs import KNEE_EXO
 

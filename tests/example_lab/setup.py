@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-import cext
 from Cython.Build import cythonize
 from setuptools import Extension, setup
+
+import cext
 
 setup(
     ext_modules=cythonize(

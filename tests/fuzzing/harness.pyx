@@ -18,9 +18,9 @@ from libc.stdlib cimport abort, calloc, malloc
 from libc.string cimport memcmp, memcpy, memset
 
 from cext.abi cimport FOREIGN, FRAME_BYTES, FRAMES_PER_DEVICE, MALFORMED, PRESSED, TAKEN, TIME, Frame, decode_t, encode_t, kernel_t
-from cext.handover import address
-from cext.newest_ring cimport GAP, START
-from cext.stream_frames cimport BACK, BYTES, LOST
+from cext.schedule.kernel_table import address
+from cext.ring.newest_ring cimport GAP, START
+from cext.lines.stream_frames cimport BACK, BYTES, LOST
 from tests.fuzzing.oracles cimport COBS, DATAGRAMS, INSOLE, MIP, Found, Protocol, ccitt, find, nothing_found
 
 cdef extern from "<sanitizer/asan_interface.h>" nogil:

@@ -14,11 +14,11 @@ from libc.string cimport memcmp, memcpy, memset
 from posix.unistd cimport write
 
 from cext.abi cimport ERROR_FRAME, FRAME_BYTES, Frame
-from cext.newest_ring cimport GAP, NEWEST, START
-from cext.socketcan cimport SocketCan
-from cext.stream cimport Stream
-from cext.stream_frames cimport BYTES
-from cext.streams cimport Streams
+from cext.ring.newest_ring cimport GAP, NEWEST, START
+from cext.bus.socketcan cimport SocketCan
+from cext.lines.stream cimport Stream
+from cext.lines.stream_frames cimport BYTES
+from cext.lines.streams cimport Streams
 
 cdef extern from *:
     """

@@ -6,9 +6,9 @@ import pytest
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Constant, Ramp
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Output, compile, stack
 from tests.graph.complaints import complaint, here
 

@@ -16,8 +16,8 @@ from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain, Product, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from cext.executor import Executor
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Input, Output, compile, subsystem
 from graph.diagnostics import CODES
 

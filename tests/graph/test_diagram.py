@@ -9,7 +9,6 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.controllers import GaitPhase
-from blocks.actuators import CubeMars
 from blocks.mathematics import Gain, Sum
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine

@@ -10,9 +10,9 @@ import pytest
 
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, compile, jit
 from tests.graph.complaints import complaint
 
@@ -100,8 +100,8 @@ class Elementary(Block):
 def test_elementary_functions_are_within_two_units_in_the_last_place():
     block = Elementary()
     jit.compile_block(block)
-    from cext.handover import call_kernel
-    from graph.layout import KernelTable
+    from cext.schedule.kernel_table import call_kernel
+    from graph.arena_layout import KernelTable
 
     random.seed(3)
     for _ in range(2000):

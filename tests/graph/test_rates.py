@@ -11,9 +11,9 @@ from blocks.limiters import Saturation, SlewRate, TorqueLimiter
 from blocks.mathematics import Gain
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine, StepSource
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Interval, Output, Signal, compile, subsystem
 from graph.compiler import Compilation, examine
 from tests.graph.complaints import complaint, here, refusal

@@ -13,8 +13,8 @@ from blocks.filters import Butterworth
 from blocks.limiters import SlewRate, TorqueLimiter
 from blocks.mathematics import Gain, Product, Sum
 from blocks.sources import Sine
-from cext.program import Program
-from cext.executor import Executor
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, compile
 
 

@@ -2,9 +2,9 @@
 
 import struct
 
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import compile
 
 

@@ -18,16 +18,16 @@ from blocks.actuators import CubeMars
 from blocks.charge_pump import ChargePump
 from blocks.gpio import EStopSwitch, GpioInput, SyncIn, SyncOut
 from blocks.recorders import CsvRecorder
-from cext.buses import MemoryBus
-from cext.executor import Executor
-from cext.page import Page
-from cext.program import Program
+from cext.bus.memory_bus import MemoryBus
+from cext.safety.shared_state import Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Diagram, StreamDevice, compile
+from runtime.commissioning import ports_inventory
 from runtime.guardian.relay import Relay
+from runtime.rig.errors import Refused
 from runtime.rig.gpio_line import opened
 from runtime.rig.streams import StreamLines
-from runtime.rig.troubles import Refused
-from runtime.tools import plugged
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, ends_in_the_safe_stop, plant_of
 
@@ -288,4 +288,7 @@ def test_what_cannot_be_taken_is_told_in_words(chip):
     with gpiod.request_lines(chip.path, {"BUTTON": None}, consumer="another"):
         trouble = refused(name="BUTTON")
     assert trouble.code == "TW119" and "somebody else has that line" in trouble.message
-    assert (plugged.chip(chip.path).lines, plugged.chip(chip.path).trouble) == (4, "")  # as a scan tells it
+    assert (ports_inventory.chip(chip.path).lines, ports_inventory.chip(chip.path).trouble) == (
+        4,
+        "",
+    )  # as a scan tells it

@@ -30,9 +30,9 @@ ROBOT = """
 from blocks.imus import ICM20948, MPU9250
 from blocks.recorders import CsvRecorder
 from blocks.sensors import ADS1115, NAU7802
-from cext.executor import Executor
-from cext.page import RECORD_ROW, Page
-from cext.program import Program
+from cext.schedule.executor import Executor
+from cext.safety.shared_state import RECORD_ROW, Page
+from cext.schedule.program import Program
 from graph import Device, Diagram, compile
 
 with Diagram("sensors", rate=50) as diagram:

@@ -17,13 +17,13 @@ from pathlib import Path
 
 import pytest
 
-from cext.socketcan import SocketCan
-from runtime.doctor.machine import Machine
-from cext.thresholds import TX_QUEUE_FULL_LIMIT
+from cext.bus.socketcan import SocketCan
+from cext.safety.thresholds import TX_QUEUE_FULL_LIMIT
+from runtime.machine.probe import Machine
 from runtime.rig.buses import in_words
+from runtime.rig.errors import Refused
 from runtime.rig.file import RigBus
 from runtime.rig.interface import Interface
-from runtime.rig.troubles import Refused
 from tests.hardware.vcan import ERROR, EXTENDED, REMOTE, Node, ip, needs_own_kernel, needs_vcan
 
 pytestmark = needs_vcan

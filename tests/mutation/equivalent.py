@@ -35,30 +35,30 @@ EQUIVALENT = {
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which "
     "mispredict with the data -> "
     "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
-    "cext/journal.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
+    "cext/schedule/publisher.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
-    "cext/journal.pyx attend_fenced: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
+    "cext/schedule/publisher.pyx attend_fenced: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
-    "cext/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since "
+    "cext/schedule/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since "
     "the stop began -> "
     "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by a nanosecond",
-    "cext/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing "
+    "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing "
     "of a block stands at 0",
-    "cext/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: "
+    "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: "
     "nothing of a block stands at 0",
-    "cext/devices.pyx receive: break -> pass": "what is empty gives nothing more",
-    "cext/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.count > 0: -> "
+    "cext/schedule/devices.pyx receive: break -> pass": "what is empty gives nothing more",
+    "cext/schedule/devices.pyx command: if self.laps != NULL and self.laps.each == NULL and self.count > 0: -> "
     "if self.laps != NULL and self.laps.each == NULL and self.count >= 0:": "where nothing is encoded that takes no "
     "time",
-    "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
+    "cext/schedule/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault >= 1 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a "
     "block stands at 0",
-    "cext/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
+    "cext/schedule/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
     "stands at 0",
-    "cext/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it leaves no remainder "
+    "cext/schedule/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it leaves no remainder "
     "as often",
-    "runtime/guardian/stopping.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
+    "runtime/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
     "self.damped.values()), default=0) -> "
     "self.limit = STOP_LIMIT + max((damped.end - now for damped in self.damped.values()), default=1)": "1 ns more",
 }

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.cli import main
-from runtime.errors import BAD_INPUT
+from runtime.base.errors import BAD_INPUT
+from runtime.cli.main import main
 from tests.runtime.runs import environment
 
 

@@ -113,7 +113,7 @@ def writer_of(pid):
 def descendant(pid, word):
     """Number of the process below another whose command line has a word; None where there is none."""
     below = {pid}
-    for entry in sorted((int(name) for name in os.listdir("/proc") if name.isdigit())):
+    for entry in sorted(int(name) for name in os.listdir("/proc") if name.isdigit()):
         try:
             stat = open(f"/proc/{entry}/stat").read().rpartition(")")[2].split()
             words = open(f"/proc/{entry}/cmdline", "rb").read()

@@ -9,8 +9,8 @@ from importlib.util import find_spec
 
 import pytest
 
-from runtime.errors import CHECK_FAILED, OK
-from runtime.live.runs import page_of
+from runtime.base.errors import CHECK_FAILED, OK
+from runtime.live.running import page_of
 from tests.house import python
 from tests.runtime.runs import ROOT, environment, finished, started, write
 from tests.runtime.terminals import patient

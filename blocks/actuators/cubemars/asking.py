@@ -3,8 +3,9 @@
 The question is DISABLE. It is answered with the state, as every frame of MIT mode is, and of the frames that are
 answered it is the safest:
 
-    enable (FC)         arms the drive, and with it whatever it was last told zero torque         eight bytes whose
-    meaning rests on the firmware's layout and ranges: other boards read a stiffness where these
+    enable (FC)         arms the drive, and with it whatever it was last told
+    zero torque         eight bytes whose meaning rests on the firmware's layout and ranges: other boards read a
+    stiffness where these
                         have a position; and a drive that somebody has left enabled stays so
     disable (FD)        has no fields that could be misread, and leaves every drive as a drive should be that nobody
     controls
@@ -15,11 +16,11 @@ answered it is the safest:
 import math
 import struct
 
-from blocks.actuators.asking import Answer, symmetric
 from blocks.actuators.cubemars import frames
 from blocks.actuators.cubemars.mit import FAULTS, REPLIES
 from blocks.actuators.cubemars.models import POSITION
 from blocks.actuators.mit_frames import DISABLE
+from blocks.actuators.queries import Answer, symmetric
 
 MIT, SERVO, ROBSTRIDE_MIT = (
     "CubeMars in MIT mode",
@@ -81,7 +82,7 @@ def servo_status(identifier, extended, data, model=None):
     frame.
 
     model : of blocks.actuators.cubemars.models or models_v3; without it velocity, and torque, which is computed from
-    the current, cannot be told
+        the current, cannot be told
     """
     if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
         return None

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.emulated import Emulated
-from cext.kernels import cubemars_drive as kernels
+from cext.kernels.devices.cubemars import emulator as kernels
 from graph import Device, Memory, Param
 
 

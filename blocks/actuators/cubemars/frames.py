@@ -17,7 +17,7 @@ STATUS, POWER_UP = 0x29, 0x2C  # and of what a drive says
 DEGREES = 3276.8  # half the range of a status' position; the manual has 3200
 POSITION_CODE = math.radians(0.1)  # rad, of a status
 SPEED_CODE = 10.0  # electrical revolutions a minute, of a status
-QUIET = 0.32  # A, below which a drive is at rest: cext/kernels/cubemars_status.pxd
+QUIET = 0.32  # A, below which a drive is at rest: cext/kernels/devices/cubemars/status.pxd
 
 FAULTS = mit.FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
 

@@ -3,9 +3,8 @@
 from blocks.actuators.cubemars import models
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
-from cext.kernels import cubemars as kernels
+from cext.kernels.devices.cubemars import mit as kernels
 from graph import Actuator, Param
-
 
 REPLIES = (8, 7, 6)  # bytes: position, velocity and torque are in all of them, temperature and error in 8 alone
 

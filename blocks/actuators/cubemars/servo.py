@@ -5,8 +5,8 @@ import math
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
-from cext.kernels import cubemars_servo as kernels
-from cext.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
+from cext.kernels.devices.cubemars import servo as kernels
+from cext.safety.thresholds import SCALE_TOLERANCE, STOP_DAMP_ROUND
 from graph import Actuator, DampedStop, Input, Interval, Memory, Motion, Output, Param, TorqueBound
 
 KINDS = {

@@ -7,8 +7,8 @@ from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
-from cext.kernels import cubemars_v3 as kernels
-from cext.thresholds import SCALE_TOLERANCE
+from cext.kernels.devices.cubemars import v3 as kernels
+from cext.safety.thresholds import SCALE_TOLERANCE
 from graph import Actuator, Interval, Memory, Output, Param
 
 # no stiffness, no damping; position, velocity and torque in the middle of their ranges

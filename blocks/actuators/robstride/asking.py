@@ -1,8 +1,9 @@
 """Asking a RobStride drive or a CyberGear in the private protocol how it is, without arming it, and the frames that set
 it up.
 
-    get id (type 0), read (type 17)     change nothing stop (type 4)                       answered with temperature and
-    faults; leaves every drive as one should be that nobody controls
+    get id (type 0), read (type 17)     change nothing
+    stop (type 4)                       answered with temperature and faults; leaves every drive as one should be that
+    nobody controls
 
 The host's id is 0xFD. Those up to 15 are no choice: `get id` from host 0 is, bit for bit, the command of a duty cycle
 to a CubeMars in servo mode.
@@ -12,7 +13,7 @@ to a CubeMars in servo mode.
 
 import struct
 
-from blocks.actuators.asking import Answer, symmetric
+from blocks.actuators.queries import Answer, symmetric
 from blocks.actuators.robstride import frames
 
 ROBSTRIDE, CYBERGEAR, EITHER = "RobStride", "CyberGear", "RobStride or CyberGear"

@@ -5,7 +5,7 @@ import re
 
 from blocks.actuators.emulated import Emulated
 from blocks.actuators.robstride import frames, models, parameters
-from cext.kernels import robstride_drive as kernels
+from cext.kernels.devices.robstride import emulator as kernels
 from graph import Device, Memory, Param
 
 LOC_KP, SPD_KP, VBUS = 0x701E, 0x701F, 0x701C

@@ -7,7 +7,7 @@ from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import DISABLE, ENABLE, StopInMitMode
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
-from cext.kernels import robstride_mit as kernels
+from cext.kernels.devices.robstride import mit as kernels
 from graph import Actuator, Device, Interval, Memory, Param
 
 CLEAR_FAULT = b"\xff\xff\xff\xff\xff\xff\xff\xfb"
@@ -47,7 +47,8 @@ class RobStrideMIT(StopInMitMode, Joint, Actuator):
     )
 
     talk = Memory(
-        (0.0,) * 10, "time-out read back, faults as last read, and what is awaited: cext/kernels/robstride_mit.pyx"
+        (0.0,) * 10,
+        "time-out read back, faults as last read, and what is awaited: cext/kernels/devices/robstride/mit.pyx",
     )
 
     hardware = (*Joint.hardware, "host_id")

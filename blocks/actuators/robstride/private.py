@@ -4,8 +4,8 @@ from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
 from blocks.actuators.robstride.models import TEMPERATURE
-from cext.kernels import robstride as kernels
-from cext.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
+from cext.kernels.devices.robstride import private as kernels
+from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
 from graph import Actuator, Input, Interval, Memory, Motion, Output, Param, ReplyField, TorqueBound
 
 RUN_MODES = {"operation": 0, "position": 1, "velocity": 2, "current": 3, "csp": 5}

@@ -3,10 +3,10 @@
 from blocks.controllers.joint import GRAVITY
 from blocks.i2c import I2cDevice
 from blocks.imus.invensense.icm20948 import ICM20948
-from blocks.imus.invensense.mpu9250 import UNADJUSTED, MPU9250
+from blocks.imus.invensense.mpu9250 import MPU9250, UNADJUSTED
 from blocks.imus.invensense.ports import InvenSense
-from cext.kernels import invensense as kernels
-from cext.kernels import quiet
+from cext.kernels import no_io
+from cext.kernels.devices.invensense import chips as kernels
 from graph import Input, Memory, Param
 
 FIELD = (20.0, 0.0, -44.0)  # µT, as in the middle of Europe: north and down
@@ -41,7 +41,7 @@ class _Emulated(I2cDevice):
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")
     state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
 
-    decode = quiet.deaf
+    decode = no_io.ignore_all
     sensor = InvenSense  # that it plays
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
     known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips

@@ -2,7 +2,7 @@
 
 from blocks.i2c import Identity, Read, Round, Transfer, Write
 from blocks.imus.invensense.ports import ACCEL_RANGES, GYRO_RANGES, InvenSense
-from cext.kernels import invensense as kernels
+from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
 SAMPLE_RATE_DIVIDER, CONFIG, INTERRUPT_PINS, BURST, USER_CONTROL, POWER, WHO_AM_I = (

@@ -3,12 +3,12 @@
 import math
 import struct
 
-from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FILTER, SENSOR, SHARED, TIMES, wanted, FIELDS
+from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FIELDS, FILTER, SENSOR, SHARED, TIMES, wanted
 from blocks.serial_lines import speed_of
-from cext.kernels import mip as kernels
+from cext.kernels.devices.microstrain import mip as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
 
-PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)  # roles of a field, in cext/kernels/mip.pyx
+PLAIN, ATTITUDE, ANGLES, CLOCK = range(4)  # roles of a field, in cext/kernels/devices/microstrain/mip.pyx
 ENVELOPE, SHORTEST_TIME = 6, 10  # bytes of a packet around its fields, and of the field with its time
 LONGEST_START = 0.8  # s; arming waits one for an answer
 STANDARD = ("accel", "gyro", "mag", "quaternion", "temperature")
@@ -22,7 +22,7 @@ class MicroStrain(StreamDevice):
     the earth as the sensor has it (x north, y east, z down); `rotation` takes vectors from the sensor's axes to those.
     `raw_quaternion` and `raw_euler` are as the sensor tells them. What it was not asked for, has not told yet, or
     itself calls invalid is NaN. The clock of the sensor is mapped to the computer's by the least delay of every second
-    (cext/kernels/clock_map.pxd).
+    (cext/kernels/devices/clock_map.pxd).
     """
 
     serial = Param("", "1", "last digits of its serial number, wherever it is plugged in", dtype=str)
@@ -142,7 +142,7 @@ class MicroStrain(StreamDevice):
         self.settings = (self.rate, self.tare_time, float(self.tare_at_start), float(primary))
 
     def tabulate(self):
-        """The table that the kernel reads: see cext/kernels/mip.pyx."""
+        """The table that the kernel reads: see cext/kernels/devices/microstrain/mip.pyx."""
         items = {name: 1 + place for place, name in enumerate(self.outputs)}
         meant = {
             **COMMON,

@@ -10,7 +10,14 @@ from dataclasses import dataclass
 
 SENSOR, FILTER, SHARED = 0x80, 0x82, 0x100  # sets; a shared field may stand in any
 STANDARD_GRAVITY = 9.80665  # m/s²
-KINDS = {"f": 0, "d": 1, "B": 2, "H": 3, "I": 4, "Q": 5}  # of a value, as cext/kernels/mip.pyx numbers them
+KINDS = {
+    "f": 0,
+    "d": 1,
+    "B": 2,
+    "H": 3,
+    "I": 4,
+    "Q": 5,
+}  # of a value, as cext/kernels/devices/microstrain/mip.pyx numbers them
 SIZES = {"f": 4, "d": 8, "B": 1, "H": 2, "I": 4, "Q": 8}
 
 

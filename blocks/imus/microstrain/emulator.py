@@ -2,10 +2,10 @@
 
 from blocks.imus.microstrain import models
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDARD_GRAVITY, wanted
-from cext.kernels import mip_sensor as kernels
+from cext.kernels.devices.microstrain import emulator as kernels
 from graph import Device, Input, Interval, Memory, Output, Param
 
-MOST = 16  # fields of a format, of cext/kernels/mip_sensor.pyx
+MOST = 16  # fields of a format, of cext/kernels/devices/microstrain/emulator.pyx
 INFO = 16  # characters of each text in the device information
 
 

@@ -1,5 +1,5 @@
 """MIP in Python: packets made and read one at a time, for the set-up and the tools. A run reads them natively
-(cext/kernels/mip.pyx).
+(cext/kernels/devices/microstrain/mip.pyx).
 """
 
 import struct

@@ -1,7 +1,7 @@
 """An OpenIMU that is not there: it sends the same bytes, for a plant."""
 
 from blocks.imus.openimu import frames
-from cext.kernels import openimu_unit as kernels
+from cext.kernels.devices.openimu import emulator as kernels
 from graph import Device, Input, Memory, Param
 
 G = 9.80665

@@ -3,10 +3,13 @@
 import math
 
 from blocks.imus.openimu import frames
-from cext.kernels import openimu as kernels
+from cext.kernels.devices.openimu import frames as kernels
 from graph import Device, Interval, Memory, Output, Param
 
-NEEDED = {"300RI": 0b1111, "335RI": 0b0111}  # of the settings that must have been told: cext/kernels/openimu.pxd
+NEEDED = {
+    "300RI": 0b1111,
+    "335RI": 0b0111,
+}  # of the settings that must have been told: cext/kernels/devices/openimu/frames.pxd
 SIGNS = {"printed": 1.0, "z up": -1.0}
 
 

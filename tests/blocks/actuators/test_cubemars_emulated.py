@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blocks.actuators import EmulatedCubeMars
-from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING, SET_ZERO
 from blocks.actuators.cubemars.models import MODELS
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING, SET_ZERO
 from graph import DiagramError
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, MALFORMED, NOT_FINITE, REMOTE, TAKEN, Wired

@@ -13,9 +13,9 @@ from blocks.actuators import CubeMarsServo, CubeMarsV3, EmulatedCubeMarsServo, E
 from blocks.models import Limb
 from blocks.safety import Rearm
 from blocks.sources import Sine
-from cext.executor import Executor
-from cext.page import Page
-from cext.program import Program
+from cext.safety.shared_state import Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, DiagramError, Input, Output, compile
 from tests.blocks.actuators import cubemars_reference as reference
 from tests.blocks.actuators.test_cubemars_closed_loop import second_order

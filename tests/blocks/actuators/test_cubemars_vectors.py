@@ -5,9 +5,10 @@ The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vect
 tree: without them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x
 (2ⁿ − 1) / span.
 
-    dfki                     the same convention: equal Epically Powerful, TM    2ⁿ instead of 2ⁿ − 1, and the input
-    clamped two codes below the top: ours or one above, one below at the top LR, the manual's text    2ⁿ without that
-    clamp: ours or one above; the top wraps to 0, and its carry is or-ed into the field before
+    dfki                     the same convention: equal
+    Epically Powerful, TM    2ⁿ instead of 2ⁿ − 1, and the input clamped two codes below the top: ours or one above, one
+    below at the top LR, the manual's text    2ⁿ without that clamp: ours or one above; the top wraps to 0, and its
+    carry is or-ed into the field before
 
 Libraries that use other ranges than the manual are asked in their own: x is scaled by the ratio of the ranges before we
 encode it.
@@ -18,8 +19,8 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars, EmulatedCubeMars
-from blocks.actuators.mit_frames import DISABLE, ENABLE, SET_ZERO
 from blocks.actuators.cubemars.models import AMBIGUOUS, MODELS
+from blocks.actuators.mit_frames import DISABLE, ENABLE, SET_ZERO
 from tests.blocks.actuators import reference
 from tests.blocks.actuators.wire import NOT_FINITE, OUT_OF_LIMITS, TAKEN, Wired
 from tests.shared import entries, specifications

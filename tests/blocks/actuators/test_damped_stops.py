@@ -11,7 +11,7 @@ from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, Rob
 from blocks.limiters import TorqueLimiter
 from graph import Block, Diagram, Input, Output, compile
 from tests.cext.rigs import Rig
-from tests.cext.test_damped_stop import Trip
+from tests.cext.safety.test_damped_stop import Trip
 
 DRIVES = {
     "CubeMars": (CubeMars, "AK80-9", {}),

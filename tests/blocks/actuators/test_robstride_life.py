@@ -13,7 +13,7 @@ from blocks.actuators import (
     RobStrideMIT,
 )
 from blocks.models import Limb
-from cext.page import Page
+from cext.safety.shared_state import Page
 from graph import Block, Diagram, Input, Output, Param
 from tests.blocks.actuators import robstride_reference as reference
 from tests.cext.rigs import Rig

@@ -58,7 +58,7 @@ def test_no_command_begins_with_six_bytes_of_ones(model):
     limits = RANGES[model]
     top = {name: limits[name][1] for name in FIELDS}
     low, high = limits["torque"]
-    for code in range(0, 4096):
+    for code in range(4096):
         torque = min(low + (code + 0.5) * (high - low) / 4095, high)
         data = say(DRIVES[model], **{**top, "torque": torque})
         assert data[:2] == b"\xff\xfe" and reference.codes_of(data)["torque"] == code

@@ -5,11 +5,12 @@ The vectors stand in the shared room, ../shared/vectors or $TICKWORK_SHARED/vect
 tree: without them these tests are skipped. A code below is the whole number that a field carries; ours is truncated x
 65535 / span.
 
-    manual               the same formula in single precision: at most one code off Epically Powerful    truncated too:
-    at most one; but stiffness and damping of RS03, RS04, RS06 have ranges of 500 and 5 there robstride_dynamics   (x /
-    r + 1) 32767 instead of 65535 / 2: at most two; ranges of its own, in which it is asked the vendor's C++
-    positions of ± 12.5: asked in its own range; single precision: at most one pycybergear, Tony    the same codes, at
-    most one off; the first leaves torque out, the second has its bytes the wrong way round
+    manual               the same formula in single precision: at most one code off
+    Epically Powerful    truncated too: at most one; but stiffness and damping of RS03, RS04, RS06 have ranges of 500
+    and 5 there robstride_dynamics   (x / r + 1) 32767 instead of 65535 / 2: at most two; ranges of its own, in which it
+    is asked the vendor's C++     positions of ± 12.5: asked in its own range; single precision: at most one
+    pycybergear, Tony    the same codes, at most one off; the first leaves torque out, the second has its bytes the
+    wrong way round
 """
 
 import math

@@ -6,7 +6,7 @@ import ctypes
 
 import numpy as np
 
-from cext.handover import address, call_kernel
+from cext.schedule.kernel_table import address, call_kernel
 from graph import Diagram, compile
 
 FOREIGN, TAKEN, MALFORMED = 0, 1, -1  # cext/abi.pxd: what a decode returns

@@ -4,7 +4,7 @@ import numpy as np
 
 from blocks.imus import MicroStrain
 from blocks.imus.microstrain.descriptors import EXTRA, STANDARD_GRAVITY
-from cext.handover import feed
+from cext.schedule.kernel_table import feed
 from graph import Diagram
 
 EVERYTHING = ("accel", "gyro", "mag", "quaternion", "euler", "temperature", *EXTRA)

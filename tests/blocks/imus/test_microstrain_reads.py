@@ -8,7 +8,7 @@ from blocks.imus import EmulatedMicroStrain
 from blocks.imus.microstrain import mip
 from tests.blocks.actuators.wire import TAKEN, Wired
 
-BYTES = 0  # cext/stream_frames.pxd: a chunk of a line
+BYTES = 0  # cext/lines/stream_frames.pxd: a chunk of a line
 OK, INVALID = 0, 3  # codes of an acknowledgement
 
 

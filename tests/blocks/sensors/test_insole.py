@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from blocks.sensors import EmulatedInsole, FootContact, Insole
-from cext.streams import Streams
+from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
 from runtime.rig import net_line
-from runtime.rig.troubles import Refused
+from runtime.rig.errors import Refused
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired
 from tests.blocks.running import by_hand, player, run
 

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from blocks.sensors import EmulatedMicrocontroller, Microcontroller
 from blocks.sensors.fields import SIZES
-from cext.streams import Streams
+from cext.lines.streams import Streams
 from graph import Diagram, DiagramError
 from runtime.rig.serial_line import opened
 from tests.blocks.actuators.wire import MALFORMED, TAKEN, Wired

@@ -3,6 +3,7 @@
 import math
 
 from gaitlab import kernels
+
 from graph import Block, Input, Memory, Output, Param
 
 

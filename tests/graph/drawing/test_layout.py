@@ -4,7 +4,7 @@ from itertools import combinations, pairwise
 
 import pytest
 
-from graph import Diagram, Signal, subsystem
+from graph import Signal
 from graph.drawing import draw
 from graph.drawing.channels import NEAR
 from tests.graph.drawing.diagrams import by_chance, leg

@@ -7,9 +7,11 @@ import socket
 import psutil
 import pytest
 
-from cext.bus_cost import time_of_ticks
-from cext.socketcan import SocketCan
-from runtime.errors import OK
+from cext.bus.socketcan import SocketCan
+from cext.schedule.bus_cost import time_of_ticks
+from runtime.base.errors import OK
+
+pytestmark = pytest.mark.timing
 
 
 @pytest.fixture

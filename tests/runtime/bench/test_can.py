@@ -7,14 +7,16 @@ import sysconfig
 
 import pytest
 
-from cext.bus_cost import time_of_control
-from cext.buses import MemoryBus
-from cext.program import Program
-from cext.socketcan import SocketCan
+from cext.bus.memory_bus import MemoryBus
+from cext.bus.socketcan import SocketCan
+from cext.schedule.bus_cost import time_of_control
+from cext.schedule.program import Program
 from graph import compile
+from runtime.base.errors import OK
 from runtime.bench import can_cost, python_can
 from runtime.bench.by_hand import build
-from runtime.errors import OK
+
+pytestmark = pytest.mark.timing
 
 needs_compiler = pytest.mark.skipif(
     shutil.which(sysconfig.get_config_var("CC").split()[0]) is None, reason="needs a C compiler"

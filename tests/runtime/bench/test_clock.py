@@ -8,10 +8,12 @@ import numpy as np
 import psutil
 import pytest
 
-from cext.histogram import counts_of, percentile, percentiles
+from cext.clock.histogram import counts_of, percentile, percentiles
+from runtime.base.errors import OK
 from runtime.bench import clock, costs
 from runtime.bench.by_hand import build
-from runtime.errors import OK
+
+pytestmark = pytest.mark.timing
 
 
 def test_it_tells_of_both_loops_at_every_rate_and_what_parts_of_a_tick_cost(command_line):

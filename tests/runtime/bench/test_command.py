@@ -3,9 +3,9 @@
 import json
 import re
 
+from runtime.base.errors import BAD_INPUT, OK
 from runtime.bench import compiling
 from runtime.bench.measure import Times
-from runtime.errors import BAD_INPUT, OK
 
 QUICK = ("--seconds", "0.002", "--repeats", "1")
 

@@ -2,8 +2,12 @@
 
 import json
 
+import pytest
+
+from runtime.base.errors import OK
 from runtime.bench import sensors
-from runtime.errors import OK
+
+pytestmark = pytest.mark.timing
 
 
 def test_it_tells_what_eight_sensors_cost_and_lose(command_line):

@@ -6,9 +6,9 @@ import pytest
 
 from runtime.bench import goals, netlists
 from runtime.bench.by_hand import NoCompiler, PlainPython, StraightC
-from runtime.bench.command import PEERS, contenders_of
 from runtime.bench.measure import Disagreement, Times, check, interleave
 from runtime.bench.ours import NativeBlocks, PythonBlocks
+from runtime.cli.bench.command import PEERS, contenders_of
 
 NETLISTS = [netlists.knee(), netlists.wide(), netlists.wide6(), netlists.chain()]
 

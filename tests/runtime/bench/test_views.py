@@ -6,8 +6,10 @@ import json
 
 import pytest
 
+from runtime.base.errors import OK
 from runtime.bench import views
-from runtime.errors import OK
+
+pytestmark = pytest.mark.timing
 
 
 def test_it_tells_how_late_the_loop_is_with_everything_on_and_with_nothing(command_line):

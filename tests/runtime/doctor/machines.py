@@ -2,9 +2,10 @@
 
 /proc/version of a Pi 4, a Jetson Orin Nano and a laptop: as printed in public logs of Raspberry Pi OS 12, JetPack
 6.2 and Ubuntu 24.04 ip -details -json link: the iproute2 patches on linux-can (ES582.1), `ip -d link show can0` of
-an Orin Nano in NVIDIA's forum nvpmodel.conf and nvpmodel -q: of an Orin Nano with JetPack 6.2 get_throttled: the
-firmware's driver in Raspberry Pi's kernel (hexadecimal, without 0x), its bits in the documentation of vcgencmd
-/proc/self/limits, /proc/swaps, id, ls -l, cpuidle, cpufreq: as Linux and coreutils print them
+an Orin Nano in NVIDIA's forum nvpmodel.conf and nvpmodel -q: of an Orin Nano with JetPack 6.2
+get_throttled: the firmware's driver in Raspberry Pi's kernel (hexadecimal, without 0x), its bits in the
+documentation of vcgencmd /proc/self/limits, /proc/swaps, id, ls -l, cpuidle, cpufreq: as Linux and coreutils print
+them
 """
 
 import json

@@ -6,8 +6,8 @@ import os
 import pytest
 
 from runtime.doctor import CHECKS, examine
-from runtime.doctor.finding import BAD, OK, SEVERITY, UNKNOWN, WORSE, Wants
-from runtime.doctor.machine import Device, Machine
+from runtime.machine.finding import BAD, OK, SEVERITY, UNKNOWN, WORSE, Wants
+from runtime.machine.probe import Device, Machine
 from tests.runtime.doctor.machines import LAPTOP, LIMITS, ORIN_NANO, PI_4, can_link, idle, ip, lay_out
 
 

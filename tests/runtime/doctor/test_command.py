@@ -5,8 +5,8 @@ import re
 
 import pytest
 
-from runtime.errors import CHECK_FAILED, OK
-from runtime.realtime import HIGHEST, PRIORITY, SPIN
+from runtime.base.errors import CHECK_FAILED, OK
+from runtime.machine.realtime import HIGHEST, PRIORITY, SPIN
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
 from tests.runtime.runs import ROOT, finished
 

@@ -7,9 +7,9 @@ import subprocess
 import pytest
 
 from runtime.doctor import examine
-from runtime.doctor.finding import Wants
-from runtime.doctor.machine import Machine
 from runtime.doctor.script import PARTS, script
+from runtime.machine.finding import Wants
+from runtime.machine.probe import Machine
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, ip, lay_out
 
 NO_CAN_ON_PI = {

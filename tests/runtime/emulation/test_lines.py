@@ -5,10 +5,14 @@ would real ones.
 import os
 import signal
 
-from runtime.errors import OK
+import pytest
+
+from runtime.base.errors import OK
 from tests.runtime.emulation.test_emulate import read_until
 from tests.runtime.rig.test_sensor_runs import RIG, ROBOT
 from tests.runtime.runs import Files, finished, started, write
+
+pytestmark = pytest.mark.timing
 
 
 def test_a_robots_sensors_are_found_by_their_serial_numbers_and_stream(tmp_path):

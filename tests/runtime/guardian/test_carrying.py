@@ -13,12 +13,14 @@ import time
 import pytest
 
 from blocks.limiters import TorqueLimiter
-from cext.page import Page
-from cext.rings import Line, Lines
-from cext.thresholds import HANG_REPORT_DELAY
+from cext.ring.rings import Line, Lines
+from cext.safety.shared_state import Page
+from cext.safety.thresholds import HANG_REPORT_DELAY
 from graph import Block, Input, Output
 from runtime.guardian.process import Guardian, decoded
 from tests.cext.rigs import one_drive
+
+pytestmark = pytest.mark.timing
 
 ENABLE, NOTHING, DISABLE, TORQUE = (
     bytes.fromhex(text) for text in ("FFFFFFFFFFFFFFFC", "7FFF7FF0000007FF", "FFFFFFFFFFFFFFFD", "7FFF7FF00000083E")
@@ -259,7 +261,7 @@ def test_a_process_that_is_gone_is_stopped_at_once():
     assert judged(look).verdict["because"] == "died"
 
 
-HUNG, CRASHED = 32, 36  # bytes, of cext.page.PageLayout
+HUNG, CRASHED = 32, 36  # bytes, of cext.safety.shared_state.PageLayout
 
 
 def write(page, offset, number):

@@ -13,6 +13,8 @@ from runtime.guardian import control_group
 from tests.runtime.guardian.bus import Bus, assert_nothing_is_left, family, guardian_of
 from tests.runtime.guardian.test_stopping import DEATH
 
+pytestmark = pytest.mark.timing
+
 
 @pytest.fixture
 def bus(tmp_path):

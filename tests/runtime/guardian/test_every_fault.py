@@ -2,9 +2,9 @@
 each that listens.
 
 Every drive is told zero torque, then disable, within two ticks of the detection, and no torque follows on any bus. In
-virtual time, with more faults: tests/cext/test_every_fault.py. Elsewhere, with a third node that listens: a block that
-hangs (test_hang), a process that is stopped, a guardian that is gone (test_stopping), an adapter that is unplugged
-(tests/runtime/rig/test_slcan), a button over UDP (test_udp), bus-off and an interface that is taken down
+virtual time, with more faults: tests/cext/schedule/test_every_fault.py. Elsewhere, with a third node that listens: a
+block that hangs (test_hang), a process that is stopped, a guardian that is gone (test_stopping), an adapter that is
+unplugged (tests/runtime/rig/test_slcan), a button over UDP (test_udp), bus-off and an interface that is taken down
 (tests/hardware).
 """
 
@@ -21,6 +21,8 @@ from tests.runtime.guardian.bus import Bus, is_torque
 from tests.runtime.rig.test_udp import Button, free_port
 from tests.runtime.runs import DISABLE, NOTHING, started, write
 from tests.runtime.terminals import Terminal
+
+pytestmark = pytest.mark.timing
 
 PERIOD = 0.005
 ALLOWANCE = 0.08  # s, on a machine that may be busy; 0.001 where it is not
@@ -307,7 +309,9 @@ def test_both_drives_on_both_buses_are_told_within_two_ticks_of_every_other_faul
 @pytest.mark.soak
 def test_an_exception_outside_of_any_block_before_there_is_torque(buses):
     """A bug of ours at the pre-flight table. Nothing was under torque, and both are disabled all the same."""
-    fault = Fault("", before="import runtime.preflight\nruntime.preflight.Preflight.event = lambda self, values: 1 / 0")
+    fault = Fault(
+        "", before="import runtime.session.preflight\nruntime.preflight.Preflight.event = lambda self, values: 1 / 0"
+    )
     process = buses.start(fault)
     out, err = process.communicate(timeout=20)
     buses.listen(0.05)

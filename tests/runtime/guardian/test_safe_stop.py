@@ -6,13 +6,15 @@ import math
 import pytest
 
 from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3
-from cext.thresholds import STOP_LIMIT, STOP_ROUND
+from cext.safety.thresholds import STOP_LIMIT, STOP_ROUND
 from graph import Diagram, compile
 from runtime.guardian import plan
 from runtime.guardian.process import decoded
-from runtime.guardian.stopping import SafeStop
+from runtime.guardian.stop import SafeStop
 from tests.blocks.actuators import reference
 from tests.played_drive import PlayedDrive, never_gains
+
+pytestmark = pytest.mark.timing
 
 ALL = 0xFFFFFFFF
 

@@ -5,9 +5,13 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.rig.test_udp import Button, free_port
 from tests.runtime.runs import ROOT
+
+pytestmark = pytest.mark.timing
 
 # Sends a frame that is for nobody, or datagrams that are no frames, as fast as it can.
 BABBLING = {

@@ -13,6 +13,8 @@ import pytest
 from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, keep_apart
 from tests.runtime.guardian.drives import open_bus
 
+pytestmark = pytest.mark.timing
+
 PORT = 43113  # of udp_multicast
 CHANNELS = (f"239.{210 + os.getpid() % 40}.{os.getpid() // 40 % 250}.{number}" for number in itertools.count(1))
 NOTHING = bytes.fromhex("7fff7ff0000007ff")

@@ -2,14 +2,14 @@
 
 import pytest
 
-from cext.mailbox_writer import MOST_CHANGES
-from runtime.diagram_file import load
-from runtime.errors import BadInput
+from cext.schedule.mailbox_writer import MOST_CHANGES
+from runtime.base.errors import BadInput
+from runtime.cli.set_parameters import letters, wanted
+from runtime.diagrams.file import load
+from runtime.diagrams.overrides import set_block_parameters
 from runtime.live import patterns
-from runtime.live.command import letters, wanted
 from runtime.live.table import Parameter, Table
 from runtime.recorder.panel import choices
-from runtime.settings import set_block_parameters
 from tests.runtime.live.test_set import going
 from tests.runtime.runs import Files, finished, write
 from tests.runtime.terminals import Terminal

@@ -4,16 +4,16 @@ import json
 from array import array
 from struct import Struct
 
-from cext.buses import MemoryBus
-from cext.executor import Executor
-from cext.page import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
-from cext.program import Program
 from blocks.actuators import CubeMars
 from blocks.models import Limb
 from blocks.recorders import CsvRecorder
+from cext.bus.memory_bus import MemoryBus
+from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile, subsystem
 from runtime.recorder import RecorderProcess
-from runtime.recorder.ascii_units import ascii_name
+from runtime.recording.ascii_units import ascii_name
 
 FRAME = Struct("=qIBBBB64s")  # cext/abi.pxd
 CSV = "runtime.recorder.csv:CsvWriter"

@@ -5,8 +5,10 @@ import time
 import pytest
 from can.io.canutils import CanutilsLogReader
 
-from cext.page import Page
+from cext.safety.shared_state import Page
 from tests.runtime.recorder.running import frame, leg, plan, record, run
+
+pytestmark = pytest.mark.timing
 
 EXTENDED, REMOTE = 0x80000000, 0x40000000
 

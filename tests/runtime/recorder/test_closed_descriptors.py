@@ -7,6 +7,8 @@ import pytest
 
 from tests.runtime.runs import Files, knee, started
 
+pytestmark = pytest.mark.timing
+
 
 @pytest.mark.parametrize("ending", ["signal", "duration"])
 def test_a_run_whose_block_closed_all_descriptors_ends_with_a_summary_and_whole_files(tmp_path, ending):

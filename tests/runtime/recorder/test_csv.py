@@ -10,13 +10,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from blocks.recorders import CsvRecorder
-from cext.page import Page
+from cext.safety.shared_state import Page
 from graph import Diagram
 from graph.units import canonical
-from runtime.recorder.ascii_units import ascii_name
-from runtime.errors import BadInput
+from runtime.base.errors import BadInput
 from runtime.recorder.csv import CsvWriter
-from runtime.recorder.files import WholeFile, create
+from runtime.recording.ascii_units import ascii_name
+from runtime.recording.files import WholeFile, create
 from tests.runtime.recorder.running import CSV, Counter, columns, plan, read_csv, record, row, run, sink
 
 

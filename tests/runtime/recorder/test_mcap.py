@@ -19,7 +19,7 @@ import runtime
 from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from graph import Block, Diagram, Input, Output, subsystem
-from runtime.recorder.mcap_file import CHUNK, CHUNK_HEAD, HEAD, INDEX, MESSAGE, PRIVATE
+from runtime.recording.mcap_file import CHUNK, CHUNK_HEAD, HEAD, INDEX, MESSAGE, PRIVATE
 from tests.runtime.recorder.running import CSV, columns, counting, frame, leg, plan, read_csv, record, row, run, sink
 
 EXTENDED, REMOTE = 0x80000000, 0x40000000

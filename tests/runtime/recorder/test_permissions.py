@@ -5,10 +5,12 @@ import stat
 
 import pytest
 
-from runtime.errors import OK
-from runtime.recorder.files import create, make_folder, mode_in
+from runtime.base.errors import OK
 from runtime.recorder.report import write_json
+from runtime.recording.files import create, make_folder, mode_in
 from tests.runtime.runs import KNEE_EXO
+
+pytestmark = pytest.mark.timing
 
 
 @pytest.fixture(autouse=True)

@@ -9,12 +9,12 @@ import time
 
 import pytest
 
-from runtime.errors import BadInput
-from runtime.recorder import RecorderError
-from runtime.recorder.choice import chosen
-from runtime.recorder.plotjuggler import PlotJugglerSender
-from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 from blocks.sinks import PlotJuggler
+from runtime.base.errors import BadInput
+from runtime.recorder import RecorderError
+from runtime.recorder.plotjuggler import PlotJugglerSender
+from runtime.recording.signal_selection import chosen
+from tests.runtime.recorder.running import JUGGLER, columns, counting, plan, record, row, run, sink
 
 VECTOR = ["left/imu.accel[0] m/s²", "left/imu.accel[1] m/s²", "left/imu.accel[2] m/s²"]
 

@@ -18,13 +18,15 @@ import pytest
 from mcap.reader import make_reader
 
 from blocks.recorders import CsvRecorder
-from cext.page import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, Page
 from graph import Block, Diagram, Output
+from runtime.analysis.trial import Trial
 from runtime.recorder import RecorderError, RecorderProcess
-from runtime.recorder.mcap_mending import Mending, MendingFailed
-from runtime.recordings.trial import Trial
+from runtime.recording.repair import Mending, MendingFailed
 from tests.runtime.recorder.running import CSV, STRIDES, columns, counting, leg, plan, read_csv, record, row, run, sink
 from tests.runtime.terminals import patient
+
+pytestmark = pytest.mark.timing
 
 ROOT = Path(__file__).parents[3]
 SIGNALS = columns("a.x m")
@@ -101,7 +103,7 @@ def test_the_report_tells_in_words_how_the_run_ended(tmp_path):
 
 CONTROL = """
 import os, sys
-from cext.page import RECORD_EVENT, Page
+from cext.safety.shared_state import RECORD_EVENT, Page
 from tests.runtime.recorder.running import counting, run
 page = Page(fd=int(sys.argv[1]))
 run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=lambda recorder: print(recorder.pid, flush=True))
@@ -635,7 +637,7 @@ def test_an_abandoned_recording_leaves_nothing_behind(tmp_path, configured):
 
 def test_control_that_dies_before_anything_began_leaves_nothing_behind(tmp_path):
     script = (
-        "import os, sys\nfrom cext.page import Page\nfrom runtime.recorder import RecorderProcess\n"
+        "import os, sys\nfrom cext.safety.shared_state import Page\nfrom runtime.recorder import RecorderProcess\n"
         "from tests.runtime.recorder.running import CSV, columns, plan, sink\n"
         "recorder = RecorderProcess(Page(4096))\n"
         "if sys.argv[2] == 'configured': recorder.configure(plan(sys.argv[1], sink(CSV, 'a', columns('a.x m'))))\n"

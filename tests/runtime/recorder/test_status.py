@@ -5,7 +5,6 @@ import os
 import pty
 import re
 import select
-import struct
 import subprocess
 import sys
 import termios
@@ -13,14 +12,16 @@ from pathlib import Path
 
 import pytest
 
-from runtime.recorder.line import compose, fit
+from runtime.console.progress import Progress, rounds
+from runtime.console.status_layout import compose, fit
+from runtime.console.stderr import Terminal
 from runtime.recorder.status import STEADY, StatusLine, describe, rates, torque_part
-from runtime.recorder.terminal import Terminal
-from runtime.telling.progress import Progress, rounds
 from tests.runtime.recorder.running import plan
 from tests.runtime.runs import KNEE_EXO, finished
 from tests.runtime.terminals import WIDE
 from tests.runtime.terminals import Terminal as PseudoTerminal
+
+pytestmark = pytest.mark.timing
 
 ROOT = Path(__file__).parents[3]
 STATISTICS = {
@@ -399,8 +400,8 @@ def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, exp
 
 
 def test_rounds_tell_between_them_how_far_it_is_and_leave_nothing_if_one_fails(screen, monkeypatch):
-    monkeypatch.setattr("runtime.telling.progress.Terminal", lambda: terminal(screen[0]))
-    monkeypatch.setattr("runtime.telling.progress.PATIENCE", 0.0)
+    monkeypatch.setattr("runtime.console.progress.Terminal", lambda: terminal(screen[0]))
+    monkeypatch.setattr("runtime.console.progress.PATIENCE", 0.0)
     with pytest.raises(ZeroDivisionError):
         for number in rounds("measuring", 4):
             1 / (2 - number)

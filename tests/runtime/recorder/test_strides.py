@@ -3,18 +3,17 @@
 import math
 import os
 import signal
-import time
 
 import pytest
 
-from cext.page import Page
 from blocks.recorders import StrideReport
-from runtime.recorder.strides import StrideAverage
+from cext.safety.shared_state import Page
+from runtime.analysis.average_stride import CURVES, resample
 from runtime.recorder import RecorderProcess
-from runtime.recordings.average_stride import CURVES, resample
+from runtime.recorder.strides import StrideAverage
+from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
 from tests.runtime.recorder.test_process import writers
 from tests.runtime.terminals import patient
-from tests.runtime.recorder.running import STRIDES, columns, plan, record, row, sink
 
 RATE = 200.0
 INPUTS = columns("phase 1", "walking 1 bool", "angle rad", "velocity rad/s", "torque N·m")

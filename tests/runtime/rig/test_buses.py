@@ -9,16 +9,18 @@ import pytest
 
 from blocks.actuators import CubeMars
 from graph import Diagram
-from runtime.commands.run import parse_run
-from runtime.doctor.machine import Machine
-from runtime.errors import CHECK_FAILED, OK
+from runtime.base.errors import CHECK_FAILED, OK
+from runtime.cli.run import parse_run
 from runtime.guardian import GuardianProcess
 from runtime.guardian.lock import BusLock
+from runtime.machine.probe import Machine
 from runtime.rig import RigBuses, RigError, read
 from runtime.rig.buses import in_words
 from runtime.rig.file import RigBus
 from tests.runtime.doctor.machines import PI_4, lay_out
 from tests.runtime.runs import KNEE_EXO, knee, write
+
+pytestmark = pytest.mark.timing
 
 LEGS = '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\n'
 RANGES = '[device."right/knee"]\nrange = [-0.1, 2.0]\n[device."left/knee"]\nrange = [-0.1, 2.0]\n'

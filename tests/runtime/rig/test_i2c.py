@@ -9,15 +9,17 @@ import pytest
 
 from blocks.imus import ICM20948, MPU9250
 from blocks.sensors import ADS1115, NAU7802
-from cext.i2c_memory import MemoryI2c
+from cext.lines.i2c_memory import MemoryI2c
 from graph import Diagram, compile
 from runtime.rig.buses import RigBuses
 from runtime.rig.chips import Chips, KnownChips
+from runtime.rig.errors import Refused, RigError
 from runtime.rig.file import RigBus, parse
 from runtime.rig.i2c import I2cInterface, SeveralRefused, in_words, known, open_adapter, paths
 from runtime.rig.overrides import override
-from runtime.rig.troubles import Refused, RigError
 from tests.runtime.rig.wires import ADJUSTMENT, Wires, add_mpu, opened
+
+pytestmark = pytest.mark.timing
 
 RIG = '[bus.imus]\ninterface = "i2c"\nchannel = "/dev/i2c-1"\n'
 

@@ -18,6 +18,8 @@ from runtime.rig.microstrain import open_lines
 from runtime.rig.streams import Opened, StreamLines
 from tests.blocks.imus.hearing import Hearing
 
+pytestmark = pytest.mark.timing
+
 ROOT = Path(__file__).resolve().parents[3]
 
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from graph import compile
-from runtime.diagram_file import load
+from runtime.diagrams.file import load
 from runtime.rig import CODES, override, read
 from tests.runtime.runs import KNEE_EXO, ROOT
 
@@ -64,7 +64,7 @@ def test_every_code_is_raised_and_provoked():
         path.read_text()
         for room in ("rig", "emulation")
         for path in (ROOT / "runtime" / room).glob("*.py")
-        if path.name != "troubles.py"
+        if path.name != "errors.py"
     )
     tests = [
         path

@@ -12,13 +12,15 @@ import pytest
 from blocks.actuators import CubeMars
 from blocks.safety import EStopHeartbeat
 from graph import Diagram, compile
-from runtime.coverage import coverage, in_words
-from runtime.preflight import Preflight
-from runtime.telling.lines import Paper
-from runtime.telling.preflight_text import ASK, text
+from runtime.console.styles import Paper
+from runtime.report.failure_coverage import coverage, in_words
+from runtime.report.preflight import ASK, text
+from runtime.session.preflight import Preflight
 from tests.runtime.guardian.bus import ROBOT, Bus, is_torque
-from tests.runtime.runs import DISABLE, ENABLE, NOTHING, KNEE_EXO, Files, finished, write
+from tests.runtime.runs import DISABLE, ENABLE, KNEE_EXO, NOTHING, Files, finished, write
 from tests.runtime.terminals import Terminal
+
+pytestmark = pytest.mark.timing
 
 WIDE = Paper(200)
 BOTH_GONE = "kill -9 of guardian and control process together, loss of power of the computer"

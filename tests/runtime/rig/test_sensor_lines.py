@@ -15,12 +15,14 @@ import pytest
 
 from blocks.sensors import Insole
 from graph import Diagram, compile
-from runtime.errors import BAD_INPUT, OK
+from runtime.base.errors import BAD_INPUT, OK
 from runtime.rig import override, read
 from tests.blocks.actuators.wire import TAKEN, Wired
 from tests.blocks.sensors.test_insole import free_port
 from tests.blocks.sensors.test_microcontroller import packet
 from tests.runtime.runs import ROOT, finished, write
+
+pytestmark = pytest.mark.timing
 
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 SECTIONS = {

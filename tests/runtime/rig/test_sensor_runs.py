@@ -5,9 +5,11 @@ import time
 
 import pytest
 
-from runtime.errors import FAULT, OK
+from runtime.base.errors import FAULT, OK
 from tests.runtime.rig.test_microstrain import Sensors
 from tests.runtime.runs import finished, started, write
+
+pytestmark = pytest.mark.timing
 
 ROBOT = """
 from blocks.imus import MicroStrain

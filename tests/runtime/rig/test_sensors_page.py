@@ -6,16 +6,18 @@ import re
 
 import pytest
 
-from cext.i2c_memory import MemoryI2c
+from cext.lines.i2c_memory import MemoryI2c
 from graph import compile
-from runtime.diagram_file import load
-from runtime.errors import OK
+from runtime.base.errors import OK
+from runtime.diagrams.file import load
 from runtime.rig import read
 from runtime.rig.chips import Chips
-from runtime.rig.troubles import CODES
+from runtime.rig.errors import CODES
 from tests.runtime.rig.wires import Wires, add_mpu
 from tests.runtime.runs import ROOT, write
 from tests.runtime.test_documents import python_of, shown_after
+
+pytestmark = pytest.mark.timing
 
 PAGE = (ROOT / "docs" / "sensors.md").read_text()
 LEG = next(code for code in python_of(PAGE) if "MPU9250(" in code)
@@ -41,7 +43,7 @@ def test_the_scan_of_the_page_is_what_a_scan_prints(command_line, monkeypatch):
     add_mpu(wires)
     wires.add(0x48, wide=True)
     wires.write(wires.add(0x69, 1 + 1), 0x75, b"\x71")
-    monkeypatch.setattr("runtime.tools.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
+    monkeypatch.setattr("runtime.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
     command = re.search(r"`python -m runtime (scan --interface i2c .*?)`", PAGE)[1].split()
     code, out, err = command_line(*command)
     assert (code, err) == (OK, "") and out.splitlines() == shown_after(PAGE, "tells which chips are there")

@@ -13,9 +13,11 @@ from contextlib import suppress
 import can
 import pytest
 
-from runtime.errors import FAULT
+from runtime.base.errors import FAULT
 from tests.blocks.actuators import reference
 from tests.runtime.runs import AK10_9, DISABLE, ENABLE, NOTHING, knee, started, write
+
+pytestmark = pytest.mark.timing
 
 
 class Line:

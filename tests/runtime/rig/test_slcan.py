@@ -16,15 +16,17 @@ import pytest
 
 from blocks.actuators import CubeMars
 from graph import Diagram
-from runtime.errors import FAULT, OK
+from runtime.base.errors import FAULT, OK
 from runtime.rig import RigBuses, RigError, read
+from runtime.rig.errors import Refused
 from runtime.rig.file import RigBus
 from runtime.rig.serial_port import look_at_port
-from runtime.rig.troubles import Refused
 from tests.blocks.actuators import reference
 from tests.runtime.guardian.bus import guardian_of
 from tests.runtime.guardian.drives import AK10_9
 from tests.runtime.runs import DISABLE, ENABLE, NOTHING, ROOT, knee, started, write
+
+pytestmark = pytest.mark.timing
 
 
 class Adapter:
@@ -210,7 +212,7 @@ import os, sys
 sys.path.insert(0, {root!r})
 from runtime.rig.file import RigBus
 from runtime.rig.serial_port import look_at_port
-from runtime.rig.troubles import Refused
+from runtime.rig.errors import Refused
 os.setgroups([]); os.setgid(65534); os.setuid(65534)
 try:
     look_at_port(RigBus("legs", "slcan", {channel!r}))

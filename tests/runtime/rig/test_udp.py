@@ -15,14 +15,16 @@ import pytest
 
 from blocks.actuators import CubeMars
 from blocks.safety import EStopHeartbeat
-from cext.socketcan import SocketCan
+from cext.bus.socketcan import SocketCan
 from graph import Diagram
-from runtime.errors import FAULT, OK
+from runtime.base.errors import FAULT, OK
 from runtime.rig import RigBuses, RigError, read
 from runtime.rig.file import RigBus
 from runtime.rig.udp import Endpoint, UdpInterface, addresses, failed, owner_of
 from tests.runtime.guardian.bus import Bus
 from tests.runtime.runs import DISABLE, NOTHING, ROOT, finished, write
+
+pytestmark = pytest.mark.timing
 
 CAN_FRAME = struct.Struct("<IB3x8s")
 
@@ -171,7 +173,7 @@ def test_a_privileged_port_is_told(tmp_path):
 import os, sys
 sys.path.insert(0, {str(ROOT)!r})
 from runtime.rig.file import RigBus
-from runtime.rig.troubles import Refused
+from runtime.rig.errors import Refused
 from runtime.rig.udp import UdpInterface
 if os.getuid() == 0:
     os.setgroups([]); os.setgid(65534); os.setuid(65534)

@@ -2,7 +2,7 @@
 tests/hardware.
 """
 
-from cext.i2c_memory import MemoryI2c
+from cext.lines.i2c_memory import MemoryI2c
 from runtime.rig.chips import Chips
 from runtime.rig.file import RigBus
 from runtime.rig.i2c import I2cInterface

@@ -1,0 +1,1 @@
+"""What several block files share and no diagram imports."""

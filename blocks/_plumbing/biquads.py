@@ -1,0 +1,118 @@
+"""Designs of digital filters in closed form, as biquads: (b0, b1, b2, a1, a2) of H(z) = (b0 + b1/z + b2/z²) / (1 + a1/z
++ a2/z²).
+
+The bilinear transform with prewarping keeps the frequencies that are asked for; 1/K is its factor between s and (z -
+1)/(z + 1). (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1; Orfanidis, Introduction to Signal Processing,
+11.)
+"""
+
+import cmath
+import math
+
+from blocks._plumbing.filter_bounds import reach_of_cascade
+
+
+def butterworth(order, cutoff, btype, dt):
+    """Butterworth filter. cutoff in Hz, two for a band; dt in s; btype as in scipy.signal.butter. One biquad for each
+    pair of poles.
+    """
+    if btype == "lowpass":
+        return [lowpass(damping, math.tan(math.pi * cutoff * dt)) for damping in dampings(order)]
+    if btype == "highpass":
+        return [highpass(damping, math.tan(math.pi * cutoff * dt)) for damping in dampings(order)]
+    low, high = (math.tan(math.pi * edge * dt) for edge in cutoff)
+    return [
+        section
+        for pole in prototype_poles(order)
+        for section in band(pole, high - low, low * high, btype == "bandpass")
+    ]
+
+
+def dampings(order):
+    """1/Q of each pair of poles, infinite for the single pole of an odd order."""
+    pairs = [2.0 * math.sin(math.pi * (2 * pair + 1) / (2 * order)) for pair in range(order // 2)]
+    return pairs + [math.inf] * (order % 2)
+
+
+def lowpass(damping, K):
+    """1 / (s² + damping s + 1), or 1 / (s + 1) where the damping is infinite."""
+    if damping == math.inf:
+        gain = K / (1.0 + K)
+        return gain, gain, 0.0, (K - 1.0) / (1.0 + K), 0.0
+    norm = 1.0 / (1.0 + damping * K + K * K)
+    gain = K * K * norm
+    return gain, 2.0 * gain, gain, 2.0 * (K * K - 1.0) * norm, (1.0 - damping * K + K * K) * norm
+
+
+def highpass(damping, K):
+    """s² / (s² + damping s + 1), or s / (s + 1) where the damping is infinite."""
+    if damping == math.inf:
+        gain = 1.0 / (1.0 + K)
+        return gain, -gain, 0.0, (K - 1.0) / (1.0 + K), 0.0
+    norm = 1.0 / (1.0 + damping * K + K * K)
+    return norm, -2.0 * norm, norm, 2.0 * (K * K - 1.0) * norm, (1.0 - damping * K + K * K) * norm
+
+
+def prototype_poles(order):
+    """Poles of the analog low-pass of 1 rad/s in the upper half plane, the real one last."""
+    poles = [cmath.exp(1j * math.pi * (0.5 + (2 * pair + 1) / (2 * order))) for pair in range(order // 2)]
+    return poles + [-1.0 + 0.0j] * (order % 2)
+
+
+def band(pole, width, square, passes):
+    """The biquads into which a band turns a prototype pole and its conjugate: two, or one for a real pole.
+
+    s becomes (s² + square) / (width s) where the band passes, and its reciprocal where it stops; square is the
+    centre's, in prewarped frequency. Each has the gain 1 at the centre, or at 0 and the Nyquist frequency.
+    """
+    middle = 0.5 * width * (pole if passes else 1.0 / pole)  # half the sum of the two new poles
+    root = cmath.sqrt(middle * middle - square)
+    if pole.imag == 0.0:
+        quadratics = [(-2.0 * middle.real, square)]  # s² + c1 s + c0, whatever its roots
+    else:
+        larger = max(middle + root, middle - root, key=abs)  # the other by their product, which loses nothing
+        quadratics = [(-2.0 * s.real, abs(s) ** 2) for s in (larger, square / larger)]
+    cosine = (1.0 - square) / (1.0 + square)  # of the centre's digital frequency
+    sections = []
+    for c1, c0 in quadratics:
+        norm = 1.0 / (1.0 + c1 + c0)
+        a1, a2 = 2.0 * (c0 - 1.0) * norm, (1.0 - c1 + c0) * norm
+        if passes:
+            turn = complex(cosine, -math.sqrt(1.0 - cosine * cosine))  # 1/z at the centre
+            gain = abs((1.0 + a1 * turn + a2 * turn * turn) / (1.0 - turn * turn))
+            sections.append((gain, 0.0, -gain, a1, a2))
+        else:
+            gain = (1.0 + a1 + a2) / (2.0 - 2.0 * cosine)
+            sections.append((gain, -2.0 * cosine * gain, gain, a1, a2))
+    return sections
+
+
+def notch(frequency, q, dt):
+    """Biquad that removes one frequency, in Hz: -3 dB at a bandwidth of frequency / q, as scipy.signal.iirnotch has
+    it.
+    """
+    w = 2.0 * math.pi * frequency * dt
+    gain = 1.0 / (1.0 + math.tan(0.5 * w / q))
+    return gain, -2.0 * gain * math.cos(w), gain, -2.0 * gain * math.cos(w), 2.0 * gain - 1.0
+
+
+def reach(sections):
+    """How far the output of a cascade of such biquads can go: a blocks._plumbing.filter_bounds.Reach, or None without a bound."""
+    return reach_of_cascade(tuple(((b0, b1, b2), (1.0, a1, a2)) for b0, b1, b2, a1, a2 in sections))
+
+
+def at_rest(sections):
+    """For each biquad: its gain at frequency 0, and its two delays, having seen an input of 1 for ever.
+
+    The sums are exact before one rounding, as 1 + a1 + a2 all but cancels. Zeros for an integrator, which has no such
+    state, and for what differs from one by rounding only.
+    """
+    found = []
+    for b0, b1, b2, a1, a2 in sections:
+        below = math.fsum((1.0, a1, a2))
+        if abs(below) <= 1e-14 * (1.0 + abs(a1) + abs(a2)):
+            found += [0.0, 0.0, 0.0]
+            continue
+        gain = math.fsum((b0, b1, b2)) / below
+        found += [gain, (b1 + b2) - gain * (a1 + a2), b2 - gain * a2]
+    return found

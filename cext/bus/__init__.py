@@ -1,0 +1,1 @@
+"""CAN buses: in memory, with timing, replayed, and SocketCAN."""

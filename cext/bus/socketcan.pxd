@@ -1,0 +1,75 @@
+from libc.stdint cimport int64_t, uint8_t, uint32_t
+
+from cext.abi cimport FRAMES_PER_TICK
+from cext.bus.memory_bus cimport BusEnd
+from cext.posix cimport iovec, mmsghdr
+
+cdef extern from "<linux/can.h>" nogil:
+    cdef struct canfd_frame:        # its first bytes are those of struct can_frame
+        uint32_t can_id
+        uint8_t len
+        uint8_t flags
+        uint8_t data[64]
+    const int CAN_MTU
+    const int CANFD_MTU
+    const int CANFD_FDF
+    const int CAN_MAX_DLEN
+
+cdef extern from "<linux/can/error.h>" nogil:
+    const uint32_t CAN_ERR_CRTL
+    const uint32_t CAN_ERR_BUSOFF
+    const uint32_t CAN_ERR_RESTARTED
+    const int CAN_ERR_CRTL_RX_OVERFLOW
+    const int CAN_ERR_CRTL_RX_WARNING
+    const int CAN_ERR_CRTL_TX_WARNING
+    const int CAN_ERR_CRTL_RX_PASSIVE
+    const int CAN_ERR_CRTL_TX_PASSIVE
+    const int CAN_ERR_CRTL_ACTIVE
+
+cdef enum:
+    CONTROL_WORDS = 8               # of eight bytes: room for one kernel timestamp
+
+cdef enum: # states of a controller on its bus
+    ACTIVE = 0
+    WARNING = 1
+    PASSIVE = 2
+    OFF = 3
+
+cdef enum: # troubles that are no errno
+    FULL = -1
+    BUS_OFF = -2
+
+cdef struct Counts:                 # frames since the begin
+    int64_t refused                 # that found the queue full, and were not sent
+    int64_t echoes                  # that this machine sent itself
+    int64_t corrupt                 # that are no CAN frames
+    int64_t errors                  # in which the controller tells of itself
+    int64_t overflows               # of those, that it lost frames
+
+cdef struct Socket:
+    int fd
+    bint flexible                   # CAN FD
+    bint shared                     # other nodes are processes of this machine: what it sends may be an answer
+    bint mute                       # nobody to send to: it only hears
+    int patience                    # ticks with a full queue until that is a failure
+    int64_t began                   # ns, CLOCK_MONOTONIC: the zero of the frames' times
+    int64_t drained                 # ns, CLOCK_MONOTONIC: what is read next came later
+    int trouble                     # 0, an errno, or one of the troubles
+    bint told                       # the executor has been told of it
+    bint refusing                   # in this tick
+    int full                        # ticks in a row
+    int state
+    int worst
+    Counts counts
+    mmsghdr incoming[FRAMES_PER_TICK]
+    mmsghdr outgoing[FRAMES_PER_TICK]
+    iovec came[FRAMES_PER_TICK]
+    iovec goes[FRAMES_PER_TICK]
+    canfd_frame heard[FRAMES_PER_TICK]
+    canfd_frame said[FRAMES_PER_TICK]
+    int64_t control[FRAMES_PER_TICK][CONTROL_WORDS]
+
+cdef class SocketCan:
+    cdef Socket *socket
+    cdef object file
+    cdef readonly BusEnd end

@@ -1,0 +1,216 @@
+# cython: freethreading_compatible=True
+"""The in-memory bus with a bitrate: a frame takes the time that its bits take, one frame at a time, the lowest identifier first.
+
+The host's end is one node with one queue: its frames go in the order in which it gave them. At the other end each identifier is a node of
+its own, as drives are. Time is that of the run, as the executor tells it before it receives; a frame that has begun is not broken off.
+
+SlowBus does the same to a bus that is faster: frames of the other side wait until a wire of that bitrate would have brought them.
+"""
+
+from libc.math cimport llround
+from libc.stdint cimport int64_t, uint64_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memmove
+
+from cext.abi cimport EXTENDED, FRAMES_PER_TICK, ID_MASK
+from cext.bus.bits cimport bits_of
+
+
+cdef inline uint64_t rank(const Frame *frame) noexcept nogil:
+    """What arbitration compares: the lowest wins. Of equal first eleven bits the standard frame does."""
+    if frame.id & EXTENDED:
+        return <uint64_t>(frame.id & ID_MASK) << 1 | 1
+    return <uint64_t>(frame.id & 0x7FF) << 19
+
+
+cdef int chosen(const Wire *wire, int side, int64_t instant) noexcept nogil:
+    """Place of the frame that this end offers at an instant, or -1."""
+    cdef int index
+    cdef int best = -1
+    for index in range(wire.count[side] if side == DEVICE else min(wire.count[side], 1)):
+        if wire.waiting[side][index].time <= instant and (
+                best < 0 or rank(&wire.waiting[side][index]) < rank(&wire.waiting[side][best])):
+            best = index
+    return best
+
+
+cdef int64_t earliest(const Wire *wire) noexcept nogil:
+    """ns, from when on some frame is there to be sent; below 0 if there is none."""
+    cdef int side, index
+    cdef int64_t found = -1
+    for side in range(2):
+        for index in range(wire.count[side] if side == DEVICE else min(wire.count[side], 1)):
+            if found < 0 or wire.waiting[side][index].time < found:
+                found = wire.waiting[side][index].time
+    return found
+
+
+cdef void advance(Wire *wire, int64_t now) noexcept nogil:
+    """All that begins before `now`. What is given at `now` itself may still come, and take part in its arbitration."""
+    cdef int64_t start
+    cdef int side, mine, theirs
+    wire.now = max(wire.now, now)
+    while wire.count[HOST] or wire.count[DEVICE]:
+        start = max(earliest(wire), wire.free)
+        if start >= wire.now:
+            break
+        mine, theirs = chosen(wire, HOST, start), chosen(wire, DEVICE, start)
+        side = HOST if theirs < 0 or (mine >= 0 and rank(&wire.waiting[HOST][mine]) <= rank(&wire.waiting[DEVICE][theirs])) else DEVICE
+        carry(wire, side, mine if side == HOST else theirs, start)
+
+
+cdef void carry(Wire *wire, int side, int place, int64_t start) noexcept nogil:
+    cdef Queue *arrived = &wire.arrived[1 - side]
+    cdef Frame *frame = &wire.waiting[side][place]
+    wire.free = start + llround(bits_of(frame) * wire.bit)
+    wire.busy += wire.free - start
+    wire.carried += 1
+    if arrived.head - arrived.tail == QUEUE:
+        wire.dropped += 1
+    else:
+        arrived.frames[arrived.head % QUEUE] = frame[0]
+        arrived.frames[arrived.head % QUEUE].time = wire.free
+        arrived.head += 1
+    wire.count[side] -= 1
+    memmove(frame, frame + 1, (wire.count[side] - place) * sizeof(Frame))
+
+
+cdef int take(Wire *wire, int side, Frame *frames, int capacity) noexcept nogil:
+    """What has passed by now."""
+    cdef Queue *arrived = &wire.arrived[side]
+    cdef int count = 0
+    advance(wire, wire.now)
+    while count < capacity and arrived.tail != arrived.head and arrived.frames[arrived.tail % QUEUE].time <= wire.now:
+        frames[count] = arrived.frames[arrived.tail % QUEUE]
+        arrived.tail += 1
+        count += 1
+    return count
+
+
+cdef int give(Wire *wire, int side, const Frame *frames, int count) noexcept nogil:
+    cdef int sent = 0
+    while sent < count and wire.count[side] < QUEUE:
+        wire.waiting[side][wire.count[side]] = frames[sent]
+        wire.count[side] += 1
+        sent += 1
+    wire.dropped += count - sent
+    return sent
+
+
+cdef void clear(Wire *wire) noexcept nogil:
+    cdef int side
+    wire.now = wire.free = wire.busy = wire.carried = wire.dropped = 0
+    for side in range(2):
+        wire.count[side] = 0
+        wire.arrived[side].tail = wire.arrived[side].head
+
+
+cdef int wire_receive(void *context, Frame *frames, int capacity) noexcept nogil:
+    return take((<WireEnd *>context).wire, (<WireEnd *>context).side, frames, capacity)
+
+
+cdef int wire_send(void *context, const Frame *frames, int count) noexcept nogil:
+    return give((<WireEnd *>context).wire, (<WireEnd *>context).side, frames, count)
+
+
+cdef void wire_begin(void *context, int64_t began) noexcept nogil:
+    clear((<WireEnd *>context).wire)
+
+
+cdef void wire_at(void *context, int64_t now) noexcept nogil:
+    advance((<WireEnd *>context).wire, now)
+
+
+cdef class TimedBus:
+    """As cext.bus.memory_bus.MemoryBus, at a bitrate.
+
+    bitrate : bit/s
+    """
+
+    def __cinit__(self, double bitrate):
+        if not 0.0 < bitrate <= 1e9:
+            raise ValueError("the bitrate must be above 0 and at most 1e9 bit/s, not %r" % bitrate)
+        self.wire = <Wire *>calloc(1, sizeof(Wire))
+        if self.wire == NULL:
+            raise MemoryError
+        self.wire.bit = 1e9 / bitrate
+        self.host, self.device = BusEnd(), BusEnd()
+        for index, end in enumerate((self.host, self.device)):
+            self.ends[index].wire, self.ends[index].side = self.wire, index
+            (<BusEnd>end).bus.receive, (<BusEnd>end).bus.send, (<BusEnd>end).bus.at = wire_receive, wire_send, wire_at
+            (<BusEnd>end).bus.context = &self.ends[index]
+            (<BusEnd>end).owner = self
+        self.host.bus.begin = wire_begin
+
+    def __dealloc__(self):
+        free(self.wire)
+
+    @property
+    def dropped(self):
+        """Frames that found a queue full."""
+        return self.wire.dropped
+
+    @property
+    def carried(self):
+        """Frames that have been on the wire."""
+        return self.wire.carried
+
+    @property
+    def busy(self):
+        """s, in which a frame was on the wire."""
+        return self.wire.busy * 1e-9
+
+
+cdef int slow_receive(void *context, Frame *frames, int capacity) noexcept nogil:
+    """What the other side has sent goes onto the wire; answers that have passed go out, and what has reached us comes in."""
+    cdef SlowEnd *slow = <SlowEnd *>context
+    cdef Frame[FRAMES_PER_TICK] passing
+    cdef int count = slow.real.receive(slow.real.context, passing, FRAMES_PER_TICK)
+    cdef int sent
+    if count < 0:
+        return count
+    give(slow.wire, HOST, passing, count)
+    count = take(slow.wire, HOST, passing, FRAMES_PER_TICK)
+    if count > 0:
+        sent = slow.real.send(slow.real.context, passing, count)
+        if sent < 0:
+            return sent
+        slow.refused += count - sent
+    return take(slow.wire, DEVICE, frames, capacity)
+
+
+cdef int slow_send(void *context, const Frame *frames, int count) noexcept nogil:
+    return give((<SlowEnd *>context).wire, DEVICE, frames, count)
+
+
+cdef void slow_begin(void *context, int64_t began) noexcept nogil:
+    cdef SlowEnd *slow = <SlowEnd *>context
+    clear(slow.wire)
+    if slow.real.begin != NULL:
+        slow.real.begin(slow.real.context, began)
+
+
+cdef void slow_at(void *context, int64_t now) noexcept nogil:
+    advance((<SlowEnd *>context).wire, now)
+
+
+cdef class SlowBus:
+    """A bus that is made as slow as a wire of that bitrate, for the plant at its end: to the step of the plant.
+
+    real : the BusEnd
+    bitrate : bit/s
+
+    end : the BusEnd of the plant
+    """
+
+    def __cinit__(self, BusEnd real, double bitrate):
+        self.bus, self.real, self.end = TimedBus(bitrate), real, BusEnd()
+        self.context.wire, self.context.real = self.bus.wire, real.bus
+        self.end.bus.receive, self.end.bus.send, self.end.bus.at, self.end.bus.begin = slow_receive, slow_send, slow_at, slow_begin
+        self.end.bus.context = &self.context
+        self.end.owner = self
+
+    @property
+    def refused(self):
+        """Answers that the bus behind had no room for."""
+        return self.context.refused

@@ -1,0 +1,1 @@
+"""Time: deadlines, overruns, stopwatches, histograms, real-time requests, signals that end a wait."""

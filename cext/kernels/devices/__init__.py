@@ -1,0 +1,1 @@
+"""Kernels of devices: laws, wire protocols, emulators."""

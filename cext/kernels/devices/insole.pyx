@@ -1,0 +1,278 @@
+# cython: freethreading_compatible=True
+"""Pressure insoles: frames of pressures out of bytes as they come, what they sum to, and the steps that show in it.
+
+    0   "SOLE"          4   version, 1          5   side, 0 left, 1 right       6   number of the frame, two bytes
+    8   rows            9   columns            10   reserved, two bytes        12   µs of the sender's clock, four bytes
+   16   pressures of the cells, row by row from the heel, in each from the wearer's left, two bytes each, in 10 Pa; 65535 is no cell
+        CRC-16/CCITT-FALSE of all before it, two bytes
+
+Least significant bytes first. A frame whose checksum is wrong is given up, and the next one is looked for behind its first byte.
+"""
+
+from libc.math cimport NAN, fabs, isfinite, rint
+from libc.stdint cimport int32_t, uint8_t, uint32_t, uint64_t
+from libc.string cimport memcpy, memmove, memset
+
+from cext.abi cimport (
+    DT, FRAME_BYTES, MALFORMED, NOT_FINITE, NOTED, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
+)
+from cext.kernels.devices.clock_map cimport DeviceClock, sampled
+from cext.kernels.devices.cobs cimport checksum
+from cext.kernels.bernoulli cimport lucky
+from cext.ring.newest_ring cimport GAP, START
+from cext.lines.stream_frames cimport BYTES
+
+cdef enum: # of Insole, in the order of its declaration
+    FORCE, CENTRE, REGIONS, AGE, RECEIVED, LOST, CORRUPT, DEAD, SAMPLE_TIME, CLOCK_DRIFT
+    PLAN                        # as the enum below
+    BOUNDS                      # rows at which regions begin, the first 0
+    STATE                       # as the enum below
+    BUFFER                      # bytes of the frame that is coming, as they are
+    CLOCK                       # a DeviceClock
+
+cdef enum: # in PLAN
+    ROWS, COLUMNS, SIDE, LENGTH, WIDTH, LEAST, DATAGRAMS, CLOCKED
+
+cdef enum: # in STATE
+    FILLED
+    NEXT                        # number of the next frame, -1: any
+    WHOLE                       # whether a frame has ended where this one begins
+
+cdef enum:
+    HEADER = 16
+    NO_CELL = 65535
+    UNIT = 10                   # Pa
+    MOST = 65536                # bytes of a frame that is emulated
+
+cdef enum: # of EmulatedInsole
+    E_FORCE, E_CENTRE, E_SILENT, E_DROPPED, E_BROKEN
+    E_PERIOD
+    E_PLAN
+    E_STATE                     # as the enum below
+    E_OUT                       # bytes that wait to be sent
+
+cdef enum: # in E_STATE
+    NUMBER, DUE, LUCK, FROM, UNTIL
+
+cdef enum: # of FootContact
+    C_FORCE, C_HEEL, C_CONTACT, C_STRIKE, C_OFF, C_PRESS, C_RELEASE, C_SHARE, C_SHORTEST
+    C_STATE                     # whether it is on the ground, s since that has changed
+
+cdef double ROUND = 4294.967296 # s, of a clock of 32 bits in µs
+
+
+cdef inline uint32_t u16(const uint8_t *data) noexcept nogil:
+    return data[0] | <uint32_t>data[1] << 8
+
+
+cdef inline void put16(uint8_t *data, uint32_t value) noexcept nogil:
+    data[0], data[1] = <uint8_t>value, <uint8_t>(value >> 8)
+
+
+cdef inline int bytes_of(const double *plan) noexcept nogil:
+    return HEADER + 2 * <int>plan[ROWS] * <int>plan[COLUMNS] + 2
+
+
+cdef inline bint begins(const uint8_t *data, int count) noexcept nogil:
+    """Whether these may be the first bytes of a frame."""
+    return ((count < 1 or data[0] == 83) and (count < 2 or data[1] == 79) and (count < 3 or data[2] == 76) and (count < 4 or data[3] == 69)
+            and (count < 5 or data[4] == 1))
+
+
+cdef void look_on(double *state, uint8_t *data) noexcept nogil:
+    """Give up what begins here: the next frame may begin behind its first byte."""
+    cdef int filled = <int>state[FILLED]
+    cdef int at = 1
+    while at < filled and not begins(data + at, filled - at):
+        at += 1
+    memmove(data, data + at, filled - at)
+    state[FILLED] = filled - at
+
+
+cdef void sum_up(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, const uint8_t *cells) noexcept nogil:
+    """Force, centre of pressure and sums of regions. x is forward from the heel's end, y to the left from the middle."""
+    cdef const double *bounds = arena + slots[BOUNDS]
+    cdef double *regions = arena + slots[REGIONS]
+    cdef int rows = <int>plan[ROWS]
+    cdef int columns = <int>plan[COLUMNS]
+    cdef double area = plan[LENGTH] * plan[WIDTH] / (rows * columns)
+    cdef double total = 0.0
+    cdef double along = 0.0
+    cdef double across = 0.0
+    cdef double pressed
+    cdef int dead = 0
+    cdef int region = 0
+    cdef int row, column, i
+    cdef uint32_t raw
+    for i in range(sizes[REGIONS]):
+        regions[i] = 0.0
+    for row in range(rows):
+        while region + 1 < sizes[REGIONS] and row >= bounds[region + 1]:
+            region += 1
+        for column in range(columns):
+            raw = u16(cells + 2 * (row * columns + column))
+            if raw == NO_CELL:
+                dead += 1
+                continue
+            pressed = UNIT * <double>raw * area
+            total += pressed
+            along += pressed * (row + 0.5)
+            across += pressed * (0.5 * columns - column - 0.5)
+            regions[region] += pressed
+    arena[slots[FORCE]] = total
+    arena[slots[CENTRE]] = along / total * plan[LENGTH] / rows if total >= plan[LEAST] else NAN
+    arena[slots[CENTRE] + 1] = across / total * plan[WIDTH] / columns if total >= plan[LEAST] else NAN
+    arena[slots[DEAD]] = dead
+
+
+cdef int whole_frame(double *arena, const int32_t *slots, const int32_t *sizes, const double *plan, double *state,
+                     const uint8_t *data, double came) noexcept nogil:
+    """TAKEN, NOTED for one of the other foot, MALFORMED"""
+    cdef int size = bytes_of(plan)
+    cdef uint32_t number = u16(data + 6)
+    cdef DeviceClock *clock = <DeviceClock *>(arena + slots[CLOCK])
+    if checksum(data, size - 2) != u16(data + size - 2):
+        return MALFORMED
+    if data[8] != <int>plan[ROWS] or data[9] != <int>plan[COLUMNS]:
+        return MALFORMED
+    if data[5] != <int>plan[SIDE]:
+        return NOTED
+    sum_up(arena, slots, sizes, plan, data + HEADER)
+    if plan[CLOCKED] != 0.0:
+        came = sampled(clock, 1e-6 * (u16(data + 12) | u16(data + 14) << 16), ROUND, came)
+        arena[slots[CLOCK_DRIFT]] = clock.map.slope
+    arena[slots[SAMPLE_TIME]] = came
+    arena[slots[RECEIVED]] += 1.0
+    if state[NEXT] >= 0.0:
+        arena[slots[LOST]] += <double>((number - <uint32_t>state[NEXT]) & 0xFFFF)
+    state[NEXT] = <double>((number + 1) & 0xFFFF)
+    return TAKEN
+
+
+cdef int decode_kernel(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef const double *plan = arena + slots[PLAN]
+    cdef double *state = arena + slots[STATE]
+    cdef uint8_t *data = <uint8_t *>(arena + slots[BUFFER])
+    cdef int size = bytes_of(plan)
+    cdef bint taken = False
+    cdef bint corrupt = False
+    cdef int i, answer
+    if frame.id != BYTES or frame.flags & GAP or (frame.flags & START and plan[DATAGRAMS] != 0.0):
+        if frame.id == BYTES and not frame.flags & GAP and state[FILLED] > 0.0:     # a datagram that was cut short
+            arena[slots[CORRUPT]] += 1.0
+            corrupt = True
+        state[FILLED] = 0.0
+        state[WHOLE] = frame.id == BYTES and plan[DATAGRAMS] != 0.0
+    if frame.id != BYTES:
+        return NOTED
+    for i in range(frame.length):
+        data[<int>state[FILLED]] = frame.data[i]
+        state[FILLED] += 1.0
+        if state[FILLED] <= 5.0 and not begins(data, <int>state[FILLED]):
+            if state[WHOLE] != 0.0:                                                 # something else than a frame, once
+                arena[slots[CORRUPT]] += 1.0
+                corrupt = True
+                state[WHOLE] = 0.0
+            look_on(state, data)
+        if state[FILLED] < size:
+            continue
+        answer = whole_frame(arena, slots, sizes, plan, state, data, frame.time * 1e-9)
+        if answer == MALFORMED:
+            if state[WHOLE] != 0.0:
+                arena[slots[CORRUPT]] += 1.0
+                corrupt = True
+                state[WHOLE] = 0.0
+            look_on(state, data)
+            continue
+        taken = taken or answer == TAKEN
+        state[FILLED] = 0.0
+        state[WHOLE] = 1.0
+    return TAKEN if taken else MALFORMED if corrupt else NOTED
+
+
+cdef inline double hat(double distance, double reach) noexcept nogil:
+    """1 at its top and 0 at its reach: with whole reaches its samples keep sum and mean."""
+    distance = fabs(distance) / reach
+    return (1.0 - distance) / reach if distance < 1.0 else 0.0
+
+
+cdef int make_frame(double *arena, const int32_t *slots, const double *plan, double number, uint8_t *out) noexcept nogil:
+    cdef int rows = <int>plan[ROWS]
+    cdef int columns = <int>plan[COLUMNS]
+    cdef double area = plan[LENGTH] * plan[WIDTH] / (rows * columns)
+    cdef double at_row = arena[slots[E_CENTRE]] * rows / plan[LENGTH] - 0.5
+    cdef double at_column = 0.5 * columns - 0.5 - arena[slots[E_CENTRE] + 1] * columns / plan[WIDTH]
+    cdef double high = rows // 5 if rows >= 10 else 1
+    cdef double wide = columns // 3 if columns >= 6 else 1
+    cdef double raw
+    cdef int size = bytes_of(plan)
+    cdef int row, column
+    cdef uint32_t micros = <uint32_t>(<uint64_t>(arena[TIME] * 1e6) & 0xFFFFFFFFu)
+    memset(out, 0, HEADER)
+    memcpy(out, "SOLE", 4)
+    out[4], out[5] = 1, <uint8_t>plan[SIDE]
+    put16(out + 6, <uint32_t>number)
+    out[8], out[9] = <uint8_t>rows, <uint8_t>columns
+    put16(out + 12, micros)
+    put16(out + 14, micros >> 16)
+    for row in range(rows):
+        for column in range(columns):
+            raw = rint(arena[slots[E_FORCE]] * hat(row - at_row, high) * hat(column - at_column, wide) / (area * UNIT))
+            put16(out + HEADER + 2 * (row * columns + column), 0 if not raw > 0.0 else NO_CELL - 1 if raw >= NO_CELL else <uint32_t>raw)
+    put16(out + size - 2, checksum(out, size - 2))
+    return size
+
+
+cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef const double *plan = arena + slots[E_PLAN]
+    cdef double *state = arena + slots[E_STATE]
+    cdef uint8_t *out = <uint8_t *>(arena + slots[E_OUT])
+    cdef int count = 0
+    cdef int place
+    if not isfinite(arena[slots[E_FORCE]] + arena[slots[E_CENTRE]] + arena[slots[E_CENTRE] + 1]):
+        return -NOT_FINITE
+    if state[FROM] >= state[UNTIL] and arena[TIME] >= state[DUE] - 1e-9:
+        state[DUE] += arena[slots[E_PERIOD]]
+        if state[DUE] < arena[TIME]:
+            state[DUE] = arena[TIME] + arena[slots[E_PERIOD]]
+        state[FROM] = 0.0
+        state[UNTIL] = make_frame(arena, slots, plan, state[NUMBER], out)
+        state[NUMBER] = <double>((<int>state[NUMBER] + 1) & 0xFFFF)
+        if arena[slots[E_SILENT]] != 0.0 or lucky(&state[LUCK], arena[slots[E_DROPPED]]):
+            state[UNTIL] = 0.0
+        elif lucky(&state[LUCK], arena[slots[E_BROKEN]]):
+            place = <int>state[UNTIL] // 2
+            out[place] = out[place] ^ 0x15
+    while state[FROM] < state[UNTIL] and count < 4:
+        memset(&frames[count], 0, sizeof(Frame))
+        frames[count].flags = START if state[FROM] == 0.0 else 0
+        frames[count].length = <uint8_t>min(FRAME_BYTES, <int>(state[UNTIL] - state[FROM]))
+        memcpy(frames[count].data, out + <int>state[FROM], frames[count].length)
+        state[FROM] += frames[count].length
+        count += 1
+    return count
+
+
+cdef int contact_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    # force, heel, contact, heel_strike, toe_off, press, release, heel_share, shortest, state[2]
+    cdef double *state = arena + slots[C_STATE]
+    cdef double force = arena[slots[C_FORCE]]
+    cdef double heel = arena[slots[C_HEEL]]
+    cdef bint down = state[0] != 0.0
+    arena[slots[C_STRIKE]] = arena[slots[C_OFF]] = 0.0
+    state[1] += arena[DT]
+    if state[1] >= arena[slots[C_SHORTEST]]:
+        if not down and force >= arena[slots[C_PRESS]]:
+            state[0], state[1] = 1.0, 0.0
+            arena[slots[C_STRIKE]] = heel >= arena[slots[C_SHARE]] * force
+        elif down and force < arena[slots[C_RELEASE]]:
+            state[0], state[1] = 0.0, 0.0
+            arena[slots[C_OFF]] = 1.0
+    arena[slots[C_CONTACT]] = state[0]
+    return OK
+
+
+decode = export_decode(decode_kernel)
+clock_doubles = sizeof(DeviceClock) // 8
+emulated_encode = export_encode(send_encode)
+contact = export(contact_kernel)

@@ -1,0 +1,476 @@
+# cython: freethreading_compatible=True
+"""A MicroStrain sensor that is not there: it hears MIP's commands, answers them, and sends its data, byte for byte, with everything that can be
+wrong with a sensor and its line.
+
+Two generations differ in their commands. The older has a format for each set (0C 08, 0C 0A), streams 1 and 3, and times since power-on in the
+fields 80 12 and 82 11; the newer one format command (0C 0F), streams by their set, and the shared field D5.
+"""
+
+from libc.math cimport NAN, asin, atan2
+from libc.stdint cimport int32_t, int64_t, uint8_t, uint16_t, uint64_t
+from libc.string cimport memcpy, memmove, memset
+
+from cext.abi cimport FRAME_BYTES, FRAMES_PER_DEVICE, INPUTS, OUTPUTS, PARAMETERS, TAKEN, TIME, Frame, export_decode, export_encode
+from cext.kernels.devices.microstrain.mip cimport (
+    HEAD, READ, SYNC_1, SYNC_2, WRITE, Pending, finish, float_32, next_packet, put_16, put_64, put_double, put_float,
+)
+from cext.ring.newest_ring cimport START
+from cext.lines.stream_frames cimport BACK, BYTES, LOST
+
+cdef enum: # items, in the order of blocks.imus.microstrain.emulator.EmulatedMicroStrain
+    ACCEL, GYRO, MAG, QUATERNION, TEMPERATURE, SILENT, GARBAGE, DROPPED, FLIPPED, SKIPPED, NOT_A_NUMBER, UNINITIALISED, DISCONNECTED
+    STREAMING, HEADING, CUTOFF, SENT
+
+cdef enum: # memories
+    ABOUT, KNOWN, SETTINGS, POWER_ON, STATE
+
+cdef enum:
+    MOST = 16                   # fields of a format
+    OUTBOX = 4096               # bytes
+    INFO = 82                   # bytes of the reply to device info
+    FILTERED = 4                # fields of set 80 with a low-pass: 04, 05, 06, 17
+
+cdef struct Settings:
+    double base_rate            # Hz
+    double newer                # generation
+    double clock_drift
+    double clock_start          # s
+    double seed
+
+cdef struct Format:
+    int32_t count
+    uint8_t descriptor[MOST]
+    uint16_t decimation[MOST]
+
+cdef struct LowPass:
+    int32_t enabled
+    int32_t manual              # 0: its cutoff is half the rate of its field
+    float cutoff                # Hz, where it is manual
+
+cdef struct Setup:              # what can be saved
+    Format format[2]            # of the sets 80 and 82
+    int32_t streams[2]
+    LowPass low_pass[FILTERED]
+
+cdef struct State:
+    Pending inbox
+    Setup now
+    Setup saved
+    int64_t idle
+    int64_t begun
+    int64_t sample              # of the base rate
+    int64_t gone
+    uint64_t luck
+    int64_t waiting             # bytes in the outbox
+    uint8_t outbox[OUTBOX]
+    int64_t corrupt
+
+
+cdef inline double *part(double *arena, const int32_t *slots, int which) noexcept nogil:
+    return arena + slots[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + which]
+
+
+cdef inline double chance(State *state) noexcept nogil:
+    """Evenly from 0 to 1: xorshift64*. (Vigna 2016)"""
+    state.luck ^= state.luck >> 12
+    state.luck ^= state.luck << 25
+    state.luck ^= state.luck >> 27
+    return <double>((state.luck * <uint64_t>0x2545F4914F6CDD1D) >> 11) * (1.0 / 9007199254740992.0)
+
+
+cdef bint knows(double *arena, const int32_t *slots, const int32_t *sizes, int descriptor_set, int descriptor) noexcept nogil:
+    cdef double *known = part(arena, slots, KNOWN)
+    cdef int count = sizes[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + KNOWN]
+    cdef int index
+    for index in range(count):
+        if known[index] == descriptor_set << 8 | descriptor:
+            return True
+    return False
+
+
+cdef void post(double *arena, const int32_t *slots, State *state, const uint8_t *data, int count) noexcept nogil:
+    """Onto the line, with what gets lost on it."""
+    cdef int index
+    cdef double dropped = arena[slots[DROPPED]]
+    for index in range(count):
+        if state.waiting < OUTBOX and not (dropped > 0.0 and chance(state) < dropped):
+            state.outbox[state.waiting] = data[index]
+            state.waiting += 1
+
+
+# Commands
+
+cdef int reply(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, int descriptor_set,
+               const uint8_t *field) noexcept nogil:
+    """What answers one command: fields behind the acknowledgement. Returns their bytes, or below zero the error code."""
+    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+    cdef double *about = part(arena, slots, ABOUT)
+    cdef double *known = part(arena, slots, KNOWN)
+    cdef const uint8_t *data = field + 2
+    cdef int length = field[0] - 2
+    cdef int command = descriptor_set << 8 | field[1]
+    cdef int index, stream, count
+    if not knows(arena, slots, sizes, descriptor_set, field[1]):
+        return -1
+    if command == 0x0102:
+        state.idle = 1
+    elif command == 0x0106:
+        state.idle = 0
+    elif command == 0x017E:
+        state.now, state.idle = state.saved, 0
+    elif command == 0x0103:
+        out[0], out[1] = INFO + 2, 0x81
+        for index in range(INFO):
+            out[2 + index] = <uint8_t>about[index]
+        return INFO + 2
+    elif command == 0x0104 or command == 0x0107:
+        count = sizes[slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS] + KNOWN]
+        if command == 0x0104:
+            count = min(count, 60)
+            index = 0
+        else:
+            index = min(count, 60)
+        out[0], out[1] = <uint8_t>(2 + 2 * (count - index)), 0x82 if command == 0x0104 else 0x86
+        stream = 2
+        while index < count:
+            put_16(out + stream, <uint16_t>known[index])
+            stream += 2
+            index += 1
+        return stream
+    elif command == 0x0C06 or command == 0x0C0B:
+        out[0], out[1] = 4, 0x83 if field[1] == 0x06 else 0x8A
+        put_16(out + 2, <uint16_t>settings.base_rate)
+        return 4
+    elif command == 0x0C0E:
+        if length < 1:
+            return -3
+        out[0], out[1], out[2] = 5, 0x8E, data[0]
+        put_16(out + 3, <uint16_t>settings.base_rate)
+        return 5
+    elif command == 0x0C08 or command == 0x0C0A:
+        return set_format(arena, slots, sizes, state, out, 0 if field[1] == 0x08 else 1, field[1] + 0x78, data, length, 0)
+    elif command == 0x0C0F:
+        if length < 2 or (data[1] != 0x80 and data[1] != 0x82):
+            return -3
+        return set_format(arena, slots, sizes, state, out, data[1] >> 1 & 1, 0x8F, data, length, 1)
+    elif command == 0x0C11:
+        if length < 2:
+            return -3
+        stream = data[1]
+        if settings.newer != 0.0:
+            stream = 0 if stream == 0x80 else 1 if stream == 0x82 else -1
+        else:
+            stream = 0 if stream == 1 else 1 if stream == 3 else -1
+        if stream < 0 or (data[0] == WRITE and length < 3):
+            return -3
+        if data[0] == READ:
+            out[0], out[1], out[2], out[3] = 4, 0x85, data[1], <uint8_t>state.now.streams[stream]
+            return 4
+        if data[0] == WRITE:
+            state.now.streams[stream] = data[2] != 0
+    elif command == 0x0C30:
+        state.saved = state.now
+    elif command == 0x0C50 or command == 0x0C54:
+        return low_pass(arena, slots, sizes, state, out, field[1] == 0x54, data, length)
+    elif command == 0x0D18:
+        if length < 1:
+            return -3
+        if data[0] == READ:
+            out[0], out[1], out[2] = 3, 0x87, <uint8_t>arena[slots[HEADING]]
+            return 3
+        if data[0] == WRITE:
+            if length < 2 or data[1] > 1:
+                return -3
+            arena[slots[HEADING]] = data[1]
+    elif command == 0x0D50:
+        if length < 3:
+            return -3
+        if data[0] == READ:
+            if data[1] != 0 or data[2] != 4:
+                return -3
+            out[0], out[1], out[2], out[3], out[4] = 5, 0xD0, data[1], data[2], <uint8_t>arena[slots[HEADING]]
+            return 5
+        if data[0] == WRITE:
+            if length < 4 or data[1] != 0 or data[2] != 4 or not knows(arena, slots, sizes, 0x80, 0x06):
+                return -3                           # of what it may be aided by, there is its own magnetometer
+            arena[slots[HEADING]] = data[3]
+    return 0
+
+
+cdef inline int low_pass_of(int descriptor) noexcept nogil:
+    """Place of a field's low-pass; FILTERED for every one of them, below zero where it has none."""
+    return 0 if descriptor == 0x04 else 1 if descriptor == 0x05 else 2 if descriptor == 0x06 else 3 if descriptor == 0x17 else (
+        FILTERED if descriptor == 0 else -1)
+
+
+cdef int low_pass(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, bint newer, const uint8_t *data,
+                  int length) noexcept nogil:
+    """0C 50: field, enabled, manual, cutoff u16, reserved; reply 8B. 0C 54: set, field, enabled, manual, cutoff f32; reply D4."""
+    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+    cdef int more = 1 if newer else 0
+    cdef const uint8_t *values = data + 2 + more
+    cdef int index, place, first
+    cdef LowPass wanted
+    if length < 2 + more or (newer and data[1] != 0x80 and (data[1] != 0 or data[2] != 0)):
+        return -3
+    place = low_pass_of(data[1 + more])
+    if place < 0 or (place < FILTERED and not knows(arena, slots, sizes, 0x80, data[1 + more])):
+        return -3
+    if data[0] == READ:
+        if place == FILTERED:
+            return -3                               # what holds for all of them cannot be read
+        wanted = state.now.low_pass[place]
+        if wanted.manual == 0:
+            wanted.cutoff = <float>(0.5 * settings.base_rate)
+            for index in range(state.now.format[0].count):
+                if state.now.format[0].descriptor[index] == data[1 + more]:
+                    wanted.cutoff = <float>(0.5 * settings.base_rate / state.now.format[0].decimation[index])
+        memcpy(out + 2, data + 1, 1 + more)
+        out[3 + more], out[4 + more] = <uint8_t>wanted.enabled, <uint8_t>wanted.manual
+        if newer:
+            put_float(out + 6, wanted.cutoff)
+        else:
+            put_16(out + 5, <uint16_t>wanted.cutoff)
+        out[0], out[1] = 10 if newer else 8, 0xD4 if newer else 0x8B
+        return out[0]
+    if data[0] == WRITE:
+        if length < (9 if newer else 7):
+            return -3
+        wanted.enabled, wanted.manual = values[0] != 0, values[1] != 0
+        wanted.cutoff = <float>float_32(values + 2) if newer else <float>(<uint16_t>values[2] << 8 | values[3])
+        first = 0 if place == FILTERED else place
+        for index in range(first, FILTERED if place == FILTERED else place + 1):
+            state.now.low_pass[index] = wanted
+        arena[slots[CUTOFF]] = wanted.cutoff
+    return 0
+
+
+cdef int set_format(double *arena, const int32_t *slots, const int32_t *sizes, State *state, uint8_t *out, int which, int answer,
+                    const uint8_t *data, int length, int more) noexcept nogil:
+    """more : bytes of the set that stand before the number of fields"""
+    cdef Format *format = &state.now.format[which]
+    cdef Format wanted
+    cdef int index, count
+    if data[0] == READ:
+        out[1] = <uint8_t>answer
+        if more:
+            out[2] = data[1]
+        out[2 + more] = <uint8_t>format.count
+        for index in range(format.count):
+            out[3 + more + 3 * index] = format.descriptor[index]
+            put_16(out + 4 + more + 3 * index, format.decimation[index])
+        out[0] = <uint8_t>(3 + more + 3 * format.count)
+        return out[0]
+    if data[0] != WRITE:
+        return 0
+    if length < 2 + more:
+        return -3
+    count = data[1 + more]
+    if count > MOST or length < 2 + more + 3 * count:
+        return -3
+    memset(&wanted, 0, sizeof(Format))
+    wanted.count = count
+    for index in range(count):
+        wanted.descriptor[index] = data[2 + more + 3 * index]
+        wanted.decimation[index] = <uint16_t>data[3 + more + 3 * index] << 8 | data[4 + more + 3 * index]
+        if not knows(arena, slots, sizes, 0x82 if which else 0x80, wanted.descriptor[index]) or wanted.decimation[index] == 0:
+            return -3
+    format[0] = wanted
+    return 0
+
+
+cdef void answer(double *arena, const int32_t *slots, const int32_t *sizes, State *state, const uint8_t *packet) noexcept nogil:
+    cdef uint8_t out[400]
+    cdef int at = HEAD
+    cdef int end = HEAD + packet[3]
+    cdef int count
+    while at < end and packet[at] >= 2 and at + packet[at] <= end:
+        memset(out, 0, sizeof(out))
+        out[2] = packet[2]
+        count = reply(arena, slots, sizes, state, out + HEAD + 4, packet[2], packet + at)
+        out[HEAD], out[HEAD + 1], out[HEAD + 2], out[HEAD + 3] = 4, 0xF1, packet[at + 1], <uint8_t>(-count if count < 0 else 0)
+        post(arena, slots, state, out, finish(out, 4 + max(count, 0)))
+        at += packet[at]
+
+
+cdef int sensor_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef State *state = <State *>part(arena, slots, STATE)
+    cdef int at = 0
+    cdef int need
+    start_up(arena, slots, state)
+    if frame.id != BYTES or arena[slots[DISCONNECTED]] != 0.0:
+        return TAKEN
+    memcpy(state.inbox.bytes + state.inbox.length, frame.data, frame.length)
+    state.inbox.length += frame.length
+    while True:
+        need = next_packet(state.inbox.bytes, <int>state.inbox.length, &at, False, &state.corrupt)
+        if need == 0:
+            break
+        if arena[slots[SILENT]] == 0.0:
+            answer(arena, slots, sizes, state, state.inbox.bytes + at)
+        at += need
+    state.inbox.length -= at
+    memmove(state.inbox.bytes, state.inbox.bytes + at, state.inbox.length)
+    return TAKEN
+
+
+# Data
+
+cdef inline int floats(uint8_t *out, const double *values, int count, double scale, bint flagged, bint valid, bint spoilt) noexcept nogil:
+    cdef int index
+    for index in range(count):
+        put_float(out + 4 * index, NAN if spoilt else values[index] * scale)
+    if flagged:
+        put_16(out + 4 * count, <uint16_t>valid)
+    return 4 * count + (2 if flagged else 0)
+
+
+cdef int fill(double *arena, const int32_t *slots, int descriptor_set, int descriptor, double clock, double period, uint8_t *out) noexcept nogil:
+    """Data of a field; 0 if it has none."""
+    cdef double *q = arena + slots[QUATERNION]
+    cdef double values[9]
+    cdef bint filtered = descriptor_set == 0x82
+    cdef bint spoilt = arena[slots[NOT_A_NUMBER]] != 0.0
+    cdef bint valid = arena[slots[UNINITIALISED]] == 0.0
+    cdef int key = descriptor_set << 8 | descriptor
+    cdef int index
+    for index in range(9):
+        values[index] = 0.0
+    if descriptor == 0xD5:
+        put_64(out, <uint64_t>(clock * 1e9 + 0.5))
+        return 8
+    if descriptor == 0xD3 or key == 0x8012 or key == 0x8211:
+        put_double(out, clock)
+        put_16(out + 8, 0)
+        put_16(out + 10, 1)
+        return 12
+    if descriptor == 0xD4:
+        put_double(out, period)
+        return 8
+    if key == 0x8210:
+        put_16(out, 2 if valid else 1)
+        put_16(out + 2, 2)
+        put_16(out + 4, 0)
+        return 6
+    if key == 0x8004 or key == 0x8011 or key == 0x821C or key == 0x820D:
+        return floats(out, arena + slots[ACCEL], 3, 1.0 / 9.80665 if not filtered else 1.0, filtered, valid, spoilt)
+    if key == 0x8005 or key == 0x820E:
+        return floats(out, arena + slots[GYRO], 3, 1.0, filtered, valid, spoilt)
+    if key == 0x8006 or key == 0x8010:
+        return floats(out, arena + slots[MAG], 3, 0.01, False, valid, spoilt)
+    if key == 0x800A or key == 0x8203:
+        return floats(out, q, 4, 1.0, filtered, valid, spoilt)
+    if key == 0x800C or key == 0x8205:
+        values[0] = atan2(2.0 * (q[2] * q[3] + q[0] * q[1]), 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]))
+        values[1] = asin(max(-1.0, min(1.0, 2.0 * (q[0] * q[2] - q[1] * q[3]))))
+        values[2] = atan2(2.0 * (q[1] * q[2] + q[0] * q[3]), 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3]))
+        return floats(out, values, 3, 1.0, filtered, valid, spoilt)
+    if key == 0x8014:
+        values[0] = values[1] = values[2] = arena[slots[TEMPERATURE]]
+        return floats(out, values, 3, 1.0, False, valid, spoilt)
+    if key == 0x8017:
+        values[0] = 1013.25
+        return floats(out, values, 1, 1.0, False, valid, spoilt)
+    if key == 0x8007 or key == 0x8008:
+        for index in range(3):
+            values[index] = (arena + slots[GYRO if descriptor == 7 else ACCEL])[index] * period * (1.0 if descriptor == 7 else 1.0 / 9.80665)
+        return floats(out, values, 3, 1.0, False, valid, spoilt)
+    if key == 0x8206 or key == 0x8213:
+        values[2] = 9.80665 if descriptor == 0x13 else 0.0
+        return floats(out, values, 3, 1.0, True, valid, spoilt)
+    return 0
+
+
+cdef void sample(double *arena, const int32_t *slots, State *state, int which, double clock, double period) noexcept nogil:
+    """One packet of one set, if one is due."""
+    cdef uint8_t packet[400]
+    cdef const Format *format = &state.now.format[which]
+    cdef int at = HEAD
+    cdef int index, count, bit
+    packet[2] = 0x82 if which else 0x80
+    for index in range(format.count):
+        if state.sample % format.decimation[index] == 0:
+            count = fill(arena, slots, packet[2], format.descriptor[index], clock, period * format.decimation[index], packet + at + 2)
+            if count > 0 and at + 2 + count <= HEAD + 255:
+                packet[at], packet[at + 1] = <uint8_t>(2 + count), format.descriptor[index]
+                at += 2 + count
+    if at == HEAD:
+        return
+    if arena[slots[SKIPPED]] > 0.0 and chance(state) < arena[slots[SKIPPED]]:
+        return
+    count = finish(packet, at - HEAD)
+    if arena[slots[FLIPPED]] > 0.0 and chance(state) < arena[slots[FLIPPED]]:
+        bit = <int>(chance(state) * 8 * count)
+        packet[bit >> 3] ^= <uint8_t>(1 << (bit & 7))
+    litter(arena, slots, state)
+    post(arena, slots, state, packet, count)
+    arena[slots[SENT]] += 1.0
+
+
+cdef void litter(double *arena, const int32_t *slots, State *state) noexcept nogil:
+    """Garbage between packets, so many bytes on the mean."""
+    cdef uint8_t byte
+    cdef double garbage = arena[slots[GARBAGE]]
+    while garbage > 0.0 and chance(state) < garbage / (1.0 + garbage):
+        byte = SYNC_1 if chance(state) < 0.05 else SYNC_2 if chance(state) < 0.05 else <uint8_t>(256.0 * chance(state))
+        post(arena, slots, state, &byte, 1)
+
+
+cdef void start_up(double *arena, const int32_t *slots, State *state) noexcept nogil:
+    """What the block has prepared is how it was saved: of each set how many fields, descriptor and decimation of each; whether it streams."""
+    cdef const double *saved = part(arena, slots, POWER_ON)
+    cdef int which, index
+    if state.begun == 0:
+        state.begun = 1
+        for which in range(2):
+            state.now.format[which].count = <int>saved[0]
+            for index in range(MOST):
+                state.now.format[which].descriptor[index] = <uint8_t>saved[1 + 2 * index]
+                state.now.format[which].decimation[index] = <uint16_t>saved[2 + 2 * index]
+            state.now.streams[which] = <int>saved[1 + 2 * MOST]
+            saved += 2 + 2 * MOST
+        for index in range(FILTERED):
+            state.now.low_pass[index].enabled = 1
+        state.saved = state.now
+        state.luck = <uint64_t>(<const Settings *>part(arena, slots, SETTINGS)).seed * 2 + 1
+        chance(state)
+
+
+cdef int sensor_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef State *state = <State *>part(arena, slots, STATE)
+    cdef const Settings *settings = <const Settings *>part(arena, slots, SETTINGS)
+    cdef double now = arena[TIME]
+    cdef double period = 1.0 / settings.base_rate
+    cdef int64_t due = <int64_t>(now * settings.base_rate + 1e-6)
+    cdef int which, size
+    cdef int count = 0
+    cdef bint gone = arena[slots[DISCONNECTED]] != 0.0
+    start_up(arena, slots, state)
+    memset(frames, 0, FRAMES_PER_DEVICE * sizeof(Frame))
+    if gone != (state.gone != 0):
+        state.gone = gone
+        state.waiting = state.inbox.length = 0
+        state.now, state.idle = state.saved, 0
+        frames[0].id = LOST if gone else BACK
+        count = 1
+    if due - state.sample > 100:
+        state.sample = due - 100                # it was not looked at for long
+    while state.sample <= due:
+        if not gone and state.idle == 0 and arena[slots[SILENT]] == 0.0:
+            for which in range(2):
+                if state.now.streams[which]:
+                    sample(arena, slots, state, which, settings.clock_start + state.sample * period / (1.0 + settings.clock_drift), period)
+        state.sample += 1
+    arena[slots[STREAMING]] = state.idle == 0 and not gone and (state.now.streams[0] != 0 or state.now.streams[1] != 0)
+    while state.waiting > 0 and count < FRAMES_PER_DEVICE:
+        size = <int>min(<int64_t>FRAME_BYTES, state.waiting)
+        frames[count].length, frames[count].flags = <uint8_t>size, START if count == 0 else 0
+        memcpy(frames[count].data, state.outbox, size)
+        state.waiting -= size
+        memmove(state.outbox, state.outbox + size, state.waiting)
+        count += 1
+    return count
+
+
+decode, encode = export_decode(sensor_decode), export_encode(sensor_encode)
+state_doubles = (sizeof(State) + 7) // 8

@@ -1,0 +1,337 @@
+# cython: freethreading_compatible=True
+"""MicroStrain's sensors: what they say, read from a stream of bytes that may be cut anywhere and hold anything.
+
+What each field means stands in a table that the block makes (blocks.imus.microstrain.descriptors): a row for each descriptor, found through
+an index of three parts, for the sets 80 (sensor), 82 (filter), and any other, of which the shared fields alone are known.
+"""
+
+from libc.math cimport NAN, asin, atan2, cos, isfinite, sin, sqrt
+from libc.stdint cimport int32_t
+from libc.string cimport memset
+
+from cext.abi cimport INPUTS, MALFORMED, NOTED, OK, OUTPUTS, PARAMETERS, TAKEN, export, export_decode, export_encode
+from cext.kernels.devices.clock_map cimport ClockMap, mapped
+from cext.lines.stream_frames cimport BACK, LOST
+
+cdef enum: # items, in the order of blocks.imus.microstrain.block.MicroStrain
+    TARE
+    ACCEL, GYRO, MAG, QUATERNION, EULER, ROTATION, RAW_QUATERNION, RAW_EULER, TEMPERATURE, AGE, SAMPLE_TIME, CLOCK_DRIFT, MEASURED_RATE
+    PACKETS, CORRUPT, LOST_PACKETS, VALID, TARED, TARE_ATTITUDE, CONNECTED
+
+cdef enum: # memories
+    PENDING_MEMORY, INDEX, ROWS, SETTINGS, STATE
+
+cdef enum: # of a field's values
+    FLOAT, DOUBLE, UNSIGNED_8, UNSIGNED_16, UNSIGNED_32, UNSIGNED_64
+
+cdef enum: # what they are beside numbers
+    PLAIN, ATTITUDE, ANGLES, CLOCK
+
+cdef enum: # of a tare
+    IDLE = -1
+    WANTED = -2
+
+cdef struct Row:                # of the table
+    double role
+    double kind
+    double count                # values
+    double scale                # to SI
+    double item                 # where they go, -1: nowhere
+    double flagged              # whether a word behind them says that they are valid
+    double first                # bytes in front of them
+
+cdef struct Settings:
+    double rate                 # Hz
+    double tare_time            # s
+    double tare_at_start
+    double primary              # index of the set whose rate is told
+
+cdef struct State:
+    ClockMap clock
+    double begun
+    double last[2]              # newest time that each set has told, s; 0: none
+    double counted              # packets of the present second,
+    double since                # which began then
+    double asked                # input `tare` of the tick before
+    double taring               # s, when it began; WANTED: with the next sample; IDLE
+    double sum[4]
+    double attitude             # of the packet: 0 none, 1 as angles, 2 as a quaternion
+    double valid                # whether the filter says so of all that is in the packet; below 0: it says nothing
+    double time                 # s that the packet tells, NaN: none
+
+
+cdef inline int memory(const int32_t *slots) noexcept nogil:
+    return slots[INPUTS] + slots[OUTPUTS] + slots[PARAMETERS]
+
+
+cdef inline State *state_of(double *arena, const int32_t *slots) noexcept nogil:
+    return <State *>(arena + slots[memory(slots) + STATE])
+
+
+cdef inline double value_at(const uint8_t *data, int kind, int index) noexcept nogil:
+    if kind == FLOAT:
+        return float_32(data + 4 * index)
+    if kind == DOUBLE:
+        return float_64(data + 8 * index)
+    if kind == UNSIGNED_8:
+        return data[index]
+    if kind == UNSIGNED_16:
+        return <double>(<uint16_t>data[2 * index] << 8 | data[2 * index + 1])
+    if kind == UNSIGNED_32:
+        return big_32(data + 4 * index)
+    return <double>big_64(data + 8 * index)
+
+
+cdef inline int width_of(int kind) noexcept nogil:
+    return 8 if kind == DOUBLE or kind == UNSIGNED_64 else 1 if kind == UNSIGNED_8 else 2 if kind == UNSIGNED_16 else 4
+
+
+cdef void take_field(double *arena, const int32_t *slots, int set_index, const uint8_t *field) noexcept nogil:
+    cdef int place = memory(slots)
+    cdef int number = <int>(arena + slots[place + INDEX])[256 * set_index + field[1]]
+    cdef State *state = state_of(arena, slots)
+    cdef const Row *row
+    cdef const uint8_t *data
+    cdef double *target
+    cdef double value = 0.0
+    cdef int index, kind, count, size
+    cdef bint valid = True
+    if number == 0:
+        return
+    row = <const Row *>(arena + slots[place + ROWS]) + number - 1
+    kind, count = <int>row.kind, <int>row.count
+    size = width_of(kind) * count
+    data = field + 2 + <int>row.first
+    if field[0] - 2 - <int>row.first < size + (2 if row.flagged != 0.0 else 0):
+        return
+    if row.flagged != 0.0:
+        valid = data[size] != 0 or data[size + 1] != 0
+        state.valid = 0.0 if not valid or state.valid == 0.0 else 1.0
+    if row.role == CLOCK:
+        value = value_at(data, kind, 0) * row.scale
+        if isfinite(value) and not state.time == state.time:       # the first of several
+            state.time = value
+    if row.item < 0.0:
+        return
+    target = arena + slots[<int>row.item]
+    if kind == FLOAT and valid:
+        for index in range(count):
+            target[index] = float_32(data + 4 * index) * row.scale
+    else:
+        for index in range(count):
+            target[index] = value_at(data, kind, index) * row.scale if valid else NAN
+    if row.role == ATTITUDE:
+        state.attitude = 2.0
+    elif row.role == ANGLES and state.attitude == 0.0:
+        state.attitude = 1.0
+
+
+cdef bint is_whole(const uint8_t *packet) noexcept nogil:
+    """Whether the fields fill the payload."""
+    cdef int at = HEAD
+    cdef int end = HEAD + packet[3]
+    while at < end:
+        if packet[at] < 2 or at + packet[at] > end:
+            return False
+        at += packet[at]
+    return True
+
+
+cdef bint take_packet(double *arena, const int32_t *slots, const int32_t *sizes, const uint8_t *packet, double came) noexcept nogil:
+    """One whose checksum is right. True where it is one of data. came : s"""
+    cdef State *state = state_of(arena, slots)
+    cdef int at = HEAD
+    cdef int end = HEAD + packet[3]
+    cdef int set_index = 0 if packet[2] == 0x80 else 1 if packet[2] == 0x82 else 2
+    if packet[2] < 0x80 or packet[3] == 0 or not is_whole(packet):
+        return False
+    if state.begun == 0.0:
+        begin(arena, slots, sizes, came)
+    state.attitude, state.time, state.valid = 0.0, NAN, -1.0
+    while at < end:
+        take_field(arena, slots, set_index, packet + at)
+        at += packet[at]
+    if state.valid >= 0.0:
+        arena[slots[VALID]] = state.valid
+    arena[slots[PACKETS]] += 1.0
+    if set_index < 2:
+        count_losses(arena, slots, state, set_index)
+    if state.time == state.time:
+        arena[slots[SAMPLE_TIME]] = mapped(&state.clock, state.time, came)
+        arena[slots[CLOCK_DRIFT]] = state.clock.slope
+    else:
+        arena[slots[SAMPLE_TIME]] = came
+    measure_rate(arena, slots, state, set_index, came)
+    if state.attitude != 0.0:
+        turn(arena, slots, state, came)
+    return set_index < 2
+
+
+cdef void begin(double *arena, const int32_t *slots, const int32_t *sizes, double came) noexcept nogil:
+    cdef State *state = state_of(arena, slots)
+    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+    state.begun = 1.0
+    state.since, state.taring = came, IDLE
+    if arena[slots[PACKETS]] == 0.0:                # a start and a second arming make its state anew, and leave what it tells
+        blank(arena, slots, sizes)
+        arena[slots[VALID]] = (arena + slots[TARE_ATTITUDE])[0] = 1.0
+    if settings.tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
+        state.taring = WANTED
+
+
+cdef void blank(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    """What the sensor has never told is no number."""
+    cdef int item, index
+    for item in range(ACCEL, slots[INPUTS] + slots[OUTPUTS]):
+        if item <= TEMPERATURE or item > CONNECTED:
+            for index in range(sizes[item]):
+                (arena + slots[item])[index] = NAN
+
+
+cdef void count_losses(double *arena, const int32_t *slots, State *state, int set_index) noexcept nogil:
+    """Samples of which the times tell that they were taken and never came."""
+    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+    cdef double gap
+    if not state.time == state.time:
+        return
+    gap = (state.time - state.last[set_index]) * settings.rate
+    if state.last[set_index] != 0.0 and 1.5 < gap < 60.0 * settings.rate:
+        arena[slots[LOST_PACKETS]] += <double><int64_t>(gap - 0.5)
+    state.last[set_index] = state.time
+
+
+cdef void measure_rate(double *arena, const int32_t *slots, State *state, int set_index, double came) noexcept nogil:
+    if set_index != <int>(<const Settings *>(arena + slots[memory(slots) + SETTINGS])).primary:
+        return
+    state.counted += 1.0
+    if came - state.since >= 1.0:
+        arena[slots[MEASURED_RATE]] = state.counted / (came - state.since)
+        state.counted, state.since = 0.0, came
+
+
+# Attitude
+
+cdef void product(const double *a, const double *b, double *c) noexcept nogil:
+    """c = a* b: what turns the one attitude into the other."""
+    c[0] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    c[1] = a[0] * b[1] - a[1] * b[0] - a[2] * b[3] + a[3] * b[2]
+    c[2] = a[0] * b[2] + a[1] * b[3] - a[2] * b[0] - a[3] * b[1]
+    c[3] = a[0] * b[3] - a[1] * b[2] + a[2] * b[1] - a[3] * b[0]
+
+
+cdef void from_angles(const double *euler, double *q) noexcept nogil:
+    cdef double cr = cos(0.5 * euler[0])
+    cdef double sr = sin(0.5 * euler[0])
+    cdef double cp = cos(0.5 * euler[1])
+    cdef double sp = sin(0.5 * euler[1])
+    cdef double cy = cos(0.5 * euler[2])
+    cdef double sy = sin(0.5 * euler[2])
+    q[0] = cr * cp * cy + sr * sp * sy
+    q[1] = sr * cp * cy - cr * sp * sy
+    q[2] = cr * sp * cy + sr * cp * sy
+    q[3] = cr * cp * sy - sr * sp * cy
+
+
+cdef void to_matrix(const double *q, double *r) noexcept nogil:
+    r[0] = 1.0 - 2.0 * (q[2] * q[2] + q[3] * q[3])
+    r[1] = 2.0 * (q[1] * q[2] - q[0] * q[3])
+    r[2] = 2.0 * (q[1] * q[3] + q[0] * q[2])
+    r[3] = 2.0 * (q[1] * q[2] + q[0] * q[3])
+    r[4] = 1.0 - 2.0 * (q[1] * q[1] + q[3] * q[3])
+    r[5] = 2.0 * (q[2] * q[3] - q[0] * q[1])
+    r[6] = 2.0 * (q[1] * q[3] - q[0] * q[2])
+    r[7] = 2.0 * (q[2] * q[3] + q[0] * q[1])
+    r[8] = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
+
+
+cdef void to_angles(const double *r, double *euler) noexcept nogil:
+    """roll, pitch, yaw of a rotation matrix"""
+    euler[0] = atan2(r[7], r[8])
+    euler[1] = -asin(max(-1.0, min(1.0, r[6]))) if r[6] == r[6] else NAN
+    euler[2] = atan2(r[3], r[0])
+
+
+cdef void turn(double *arena, const int32_t *slots, State *state, double came) noexcept nogil:
+    """From the attitude that the sensor has told to the one that is asked for: relative to where it was tared."""
+    cdef const Settings *settings = <const Settings *>(arena + slots[memory(slots) + SETTINGS])
+    cdef double q[4]
+    cdef double *raw = arena + slots[RAW_QUATERNION]
+    cdef double *told = arena + slots[QUATERNION]
+    cdef double norm, sign
+    cdef int index
+    if state.attitude == 1.0:
+        from_angles(arena + slots[RAW_EULER], raw)
+    norm = sqrt(raw[0] * raw[0] + raw[1] * raw[1] + raw[2] * raw[2] + raw[3] * raw[3])
+    for index in range(4):
+        q[index] = raw[index] / norm if norm > 0.1 else NAN
+    if state.taring != IDLE and isfinite(q[0] + q[1] + q[2] + q[3]):
+        if state.taring == WANTED:
+            state.taring = came
+            memset(state.sum, 0, sizeof(state.sum))
+        sign = -1.0 if q[0] * state.sum[0] + q[1] * state.sum[1] + q[2] * state.sum[2] + q[3] * state.sum[3] < 0.0 else 1.0
+        for index in range(4):
+            state.sum[index] += sign * q[index]
+        if came - state.taring >= settings.tare_time:
+            norm = sqrt(state.sum[0] * state.sum[0] + state.sum[1] * state.sum[1] + state.sum[2] * state.sum[2] + state.sum[3] * state.sum[3])
+            for index in range(4):
+                (arena + slots[TARE_ATTITUDE])[index] = state.sum[index] / norm
+            state.taring, arena[slots[TARED]] = IDLE, 1.0
+    product(arena + slots[TARE_ATTITUDE], q, told)
+    to_matrix(told, arena + slots[ROTATION])
+    to_angles(arena + slots[ROTATION], arena + slots[EULER])
+
+
+# The device
+
+cdef int mip_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef Pending *pending = <Pending *>(arena + slots[memory(slots) + PENDING_MEMORY])
+    cdef bint taken = False
+    cdef int64_t corrupt = 0
+    cdef double came = frame.time * 1e-9
+    cdef int at, need
+    cdef int rounds
+    if frame.id == LOST or frame.id == BACK:
+        arena[slots[CONNECTED]] = frame.id == BACK
+    elif frame.id == BYTES:
+        arena[slots[CONNECTED]] = 1.0
+    for rounds in range(2):
+        if rounds == 0 and not (frame.flags & GAP or frame.id != BYTES):
+            continue
+        if rounds == 1:
+            if frame.id != BYTES:
+                break
+            memcpy(pending.bytes + pending.length, frame.data, frame.length)
+            pending.length += frame.length
+        at = 0
+        while True:
+            need = next_packet(pending.bytes, <int>pending.length, &at, rounds == 0, &corrupt)
+            if need == 0:
+                break
+            if take_packet(arena, slots, sizes, pending.bytes + at, came):
+                taken = True
+            at += need
+        pending.length -= at
+        memmove(pending.bytes, pending.bytes + at, pending.length)
+    arena[slots[CORRUPT]] += corrupt
+    if taken and (<const Settings *>(arena + slots[memory(slots) + SETTINGS])).tare_at_start != 0.0 and arena[slots[TARED]] == 0.0:
+        return NOTED                                # nothing is armed before it is tared
+    return TAKEN if taken else MALFORMED if corrupt > 0 else NOTED
+
+
+cdef int mip_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    """Nothing to send; at the end of the tick it is seen whether a tare is asked for."""
+    cdef State *state = state_of(arena, slots)
+    cdef double asked = 1.0 if arena[slots[TARE]] != 0.0 else 0.0
+    if asked != 0.0 and state.asked == 0.0 and state.begun != 0.0:
+        state.taring = WANTED
+    state.asked = asked
+    return 0
+
+
+cdef int mip_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    if arena[slots[PACKETS]] == 0.0:
+        blank(arena, slots, sizes)
+    return OK
+
+
+decode, encode, before = export_decode(mip_decode), export_encode(mip_encode), export(mip_kernel)

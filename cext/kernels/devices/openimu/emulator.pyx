@@ -1,0 +1,322 @@
+# cython: freethreading_compatible=True
+"""An OpenIMU that is not there: it takes settings, answers what it is asked, and sends what its firmware would, truncated as there.
+
+    300RI   (raw + offset) x scale, truncated. As it is sold, y and z of the acceleration are negated, then x and y of acceleration and
+            angular rate change places; the magnetic field is left alone
+    335RI   the same, rounded in single precision: half a code is added first. It has no magnetometer
+"""
+
+from libc.math cimport isfinite
+from libc.stdint cimport int32_t, uint8_t, uint32_t, uint64_t
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport (
+    EXTENDED, FOREIGN, FRAMES_PER_DEVICE, MALFORMED, NOT_FINITE, OK, TAKEN, TIME, Frame, export, export_decode, export_encode,
+)
+from cext.kernels.devices.openimu.frames cimport (
+    ACCELERATION, ADDRESS_CLAIM, ANGULAR_RATE, BEHAVIOUR, FILTERS, FINE_ACCELERATION, FINE_RATE, MAGNETIC_FIELD,
+    ORIENTATION, PACKET_RATE, PACKET_TYPE, REQUEST,
+    SENDS_ACCELERATION, SENDS_FIELD, SENDS_FINE_ACCELERATION, SENDS_FINE_RATE, SENDS_RATE, SENDS_SLOPE, SENDS_SLOPE_1,
+    SLOPE, SLOPE_1, group_of, u16,
+)
+
+cdef enum: # in the order of the declaration
+    ACCEL, GYRO, MAG, ROLL, PITCH, SILENT, DROPPED, POWER_LOST
+    ADDRESS, ROUNDS
+    STORED                      # as the enum below: what it is at power on
+    STATE                       # the same, and what follows
+
+cdef enum: # in STORED and STATE
+    DIVIDER, TYPES, BITS, ORIENTED, RATE_FILTER, ACCEL_FILTER
+    SETTINGS                    # how many
+    OWED = SETTINGS             # answers, a bit each, as the enum below
+    DUE                         # s, of the next packets
+    LUCK                        # of frames that may be dropped
+    DEAD                        # whether it has no power
+    NAME                        # its serial number, in the NAME that it claims its address with
+
+cdef enum: # bits of OWED
+    OWES_CLAIM = 1
+    OWES_RATE = 2
+    OWES_TYPE = 4
+    OWES_FILTERS = 8
+    OWES_ORIENTATION = 16
+    OWES_BEHAVIOUR = 32
+    OWES_VERSION = 64
+
+cdef enum: # bits of the behaviour
+    SWAP_PITCH_ROLL = 0x0008
+    ACCEL_NWU = 0x0040
+    NEW_REQUEST = 0x0200
+
+cdef enum:
+    VERSION = 0xFEDA
+    EVERYBODY = 0xFF
+
+
+cdef bint drops(double *arena, const int32_t *slots) noexcept nogil:
+    """Whether the next frame is lost on its way. A linear congruence: the same in every run."""
+    cdef double *luck = arena + slots[STATE] + LUCK
+    if not arena[slots[DROPPED]] > 0.0:
+        return False
+    luck[0] = <double>((<uint64_t>luck[0] * 1103515245u + 12345u) & 0x7FFFFFFFu)
+    return luck[0] < arena[slots[DROPPED]] * 2147483648.0
+
+
+cdef void asked(double *arena, const int32_t *slots, const uint8_t *data) noexcept nogil:
+    """A request of a parameter group: its bytes in the order that the firmware has been told, of the 335RI as its stock firmware."""
+    cdef double *state = arena + slots[STATE]
+    cdef bint modern = arena[slots[ROUNDS]] != 0.0 or <uint32_t>state[BITS] & NEW_REQUEST
+    cdef uint32_t group = (u16(data) if modern else <uint32_t>data[1] << 8 | data[2])
+    cdef uint32_t owed = (
+        OWES_CLAIM if group == ADDRESS_CLAIM else OWES_RATE if group == PACKET_RATE else OWES_TYPE if group == PACKET_TYPE
+        else OWES_FILTERS if group == FILTERS else OWES_ORIENTATION if group == ORIENTATION else OWES_BEHAVIOUR if group == BEHAVIOUR
+        else OWES_VERSION if group == VERSION else 0)
+    state[OWED] = <double>(<uint32_t>state[OWED] | owed)
+
+
+cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef double *state = arena + slots[STATE]
+    cdef const uint8_t *data = &frame.data[0]
+    cdef uint32_t group = group_of(frame.id)
+    cdef uint32_t own = <uint32_t>arena[slots[ADDRESS]]
+    cdef uint32_t destination = frame.id >> 8 & 0xFF
+    if group == REQUEST and (destination == own or destination == EVERYBODY):
+        if frame.length != 3:
+            return MALFORMED
+        if state[DEAD] == 0.0 and not drops(arena, slots):
+            asked(arena, slots, data)
+        return TAKEN if destination == own else FOREIGN         # who asks everybody asks others too
+    if not PACKET_RATE <= group <= BEHAVIOUR or frame.length < 2 or data[0] != own or (frame.id & 0xFF) == own:
+        return FOREIGN
+    if frame.length < (2 if group == PACKET_RATE or group == PACKET_TYPE else 3):
+        return MALFORMED
+    if state[DEAD] != 0.0 or drops(arena, slots):
+        return TAKEN
+    if group == PACKET_RATE:
+        state[DIVIDER] = data[1]
+    elif group == PACKET_TYPE:
+        state[TYPES] = data[1] if frame.length == 2 else u16(&data[1])
+    elif group == FILTERS:
+        state[RATE_FILTER], state[ACCEL_FILTER] = data[1], data[2]
+    elif group == ORIENTATION:
+        state[ORIENTED] = <uint32_t>data[1] << 8 | data[2]
+    elif arena[slots[ROUNDS]] == 0.0:
+        state[BITS] = u16(&data[1])
+    elif frame.length >= 5:                                     # bits to set, bits to take away
+        state[BITS] = (<uint32_t>state[BITS] | u16(&data[1])) & ~u16(&data[3])
+    return TAKEN
+
+
+cdef inline void put16(uint8_t *data, double x, bint rounds) noexcept nogil:
+    """A code in two bytes. Beyond the field it stays at its end."""
+    cdef uint32_t code
+    if rounds:
+        x = <float>(x + 0.5)
+    code = 0 if not x > 0.0 else 65535 if x >= 65535.0 else <uint32_t>x
+    data[0], data[1] = <uint8_t>code, <uint8_t>(code >> 8)
+
+
+cdef inline void put24(uint8_t *data, double x, bint rounds) noexcept nogil:
+    cdef uint32_t code
+    if rounds:
+        x = x + 0.5
+    code = 0 if not x > 0.0 else 0xFFFFFF if x >= 16777215.0 else <uint32_t>x
+    data[0], data[1], data[2] = <uint8_t>code, <uint8_t>(code >> 8), <uint8_t>(code >> 16)
+
+
+cdef inline void exchange(uint8_t *data) noexcept nogil:
+    """x and y change places."""
+    cdef uint8_t[2] kept
+    memcpy(kept, data, 2)
+    memcpy(data, data + 2, 2)
+    memcpy(data + 2, kept, 2)
+
+
+cdef inline double clamped(double x, double most) noexcept nogil:
+    return most if x > most else -most if x < -most else x
+
+
+cdef void put_fine(double *arena, const int32_t *slots, uint32_t packet, uint32_t bits, uint8_t *data) noexcept nogil:
+    """Three codes of 19 bits, rounded, in the axes that it has been set to."""
+    cdef bint turns = packet == SENDS_FINE_RATE
+    cdef const double *u = arena + slots[GYRO if turns else ACCEL]
+    cdef uint64_t word = 0
+    cdef uint32_t code
+    cdef double x
+    cdef int i, axis
+    for i in range(3):
+        axis = 1 - i if i < 2 and bits & SWAP_PITCH_ROLL else i
+        if turns:
+            x = (clamped(<float>(u[axis] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 1024.0
+        else:
+            x = ((-u[axis] if axis > 0 and bits & ACCEL_NWU else u[axis]) + 320.0) * 800.0
+        x = <float>(x + 0.5)
+        code = 0 if not x > 0.0 else 0x7FFFF if x >= 524287.0 else <uint32_t>x
+        word |= <uint64_t>code << 19 * i
+    memcpy(data, &word, 8)
+
+
+cdef void measure(double *arena, const int32_t *slots, uint32_t packet, Frame *frame) noexcept nogil:
+    """The data of one packet. 57.296 is the degrees of a radian as the firmware has them."""
+    cdef uint32_t bits = <uint32_t>arena[slots[STATE] + BITS]
+    cdef bint rounds = arena[slots[ROUNDS]] != 0.0
+    cdef uint8_t *data = &frame.data[0]
+    cdef const double *u
+    cdef int i
+    if packet == SENDS_SLOPE:
+        put24(data, (arena[slots[PITCH]] * 57.296 + 250.0) * 32768.0, rounds)
+        put24(&data[3], (arena[slots[ROLL]] * 57.296 + 250.0) * 32768.0, rounds)
+        data[6] = 0x00 if rounds else 0xCC                       # merit: 3 is "not available"
+    elif packet == SENDS_RATE:
+        u = arena + slots[GYRO]
+        for i in range(3):
+            put16(&data[2 * i], (clamped(<float>(u[i] * (180.0 / 3.14159265358979323846)), 250.0) + 250.0) * 128.0, rounds)
+        data[6] = 0x00 if rounds else 0x3F
+    elif packet == SENDS_ACCELERATION:
+        u = arena + slots[ACCEL]
+        for i in range(3):
+            put16(&data[2 * i], ((-u[i] if i > 0 and bits & ACCEL_NWU else u[i]) + 320.0) * 100.0, rounds)
+        data[6] = 0x80 if rounds else 0xBF
+    elif rounds and packet == SENDS_SLOPE_1:
+        put16(data, (clamped(<float>(arena[slots[PITCH]] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[2], (clamped(<float>(arena[slots[ROLL]] * 57.296), 64.0) + 64.0) * 500.0, False)
+        put16(&data[4], (clamped(<float>(arena[slots[GYRO] + 1] * 57.296), 64.0) + 64.0) * 500.0, False)
+    elif rounds:
+        put_fine(arena, slots, packet, bits, data)
+    else:
+        u = arena + slots[MAG]
+        for i in range(3):
+            put16(&data[2 * i], (0.01 * u[i] + 8.0) / 0.00025, False)
+    if bits & SWAP_PITCH_ROLL and (packet == SENDS_RATE or packet == SENDS_ACCELERATION):
+        exchange(data)
+
+
+cdef void answer(double *arena, const int32_t *slots, uint32_t owed, Frame *frame) noexcept nogil:
+    """A setting as it is. The 335RI begins with the address of who asked, and has the filters in another order."""
+    cdef const double *state = arena + slots[STATE]
+    cdef bint rounds = arena[slots[ROUNDS]] != 0.0
+    cdef uint8_t *data = &frame.data[0]
+    cdef uint32_t value = 0
+    cdef uint64_t name
+    cdef uint32_t group = (
+        PACKET_RATE if owed == OWES_RATE else PACKET_TYPE if owed == OWES_TYPE else FILTERS if owed == OWES_FILTERS
+        else ORIENTATION if owed == OWES_ORIENTATION else BEHAVIOUR if owed == OWES_BEHAVIOUR else VERSION if owed == OWES_VERSION
+        else ADDRESS_CLAIM | EVERYBODY)
+    frame.id = <uint32_t>EXTENDED | 6 << 26 | group << 8 | <uint32_t>arena[slots[ADDRESS]]
+    frame.length = 3
+    data[0] = 0xF9 if rounds else <uint8_t>arena[slots[ADDRESS]]
+    if owed == OWES_CLAIM:                                      # NAME: Aceinna's manufacturer code 823, function 131
+        name = <uint64_t>state[NAME] & 0x1FFFFF | <uint64_t>823 << 21 | <uint64_t>131 << 40
+        memcpy(data, &name, 8)
+        frame.length = 8
+    elif owed == OWES_VERSION:
+        data[0], data[1], data[2] = 1, 1, 2
+        frame.length = 5
+    elif owed == OWES_RATE:
+        data[1] = <uint8_t>state[DIVIDER]
+        frame.length = 2
+    elif owed == OWES_TYPE or owed == OWES_BEHAVIOUR:
+        value = <uint32_t>state[TYPES if owed == OWES_TYPE else BITS]
+        data[1], data[2] = <uint8_t>value, <uint8_t>(value >> 8)
+        frame.length = 4 if rounds and owed == OWES_TYPE else 3
+    elif owed == OWES_FILTERS:
+        data[1] = <uint8_t>state[RATE_FILTER if rounds else ACCEL_FILTER]
+        data[2] = <uint8_t>state[ACCEL_FILTER if rounds else RATE_FILTER]
+    else:
+        value = <uint32_t>state[ORIENTED]
+        data[1], data[2] = <uint8_t>(value >> 8), <uint8_t>value
+
+
+cdef int unit_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    """Without power it is dead; when power is back it is as it is stored, and claims its address."""
+    cdef double *state = arena + slots[STATE]
+    if arena[slots[POWER_LOST]] != 0.0:
+        state[DEAD] = 1.0
+        state[OWED] = 0.0
+    elif state[DEAD] != 0.0:
+        memcpy(state, arena + slots[STORED], SETTINGS * sizeof(double))
+        state[DEAD] = 0.0
+        state[OWED] = OWES_CLAIM
+        state[DUE] = arena[TIME]
+    return OK
+
+
+cdef uint32_t identifier(uint32_t packet, uint32_t address, bint newer) noexcept nogil:
+    """Priority 2 for acceleration, 3 for angular rate and slope, 6 for the field."""
+    if newer and packet & (SENDS_FINE_RATE | SENDS_FINE_ACCELERATION | SENDS_SLOPE_1):
+        return <uint32_t>EXTENDED | address | (
+            2 << 26 | FINE_ACCELERATION << 8 if packet == SENDS_FINE_ACCELERATION else 3 << 26 | FINE_RATE << 8 if packet == SENDS_FINE_RATE
+            else 3 << 26 | SLOPE_1 << 8)
+    return <uint32_t>EXTENDED | address | (
+        2 << 26 | ACCELERATION << 8 if packet == SENDS_ACCELERATION else 3 << 26 | ANGULAR_RATE << 8 if packet == SENDS_RATE
+        else 3 << 26 | SLOPE << 8 if packet == SENDS_SLOPE else 6 << 26 | MAGNETIC_FIELD << 8)
+
+
+cdef inline bint finite(const double *x, int count) noexcept nogil:
+    cdef int i
+    for i in range(count):
+        if not isfinite(x[i]):
+            return False
+    return True
+
+
+cdef int send(double *arena, const int32_t *slots, uint32_t packet, Frame *frames, int count) noexcept nogil:
+    """One packet behind `count` others, if it is sent at all. Returns how many there are then."""
+    if count == FRAMES_PER_DEVICE or not <uint32_t>arena[slots[STATE] + TYPES] & packet:
+        return count
+    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+        return count
+    memset(&frames[count], 0, sizeof(Frame))
+    frames[count].id = identifier(packet, <uint32_t>arena[slots[ADDRESS]], arena[slots[ROUNDS]] != 0.0)
+    frames[count].length = 8
+    measure(arena, slots, packet, &frames[count])
+    return count + 1
+
+
+cdef int say(double *arena, const int32_t *slots, uint32_t owed, Frame *frames, int count) noexcept nogil:
+    """An answer behind `count` other frames, if it is owed. Returns how many there are then."""
+    cdef double *state = arena + slots[STATE]
+    if not <uint32_t>state[OWED] & owed:
+        return count
+    state[OWED] = <double>(<uint32_t>state[OWED] & ~owed)
+    if arena[slots[SILENT]] != 0.0 or drops(arena, slots):
+        return count
+    memset(&frames[count], 0, sizeof(Frame))
+    answer(arena, slots, owed, &frames[count])
+    return count + 1
+
+
+cdef int send_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef double *state = arena + slots[STATE]
+    cdef uint32_t bit = 1
+    cdef int count = 0
+    if not (finite(arena + slots[ACCEL], 3) and finite(arena + slots[GYRO], 3) and finite(arena + slots[MAG], 3)
+            and finite(arena + slots[ROLL], 1) and finite(arena + slots[PITCH], 1)):
+        return -NOT_FINITE
+    if state[DEAD] != 0.0:
+        return 0
+    if <uint32_t>state[OWED] & OWES_CLAIM:                      # before it says anything else
+        count = say(arena, slots, OWES_CLAIM, frames, count)
+    elif state[DIVIDER] > 0.0 and arena[TIME] >= state[DUE] - 1e-9:
+        state[DUE] += 0.01 * state[DIVIDER]
+        if state[DUE] < arena[TIME]:
+            state[DUE] = arena[TIME] + 0.01 * state[DIVIDER]
+        count = send(arena, slots, SENDS_SLOPE, frames, count)
+        count = send(arena, slots, SENDS_ACCELERATION, frames, count)
+        if arena[slots[ROUNDS]] == 0.0:
+            count = send(arena, slots, SENDS_FIELD, frames, count)
+        count = send(arena, slots, SENDS_RATE, frames, count)
+        if arena[slots[ROUNDS]] != 0.0:
+            count = send(arena, slots, SENDS_SLOPE_1, frames, count)
+            count = send(arena, slots, SENDS_FINE_ACCELERATION, frames, count)
+            count = send(arena, slots, SENDS_FINE_RATE, frames, count)
+    while bit <= OWES_VERSION and count < FRAMES_PER_DEVICE:
+        count = say(arena, slots, bit, frames, count)
+        bit <<= 1
+    return count
+
+
+unit = export(unit_kernel)
+unit_decode = export_decode(heard_decode)
+unit_encode = export_encode(send_encode)

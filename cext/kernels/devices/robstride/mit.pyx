@@ -1,0 +1,314 @@
+# cython: freethreading_compatible=True
+"""RobStride actuators that have been set to MIT mode: standard frames, for the driver and for the emulated drive.
+
+    command    p16 v12 kp12 kd12 t12, to the drive's id
+    special    FF FF FF FF FF FF m x: FC enable, or with m = 0 choose operation control; FD disable; FE this position is zero;
+               FB with m = FF clear faults, else read them; others set the drive up
+    reply      id p16 v12 t12, temperature x 10 in 16 bits, from the host's id
+    faults     id, word of 32 bits, from the host's id: the answer to FB, which nothing tells from a reply
+    parameter  0x300 | id read, 0x400 | id write: index u16, 0, four bytes, little-endian; answered from the same id
+
+RobStride user manuals of 2026-04-28, section 6.
+
+Faults are read in the batch of arming, behind the read of a parameter, whose answer has an id of its own; and once a second in a tick in which no
+reply is owed and no command goes out. The drive holds its last command for that period; the law of that command is bounded over one period
+more. While an answer may be outstanding, a frame with the lowest code of position or of velocity is the word of faults: no reply of a joint
+inside its range has either.
+"""
+
+from libc.stdint cimport int16_t, int32_t, uint8_t, uint16_t, uint32_t
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport (
+    ANSWERED, AUTHORITY, COMMANDED, FOREIGN, MALFORMED, NOT_FINITE, NOTED, OK, PERIOD, TAKEN, TIME, Frame, export, export_decode, export_encode,
+)
+cimport cext.kernels.devices.drives as drives
+from cext.kernels.devices.mit cimport (
+    AGE, CAN_ID, FAULT, OWN, TEMPERATURE, TORQUE_SENT, all_ones, decode_motion, encode_command, memory_of, pack_motion, unpack,
+)
+
+cdef enum:
+    HOST_ID = OWN               # parameter of RobStrideMIT
+    TALK = 3                    # memory behind WIRE, LIMITS and SENT: as the enum below
+
+cdef enum: # in TALK
+    READY                       # the drive has returned the time-out that was written, or another one too often
+    DIFFERENT                   # how often another one
+    COUNTS                      # of the time-out that was written
+    TORQUE_BITS                 # of the torque limit that was written, a float
+    OUTSTANDING                 # replies that may still come before the word of faults is given up; 0: none is awaited
+    OWED                        # commands without a reply
+    NEXT                        # s, when faults are read again
+    PREPARED                    # the command in force allows for a tick without another
+    WAITED                      # ticks for which a reply was missing when faults were to be read
+    WORD                        # of faults
+
+cdef enum:
+    READ = 0x300
+    WRITE = 0x400
+    TIMEOUT_INDEX = 0x7028
+    TORQUE_INDEX = 0x700B
+    WRONG_READS = 3             # a write may get lost, and is repeated
+    LATE_REPLIES = 3            # that may come before the word of faults
+    LOST_AFTER = 50             # ticks after which a reply that is missing was lost
+    KNOWN_FAULTS = 0x408F       # bits 0, 1, 2, 3, 7, 14
+
+cdef double NO_TIMEOUT = 4294967296.0           # in FAULT: the time-out that was read is not the one that was written
+cdef double READ_PERIOD = 1.0                   # s, between two reads of the faults
+
+cdef enum: # parameter and memory of EmulatedRobStrideMIT
+    E_HOST_ID = drives.FIRST_OWN
+    REGISTERS = drives.OWN      # values of the parameters 0x7000 to 0x703F as they are on the wire
+    LATCHED                     # faults until they are cleared
+    TOO_OLD                     # firmware without parameters
+
+cdef enum:
+    FAULTS_ASKED = 1            # in place of the id of an answer that is not yet written
+
+
+cdef inline uint32_t little_endian(const uint8_t *data) noexcept nogil:
+    return <uint32_t>data[3] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[1] << 8 | data[0]
+
+
+cdef inline void put_little(uint8_t *data, uint32_t value) noexcept nogil:
+    cdef int i
+    for i in range(4):
+        data[i] = <uint8_t>(value >> 8 * i)
+
+
+cdef inline uint32_t index_of(const uint8_t *data) noexcept nogil:
+    return <uint32_t>data[1] << 8 | data[0]
+
+
+cdef inline bint may_be_faults(const uint8_t *data) noexcept nogil:
+    """The lowest code of position or of velocity."""
+    return (data[1] == 0 and data[2] == 0) or (data[3] == 0 and data[4] >> 4 == 0)
+
+
+cdef inline uint32_t fault_word(const uint8_t *data) noexcept nogil:
+    """Little-endian as parameters are; the manual does not say so, and where only the other order gives bits that exist, it is that."""
+    cdef uint32_t word = little_endian(data + 1)
+    cdef uint32_t other = <uint32_t>data[1] << 24 | <uint32_t>data[2] << 16 | <uint32_t>data[3] << 8 | data[4]
+    return other if word & ~<uint32_t>KNOWN_FAULTS and not other & ~<uint32_t>KNOWN_FAULTS else word
+
+
+cdef inline void tell_fault(double *arena, const int32_t *slots, const double *talk) noexcept nogil:
+    arena[slots[FAULT]] = talk[WORD] + (NO_TIMEOUT if talk[DIFFERENT] >= WRONG_READS else 0.0)
+
+
+cdef int parameter_read(double *arena, const int32_t *slots, double *talk, const uint8_t *data) noexcept nogil:
+    """The time-out, which arming reads back; the question about faults follows it."""
+    if index_of(data) != TIMEOUT_INDEX:
+        return NOTED
+    talk[OUTSTANDING] = LATE_REPLIES
+    if talk[READY] != 0.0:
+        return NOTED
+    if little_endian(data + 4) == talk[COUNTS]:
+        talk[READY], talk[DIFFERENT] = 1.0, 0.0
+    else:
+        talk[DIFFERENT] += 1.0
+        if talk[DIFFERENT] >= WRONG_READS:
+            talk[READY] = 1.0
+    tell_fault(arena, slots, talk)
+    return NOTED
+
+
+cdef int parameter_written(const double *talk, const uint8_t *data) noexcept nogil:
+    """The drive repeats what was written; anything else, once it is armed, another controller writes."""
+    cdef uint32_t index = index_of(data)
+    cdef uint32_t value = little_endian(data + 4)
+    if talk[READY] == 0.0 or (index == TIMEOUT_INDEX and value == talk[COUNTS]) or (index == TORQUE_INDEX and value == talk[TORQUE_BITS]):
+        return NOTED
+    return COMMANDED
+
+
+cdef int mit_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef const uint8_t *data = &frame.data[0]
+    cdef double *talk = arena + slots[memory_of(slots) + TALK]
+    cdef uint32_t id = <uint32_t>arena[slots[CAN_ID]]
+    if frame.id == (READ | id) or frame.id == (WRITE | id):
+        if frame.length != 8:
+            return MALFORMED
+        return parameter_read(arena, slots, talk, data) if frame.id == (READ | id) else parameter_written(talk, data)
+    if frame.id != <uint32_t>arena[slots[HOST_ID]] or frame.length == 0 or data[0] != id:
+        return FOREIGN          # drives share the host's id
+    if frame.length != 8:
+        return MALFORMED
+    if talk[OUTSTANDING] > 0.0:
+        if may_be_faults(data):
+            talk[OUTSTANDING] = 0.0
+            talk[NEXT] = arena[TIME] + READ_PERIOD
+            talk[WORD] = fault_word(data)
+            tell_fault(arena, slots, talk)
+            return ANSWERED
+        talk[OUTSTANDING] -= 1.0
+    if talk[OWED] > 0.0:
+        talk[OWED] -= 1.0
+    decode_motion(arena, slots, data)
+    arena[slots[TEMPERATURE]] = 0.1 * <int16_t>(<uint16_t>(data[6] << 8 | data[7]))
+    return TAKEN
+
+
+cdef inline bint reads_faults_now(double *arena, const int32_t *slots, double *talk) noexcept nogil:
+    """Whether this tick carries the question instead of a command."""
+    if not arena[AUTHORITY] > 0.0 or arena[TIME] + 1e-9 < talk[NEXT]:
+        return False            # of a run that waits to be armed again nothing is sent
+    if talk[READY] == 0.0 and talk[COUNTS] != 0.0:
+        return False            # a drive that was never armed has nothing to answer
+    if talk[OWED] > 0.0:
+        talk[WAITED] += 1.0
+        if talk[WAITED] < LOST_AFTER:
+            return False
+        talk[OWED] = 0.0
+    return talk[PREPARED] != 0.0
+
+
+cdef int mit_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef double *talk = arena + slots[memory_of(slots) + TALK]
+    cdef double *sent = arena + slots[memory_of(slots) + 2]
+    cdef double period = arena[PERIOD]
+    cdef double torque = arena[slots[TORQUE_SENT]]
+    cdef double[5] held
+    cdef bint asks = reads_faults_now(arena, slots, talk)
+    cdef int count
+    memcpy(held, sent, sizeof(held))
+    # The command before a question is in force for one period more: its law is bounded over that, too.
+    talk[PREPARED] = not asks and (talk[READY] != 0.0 or talk[COUNTS] == 0.0) and arena[TIME] + period + 1e-9 >= talk[NEXT] and arena[slots[AGE]] <= 2.0 * period + 1e-9
+    if talk[PREPARED] != 0.0:
+        arena[PERIOD] = 1.5 * period
+    count = encode_command(arena, slots, &frames[0])
+    arena[PERIOD] = period
+    if count != 1:
+        return count
+    if asks:                    # what was commanded is checked, and the last command stays in force
+        memcpy(sent, held, sizeof(held))
+        arena[slots[TORQUE_SENT]] = torque
+        memset(frames[0].data, 0xFF, 6)
+        frames[0].data[6], frames[0].data[7] = 0, 0xFB
+        talk[OUTSTANDING], talk[WAITED] = LATE_REPLIES, 0.0
+        talk[NEXT] = arena[TIME] + READ_PERIOD
+        return 1
+    talk[OWED] += 1.0
+    if all_ones(frames[0].data, 6):
+        frames[0].data[1] -= 1  # what begins with six bytes of ones sets the drive up: one code less of position does not
+    return 1
+
+
+# The emulated drive
+
+cdef inline double motor_torque(double *arena, const int32_t *slots) noexcept nogil:
+    """The drive's law. A torque limit that was written has no effect, as users report of some firmware."""
+    if drives.kept(arena, slots, drives.STATE)[drives.RUNNING] == 0.0:
+        return 0.0
+    return drives.within(drives.law(arena, slots), arena[slots[drives.PEAK]])
+
+
+cdef inline void reset(double *arena, const int32_t *slots) noexcept nogil:
+    drives.kept(arena, slots, drives.STATE)[drives.RUNNING] = 0.0
+    memset(drives.kept(arena, slots, drives.COMMAND), 0, 5 * sizeof(double))
+
+
+cdef bint obey(double *arena, const int32_t *slots, const uint8_t *data) noexcept nogil:
+    """A frame of six bytes of ones: those that are known. Whether its answer is the drive's state."""
+    cdef double *state = drives.kept(arena, slots, drives.STATE)
+    if data[7] == 0xFC:
+        if data[6] == 0xFF and drives.kept(arena, slots, LATCHED)[0] == 0.0:
+            state[drives.RUNNING] = 1.0
+    elif data[7] == 0xFD and data[6] == 0xFF:
+        reset(arena, slots)
+    elif data[7] == 0xFE and data[6] == 0xFF:
+        state[drives.ZERO] += drives.seen_position(arena, slots)
+    elif data[7] == 0xFB and data[6] == 0xFF:
+        drives.kept(arena, slots, LATCHED)[0] = 0.0
+    elif data[7] == 0xFB:
+        drives.owe(arena, slots, FAULTS_ASKED, 0, NULL)
+        return False
+    return True
+
+
+cdef void parameter(double *arena, const int32_t *slots, uint32_t kind, const uint8_t *data) noexcept nogil:
+    """A read or a write of what is known, and its answer from the same id."""
+    cdef double *registers = drives.kept(arena, slots, REGISTERS)
+    cdef uint32_t index = index_of(data)
+    cdef uint8_t out[8]
+    if drives.kept(arena, slots, TOO_OLD)[0] != 0.0 or index >> 6 != 0x7000 >> 6:
+        return
+    memcpy(out, data, 8)
+    if kind == WRITE:
+        registers[index & 63] = little_endian(data + 4)
+    put_little(out + 4, <uint32_t>registers[index & 63])
+    drives.owe(arena, slots, kind | drives.own_id(arena, slots), 8, out)
+
+
+cdef int heard_decode(double *arena, const int32_t *slots, const int32_t *sizes, const Frame *frame) noexcept nogil:
+    cdef uint32_t id = <uint32_t>arena[slots[drives.CAN_ID]]
+    cdef uint32_t kind = frame.id & ~<uint32_t>0xFF
+    if frame.id != id and frame.id != (READ | id) and frame.id != (WRITE | id):
+        return FOREIGN
+    if frame.length != 8:
+        return MALFORMED
+    if drives.unreachable(arena, slots):
+        return TAKEN
+    drives.kept(arena, slots, drives.STATE)[drives.HEARD] = arena[TIME]
+    if kind != 0:
+        parameter(arena, slots, kind, frame.data)
+        return TAKEN
+    if all_ones(frame.data, 6) and (frame.data[7] >= 0xF8 and frame.data[7] != 0xFF or frame.data[7] == 1):
+        if not obey(arena, slots, frame.data):
+            return TAKEN
+    elif drives.kept(arena, slots, drives.STATE)[drives.RUNNING] != 0.0:
+        unpack(frame.data, drives.kept(arena, slots, drives.WIRE), drives.kept(arena, slots, drives.COMMAND))
+    drives.owe(arena, slots, 0, 0, NULL)
+    return TAKEN
+
+
+cdef int drive_kernel(double *arena, const int32_t *slots, const int32_t *sizes) noexcept nogil:
+    cdef double *state = drives.kept(arena, slots, drives.STATE)
+    cdef double *registers = drives.kept(arena, slots, REGISTERS)
+    cdef double *latched = drives.kept(arena, slots, LATCHED)
+    cdef double patience = registers[TIMEOUT_INDEX & 63] / 20000.0
+    cdef double fault = arena[slots[drives.FAULT]]
+    drives.look(arena, slots)
+    if arena[slots[drives.POWER_LOST]] != 0.0:
+        drives.forget(arena, slots)
+        memset(registers, 0, 64 * sizeof(double))
+        latched[0] = 0.0
+    latched[0] = <double>(<uint32_t>latched[0] | (<uint32_t>fault if fault > 0.0 else 0) | (
+        1 if arena[slots[drives.TEMPERATURE]] >= arena[slots[drives.TRIP_TEMPERATURE]] else 0))
+    if latched[0] != 0.0 or (patience > 0.0 and state[drives.RUNNING] != 0.0 and arena[TIME] - state[drives.HEARD] > patience):
+        reset(arena, slots)
+    arena[slots[drives.TORQUE]] = drives.turned(arena, slots, motor_torque(arena, slots))
+    arena[slots[drives.ENABLED]] = state[drives.RUNNING]
+    return OK
+
+
+cdef int answer_encode(double *arena, const int32_t *slots, const int32_t *sizes, Frame *frames) noexcept nogil:
+    cdef double raw = arena[slots[drives.TEMPERATURE]] * 10.0
+    cdef uint32_t code
+    cdef uint8_t data[8]
+    cdef uint8_t faults[8]
+    cdef double *answer
+    cdef int index
+    if not drives.answerable(arena, slots):
+        return -NOT_FINITE
+    pack_motion(data, drives.own_id(arena, slots), drives.kept(arena, slots, drives.WIRE), drives.seen_position(arena, slots),
+                drives.seen_velocity(arena, slots), motor_torque(arena, slots))
+    code = <uint32_t><int16_t>(32767.0 if raw > 32767.0 else raw if raw > -32768.0 else -32768.0)
+    data[6] = <uint8_t>(code >> 8)
+    data[7] = <uint8_t>code
+    memset(faults, 0, 8)
+    faults[0] = data[0]
+    put_little(faults + 1, <uint32_t>drives.kept(arena, slots, LATCHED)[0])
+    for index in range(<int>drives.kept(arena, slots, drives.OUTBOX)[1]):
+        answer = drives.unwritten(arena, slots, index)
+        if answer != NULL:
+            memcpy(&answer[3], &faults[0] if answer[1] == FAULTS_ASKED else &data[0], 8)
+            answer[1], answer[2] = arena[slots[E_HOST_ID]], 8.0
+    return drives.deliver(arena, slots, frames)
+
+
+decode = export_decode(mit_decode)
+encode = export_encode(mit_encode)
+drive = export(drive_kernel)
+drive_decode = export_decode(heard_decode)
+drive_encode = export_encode(answer_encode)

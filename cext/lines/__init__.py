@@ -1,0 +1,1 @@
+"""Serial streams and I2C buses, each read by a thread."""

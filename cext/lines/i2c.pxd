@@ -1,0 +1,136 @@
+from libc.stdint cimport int32_t, int64_t, uint8_t, uint16_t, uint32_t, uint64_t
+
+from cext.abi cimport FRAME_BYTES
+from cext.bus.memory_bus cimport BusEnd
+from cext.ring.newest_ring cimport NewestRing
+from cext.posix cimport pthread_t
+
+cdef enum:
+    STEPS = 4                   # of one exchange
+    BYTES = 16                  # that one step writes, its register not counted; that an answer has behind what was read; of a check
+    LONGEST_READ = 32           # of one step: what a block of SMBus holds
+    MUXES = 8
+    IDENTITIES = 2              # registers that say what a device is
+
+# One exchange with one chip, whoever carries it: `count` bytes from a register on, read or written; without a register (below 0) they
+# are written, or read, as they are. Returns 0 or an errno.
+ctypedef int (*exchange_t)(void *context, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
+
+cdef struct Adapter:
+    exchange_t exchange
+    void *context
+
+cdef class I2cAdapter:
+    cdef Adapter adapter
+    cdef object owner           # keeps the memory behind the context alive
+
+cdef struct Step:
+    bint reads
+    uint8_t register
+    uint8_t count
+    uint8_t data[BYTES]
+
+cdef struct Exchange:
+    uint8_t address
+    int steps
+    Step step[STEPS]
+    int appended
+    uint8_t tail[BYTES]
+    uint32_t id
+
+cdef struct Cycle:              # exchanges one after the other, one a period
+    int member
+    int first                   # exchange
+    int count
+    int at
+    int64_t period
+    int64_t settle
+    int64_t due
+
+cdef struct SetUp:
+    uint8_t address
+    uint8_t register
+    uint8_t count
+    uint8_t data[BYTES]
+    int64_t wait
+
+cdef struct Identity:           # what the bits of a register are where the mask is 1
+    uint8_t register
+    uint8_t value
+    uint8_t mask
+
+cdef enum: # states of a member
+    FINE
+    SETTING_UP
+    LOST
+
+cdef struct Member:
+    int place
+    uint8_t address
+    uint32_t trouble            # id of its frames that tell of failures
+    int first_setup
+    int setups
+    int said                    # of them
+    int first_cycle
+    int cycles
+    int checked                 # bytes of its check, 0 for none
+    uint8_t check_register
+    uint8_t wanted[BYTES]
+    int identities
+    Identity identity[IDENTITIES]
+    int64_t next_check
+    bint doubted                # an exchange has failed: it is checked before it is believed again
+    int32_t state
+    int64_t due                 # of the next step of its set-up, or the next attempt
+    int in_a_row                # failures
+    int32_t error               # errno of the last
+    uint64_t forgiven           # failures before the run began
+    uint64_t failures
+    uint64_t answers
+    uint64_t samples            # of those, to its first round
+    uint64_t losses
+    uint64_t returns
+
+cdef struct Inbox:
+    int64_t began               # ns, CLOCK_MONOTONIC: the zero of the frames' times; the reader's
+    int32_t runs                # how often that was set
+    NewestRing ring
+
+cdef class I2cBus:
+    cdef I2cAdapter adapter
+    cdef Inbox *inbox
+    cdef list tables
+    cdef Member *members
+    cdef Cycle *cycles
+    cdef Exchange *exchanges
+    cdef SetUp *setups
+    cdef int count
+    cdef int open               # place that is open, 0 for none, -1 where that is not known
+    cdef bint[MUXES] present    # multiplexers
+    cdef uint64_t switches
+    cdef uint64_t rounds
+    cdef int64_t origin         # ns, CLOCK_MONOTONIC: due is what is whole periods later
+    cdef int64_t ended          # ns, CLOCK_MONOTONIC; 0 while it asks
+    cdef int32_t run            # that failures are counted for
+    cdef pthread_t thread
+    cdef bint running
+    cdef int32_t leave
+    cdef int32_t bell
+    cdef int priority
+    cdef readonly str name
+    cdef readonly BusEnd end
+    cdef int lay_out(self) except -1
+    cdef void serve(self) noexcept nogil
+    cdef int64_t look(self, int64_t now) noexcept nogil
+    cdef void look_at_place(self, int place, int64_t now) noexcept nogil
+    cdef void attend(self, Member *member, int64_t now) noexcept nogil
+    cdef int64_t due_of(self, const Member *member) noexcept nogil
+    cdef void go_on(self, Member *member, int64_t now) noexcept nogil
+    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil
+    cdef bint believed(self, Member *member, int64_t now) noexcept nogil
+    cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil
+    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil
+    cdef int switch_to(self, int place) noexcept nogil
+    cdef void fail(self, Member *member, int error, int64_t now) noexcept nogil
+    cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil
+    cdef void tell(self, const Member *member, int64_t now) noexcept nogil

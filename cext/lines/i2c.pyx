@@ -1,0 +1,492 @@
+# cython: freethreading_compatible=True
+"""I2C behind the `Bus` struct: one native thread a bus asks its devices, each at its own period, and what they answer waits for the tick.
+
+    round     everything that is due is asked place by place, beginning with the one that is open: with n channels of a multiplexer in use
+              that takes n - 1 switches, the fewest there are
+    answer    a frame: what was read, stamped before it was asked; a ring keeps the newest for the tick
+    failure   is counted and told in a frame; before the device is believed again it has to show that it is still set up. After three in a
+              row it is lost, and tried again every 100 ms
+    set-up    as before the run, one write at a time: while one device wakes up the others are asked
+    return    what was lost has to say first that it is still the kind of chip that it was: another may have been plugged in
+    check     a register is compared ten times a second, since what has lost its supply for a moment may answer with wrong ranges
+
+An exchange that does not end delays the devices of its bus, until the adapter gives it up, and no other thread.
+"""
+
+import os
+
+from libc.string cimport memcmp, memcpy, memset
+from libc.stdlib cimport calloc, free
+
+from cext.abi cimport EXTENDED, Frame
+from cext.atomics cimport load_i32, load_u64, store_i32, store_u64
+from cext.lines.i2c_answers cimport TROUBLE, answer_id
+from cext.ring.newest_ring cimport forget, pull, push
+from cext.clock.deadline_clock cimport monotonic
+from cext.posix cimport pthread_join
+from cext.threads cimport be_called, doze, start_thread, wake
+
+cdef int64_t RETRY = 100000000          # ns between attempts to reach what is lost
+cdef int64_t CHECK = 100000000          # ns between looks whether a device is still set up
+cdef int64_t LONGEST_REST = 1000000000  # ns
+cdef size_t STACK = 256 << 10           # bytes
+cdef int PATIENCE = 3                   # failures in a row, then a device is lost
+cdef int FORGOTTEN = -1                 # error of a device that has lost its settings
+cdef int STRANGER = -2                  # and of one that is another kind of chip
+CHANNELS = 8                            # of a multiplexer
+STATES = ("fine", "setting up", "lost")
+
+
+cdef enum:
+    FIRST_MUX = 0x70
+
+
+cdef inline int mux_of(int place) noexcept nogil:
+    """Number of the multiplexer of a place behind one."""
+    return (place - 1) // 8
+
+
+cdef int i2c_receive(void *context, Frame *frames, int capacity) noexcept nogil:
+    cdef Inbox *inbox = <Inbox *>context
+    cdef int count = 0
+    while count < capacity and pull(&inbox.ring, &frames[count]):
+        frames[count].time = max(frames[count].time - inbox.began, 0)
+        count += 1
+    return count
+
+
+cdef int i2c_send(void *context, const Frame *frames, int count) noexcept nogil:
+    return count
+
+
+cdef void i2c_begin(void *context, int64_t began) noexcept nogil:
+    cdef Inbox *inbox = <Inbox *>context
+    forget(&inbox.ring)
+    inbox.began = began
+    store_i32(&inbox.runs, inbox.runs + 1)
+
+
+cdef class I2cAdapter:
+    """What carries exchanges; cext.lines.i2c_adapters has that of Linux, cext.lines.i2c_memory one in memory."""
+
+    def exchange_bytes(self, int address, int register, bytes data=None, int count=0):
+        """One exchange, for tests and tools: write `data`, or read `count` bytes. Returns the bytes read; OSError where nobody answers."""
+        cdef uint8_t[LONGEST_READ] buffer
+        cdef int error
+        if not 0 <= count <= LONGEST_READ or (data is not None and len(data) > LONGEST_READ):
+            raise ValueError("an exchange has at most %d bytes" % LONGEST_READ)
+        if data is not None:
+            memcpy(buffer, <const char *>data, len(data))
+        error = self.adapter.exchange(
+            self.adapter.context, <uint8_t>address, register, data is None, buffer, count if data is None else <int>len(data))
+        if error:
+            raise OSError(error, os.strerror(error))
+        return bytes(buffer[:count])
+
+
+cdef class I2cBus:
+    """The devices of one bus, and the thread that asks them.
+
+    adapter : I2cAdapter
+    name : of the bus, for people
+
+    end : the BusEnd
+    """
+
+    def __cinit__(self):
+        self.inbox = <Inbox *>calloc(1, sizeof(Inbox))
+        if self.inbox == NULL:
+            raise MemoryError
+        memset(self.inbox, 0, sizeof(Inbox))                        # the tick is not to be the first to touch it
+        self.end = BusEnd()
+        self.end.bus.receive, self.end.bus.send, self.end.bus.begin = i2c_receive, i2c_send, i2c_begin
+        self.end.bus.context = self.inbox
+        self.end.owner = self
+
+    def __init__(self, I2cAdapter adapter, str name=""):
+        self.adapter, self.name, self.tables, self.open = adapter, name, [], -1
+
+    def __dealloc__(self):
+        self.stop()
+        free(self.members)
+        free(self.cycles)
+        free(self.exchanges)
+        free(self.setups)
+        free(self.inbox)
+
+    def add(self, int place, int address, set_up=(), check=None, rounds=(), identity=()):
+        """Ask a device from `start` on. It has been set up: these bytes are for when it has been lost.
+
+        place : as its frames have it; address : of the device
+        set_up : of (address, register, bytes, s to wait)
+        check : (register, bytes) that it has as long as it is set up, or None
+        rounds : of (period in s, s from one to the next at least, exchanges: of (number, address, steps, bytes behind the answer)), the
+            steps being (register, number of bytes to be read) or (register, bytes to be written)
+        identity : (register, byte, mask) of registers, which say when it is back that it is no other; the bits where the mask is 1
+        """
+        if self.running:
+            raise ValueError("devices are added before they are asked")
+        if not 0 <= place <= CHANNELS * MUXES or not 0 < address < 0x80:
+            raise ValueError("there is no place %d, or no address %d" % (place, address))
+        for period, settle, exchanges in rounds:
+            if not (period > 0.0 and settle >= 0.0 and len(exchanges) > 0):
+                raise ValueError("a round has a period above 0, and exchanges")
+            for number, _, steps, appended in exchanges:
+                read = sum(what for _, what in steps if isinstance(what, int))
+                longest = max((what if isinstance(what, int) else 2 * len(what) for _, what in steps), default=0)
+                if not 0 <= number < TROUBLE or not 0 < len(steps) <= STEPS or longest > LONGEST_READ or len(appended) > BYTES:
+                    raise ValueError("an exchange has a number below 15, and at most %d steps of %d bytes" % (STEPS, LONGEST_READ))
+                if read + len(appended) > 64:
+                    raise ValueError("an answer has at most 64 bytes, not %d" % (read + len(appended)))
+        if any(len(data) > BYTES for _, _, data, _ in set_up) or (check is not None and not 0 < len(check[1]) <= BYTES):
+            raise ValueError("at most %d bytes are written at once, or checked" % BYTES)
+        if len(identity) > IDENTITIES:
+            raise ValueError("at most %d registers say what a device is" % IDENTITIES)
+        self.tables.append((place, address, tuple(set_up), check, tuple(rounds), tuple(identity)))
+
+    cdef int lay_out(self) except -1:
+        cdef int cycle = 0
+        cdef int exchange = 0
+        cdef int setup = 0
+        cdef Member *member
+        cdef Exchange *asked
+        cdef bytes data
+        rounds = [one for table in self.tables for one in table[4]]
+        free(self.members); free(self.cycles); free(self.exchanges); free(self.setups)
+        self.count = len(self.tables)
+        self.members = <Member *>calloc(max(1, self.count), sizeof(Member))
+        self.cycles = <Cycle *>calloc(max(1, len(rounds)), sizeof(Cycle))
+        self.exchanges = <Exchange *>calloc(max(1, sum(len(one[2]) for one in rounds)), sizeof(Exchange))
+        self.setups = <SetUp *>calloc(max(1, sum(len(table[2]) for table in self.tables)), sizeof(SetUp))
+        if self.members == NULL or self.cycles == NULL or self.exchanges == NULL or self.setups == NULL:
+            raise MemoryError
+        for index, (place, address, set_up, check, own, identity) in enumerate(self.tables):
+            member = &self.members[index]
+            member.place, member.address = place, address
+            member.trouble = answer_id(<uint32_t>(place << 8 | address), TROUBLE)
+            if place:
+                self.present[mux_of(place)] = True
+            member.first_setup, member.setups, member.said = setup, len(set_up), len(set_up)
+            for at, register, data, wait in set_up:
+                self.setups[setup].address, self.setups[setup].register, self.setups[setup].count = at, register, len(data)
+                memcpy(self.setups[setup].data, <const char *>data, len(data))
+                self.setups[setup].wait = round(wait * 1e9)
+                setup += 1
+            if check is not None:
+                data = check[1]
+                member.check_register, member.checked = check[0], len(data)
+                memcpy(member.wanted, <const char *>data, len(data))
+            member.identities = len(identity)
+            for at, (register, value, mask) in enumerate(identity):
+                member.identity[at].register, member.identity[at].value, member.identity[at].mask = register, value, mask
+            member.first_cycle, member.cycles = cycle, len(own)
+            for period, settle, exchanges in own:
+                self.cycles[cycle].member, self.cycles[cycle].first, self.cycles[cycle].count = index, exchange, len(exchanges)
+                self.cycles[cycle].period, self.cycles[cycle].settle = round(period * 1e9), round(settle * 1e9)
+                cycle += 1
+                for number, at, steps, data in exchanges:
+                    asked = &self.exchanges[exchange]
+                    asked.id = answer_id(<uint32_t>(place << 8 | address), number)
+                    asked.address, asked.steps, asked.appended = at, len(steps), len(data)
+                    memcpy(asked.tail, <const char *>data, len(data))
+                    for step, (register, what) in enumerate(steps):
+                        load_step(&asked.step[step], register, what)
+                    exchange += 1
+        return 0
+
+    def start(self, int priority=0):
+        """Ask from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
+        cdef int failed, index
+        cdef int64_t now
+        if self.running:
+            return
+        self.lay_out()
+        now = monotonic()
+        for index in range(self.count):
+            self.members[index].next_check = now + CHECK
+        for index in range(sum(len(table[4]) for table in self.tables)):
+            self.cycles[index].due = now
+        self.origin, self.ended, self.run = now, 0, self.inbox.runs
+        self.open, self.leave, self.bell, self.priority = -1, 0, 0, priority
+        failed = start_thread(&self.thread, enter, <void *>self, STACK)
+        if failed:
+            raise OSError(failed, "there is no thread for an I2C bus")
+        self.running = True
+
+    def stop(self):
+        """Ask no longer. What has been answered can still be received."""
+        if not self.running:
+            return
+        self.running = False
+        store_i32(&self.leave, 1)
+        store_i32(&self.bell, 1)
+        wake(&self.bell)
+        with nogil:
+            pthread_join(self.thread, NULL)
+        self.ended = monotonic()
+
+    def begin(self, int64_t began):
+        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
+        i2c_begin(self.inbox, began)
+
+    @property
+    def counts(self):
+        """switches of multiplexers; rounds; frames that were written over before a tick took them; and of each device, in the order added:
+        state, answers, Hz of those to its first round, failures, how often it was lost and came back, errno of the last failure (-1: it had
+        lost its settings; -2: another kind of chip answers in its place; None)"""
+        cdef int index
+        cdef double seconds = max(1, (self.ended or monotonic()) - self.origin) * 1e-9
+        cdef Member *member
+        devices = []
+        for index in range(self.count):
+            member = &self.members[index]
+            devices.append({
+                "state": STATES[load_i32(&member.state)], "answers": load_u64(&member.answers),
+                "rate": load_u64(&member.samples) / seconds, "failures": load_u64(&member.failures),
+                "losses": load_u64(&member.losses), "returns": load_u64(&member.returns), "error": load_i32(&member.error) or None})
+        return {
+            "switches": load_u64(&self.switches), "rounds": load_u64(&self.rounds), "overflows": self.inbox.ring.skipped,
+            "devices": devices}
+
+    # The thread
+
+    cdef void serve(self) noexcept nogil:
+        cdef int64_t due
+        be_called("tickwork-i2c", self.priority)
+        while not load_i32(&self.leave):
+            due = self.look(monotonic())
+            doze(&self.bell, due)
+
+    cdef int64_t look(self, int64_t now) noexcept nogil:
+        """One round: all that is due by now. Returns when the next thing is, in ns of CLOCK_MONOTONIC."""
+        cdef int64_t next = now + LONGEST_REST
+        cdef int64_t due
+        cdef int index, place, mux
+        cdef int first = self.open
+        cdef bint any = False
+        if load_i32(&self.inbox.runs) != self.run:
+            self.run = load_i32(&self.inbox.runs)
+            for index in range(self.count):
+                self.members[index].forgiven = self.members[index].failures
+        for index in range(self.count):
+            any = any or self.due_of(&self.members[index]) <= now
+        if any:
+            store_u64(&self.rounds, self.rounds + 1)
+            self.look_at_place(0, now)                              # heard whatever is open
+            if first > 0:
+                self.look_at_place(first, now)
+                for place in range(1 + 8 * mux_of(first), 9 + 8 * mux_of(first)):
+                    if place != first:
+                        self.look_at_place(place, now)
+            for mux in range(MUXES):
+                if self.present[mux] and (first <= 0 or mux != mux_of(first)):
+                    for place in range(1 + 8 * mux, 9 + 8 * mux):
+                        self.look_at_place(place, now)
+        for index in range(self.count):
+            due = self.due_of(&self.members[index])
+            next = due if due < next else next
+        return next
+
+    cdef void look_at_place(self, int place, int64_t now) noexcept nogil:
+        cdef int index
+        for index in range(self.count):
+            if self.members[index].place == place and self.due_of(&self.members[index]) <= now:
+                self.attend(&self.members[index], now)
+
+    cdef int64_t due_of(self, const Member *member) noexcept nogil:
+        """When something is to be done for it."""
+        cdef int64_t due
+        cdef int index
+        if member.state != FINE:
+            return member.due
+        due = member.next_check if member.checked else monotonic() + LONGEST_REST
+        for index in range(member.first_cycle, member.first_cycle + member.cycles):
+            due = self.cycles[index].due if self.cycles[index].due < due else due
+        return due
+
+    cdef void attend(self, Member *member, int64_t now) noexcept nogil:
+        cdef Cycle *cycle
+        cdef int index
+        if member.state == LOST:
+            self.set_up_again(member, now)
+        if member.state == SETTING_UP:
+            self.go_on(member, now)
+            return
+        if member.checked and (member.doubted or member.next_check <= now) and not self.believed(member, now):
+            return
+        for index in range(member.first_cycle, member.first_cycle + member.cycles):
+            cycle = &self.cycles[index]
+            if cycle.due <= now and not self.ask(member, cycle, now):
+                return
+
+    cdef void set_up_again(self, Member *member, int64_t now) noexcept nogil:
+        member.said = 0
+        member.due = now
+        store_i32(&member.state, SETTING_UP)
+
+    cdef void go_on(self, Member *member, int64_t now) noexcept nogil:
+        """The next write of its set-up; behind the last it is as it was."""
+        cdef SetUp *setup
+        cdef int index, error
+        if member.said < member.setups:
+            setup = &self.setups[member.first_setup + member.said]
+            error = self.exchange(member, setup.address, setup.register, False, setup.data, setup.count)
+            if error != 0:
+                self.fail(member, error, now)
+                return
+            member.said += 1
+            member.due = monotonic() + setup.wait
+            if member.said < member.setups or setup.wait > 0:
+                return
+        if not self.is_the_one(member, now):
+            return
+        for index in range(member.first_cycle, member.first_cycle + member.cycles):
+            self.cycles[index].at = 0
+            self.cycles[index].due = now
+        member.in_a_row = 0
+        member.doubted = True                                       # it shows first that it is as it was told
+        member.next_check = now
+        store_i32(&member.state, FINE)
+        if member.losses > member.returns:
+            store_u64(&member.returns, member.returns + 1)
+        self.tell(member, now)
+
+    cdef bint is_the_one(self, Member *member, int64_t now) noexcept nogil:
+        """Whether what has been set up again says that it is the kind of chip that it was. It is asked then, since what it was doing is over."""
+        cdef uint8_t[LONGEST_READ] said
+        cdef int index
+        cdef int error = 0
+        for index in range(member.identities):
+            error = self.exchange(member, member.address, member.identity[index].register, True, said, 1)
+            if error == 0 and (said[0] & member.identity[index].mask) != member.identity[index].value:
+                error = STRANGER
+            if error != 0:
+                self.fail(member, error, now)
+                return False
+        return True
+
+    cdef bint believed(self, Member *member, int64_t now) noexcept nogil:
+        """Whether it shows that it is still set up. If not, that begins anew."""
+        cdef uint8_t[LONGEST_READ] said
+        cdef int error = self.exchange(member, member.address, member.check_register, True, said, member.checked)
+        if error != 0:
+            self.fail(member, error, now)
+            return False
+        member.next_check = now + CHECK
+        if memcmp(said, member.wanted, member.checked) == 0:
+            member.doubted = False
+            return True
+        self.fail(member, FORGOTTEN, now)
+        if member.state == FINE:
+            self.set_up_again(member, now)
+        return False
+
+    cdef bint ask(self, Member *member, Cycle *cycle, int64_t now) noexcept nogil:
+        cdef Exchange *asked = &self.exchanges[cycle.first + cycle.at]
+        cdef Frame frame
+        cdef uint8_t[LONGEST_READ] written
+        cdef int index, error
+        cdef int length = 0
+        # Those that were missed are not made up for. Devices of one period stay in step, so that one round of switches serves them all.
+        cycle.due = self.origin + ((now - self.origin) // cycle.period + 1) * cycle.period
+        error = self.switch_to(member.place)                        # the time that takes is not the answer's
+        if error != 0:
+            self.fail(member, error, now)
+            return False
+        memset(&frame, 0, sizeof(Frame))
+        frame.time = -1
+        for index in range(asked.steps):
+            if asked.step[index].reads:
+                if frame.time < 0:
+                    frame.time = monotonic()
+                error = self.exchange(member, asked.address, asked.step[index].register, True, &frame.data[length], asked.step[index].count)
+                length += asked.step[index].count
+            else:
+                memcpy(written, asked.step[index].data, asked.step[index].count)
+                error = self.exchange(member, asked.address, asked.step[index].register, False, written, asked.step[index].count)
+            if error != 0:
+                self.fail(member, error, now)
+                return False
+        memcpy(&frame.data[length], asked.tail, asked.appended)
+        frame.id, frame.length = asked.id, <uint8_t>(length + asked.appended)
+        cycle.at = (cycle.at + 1) % cycle.count
+        if cycle.settle > 0:
+            cycle.due = max(cycle.due, monotonic() + cycle.settle)
+        member.in_a_row = 0
+        store_u64(&member.answers, member.answers + 1)
+        if cycle == &self.cycles[member.first_cycle]:
+            store_u64(&member.samples, member.samples + 1)
+        if length + asked.appended > 0:
+            push(&self.inbox.ring, &frame)
+        return True
+
+    cdef int exchange(self, Member *member, uint8_t address, int register, bint reads, uint8_t *data, int count) noexcept nogil:
+        cdef int error = self.switch_to(member.place)
+        if error == 0:
+            error = self.adapter.adapter.exchange(self.adapter.adapter.context, address, register, reads, data, count)
+        return error
+
+    cdef int switch_to(self, int place) noexcept nogil:
+        """Have one channel open and no other. Where something failed on the way nothing is known, and the next time all are told."""
+        cdef int mux, error
+        cdef int wanted = mux_of(place)
+        cdef uint8_t mask
+        if place == 0 or place == self.open:
+            return 0
+        for mux in range(MUXES):
+            if self.present[mux] and mux != wanted and (self.open < 0 or (self.open > 0 and mux == mux_of(self.open))):
+                mask = 0
+                error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + mux), -1, False, &mask, 1)
+                if error != 0:
+                    self.open = -1
+                    return error
+                store_u64(&self.switches, self.switches + 1)
+        mask = <uint8_t>(1 << (place - 1) % 8)
+        error = self.adapter.adapter.exchange(self.adapter.adapter.context, <uint8_t>(FIRST_MUX + wanted), -1, False, &mask, 1)
+        self.open = place if error == 0 else -1
+        if error == 0:
+            store_u64(&self.switches, self.switches + 1)
+        return error
+
+    cdef void fail(self, Member *member, int error, int64_t now) noexcept nogil:
+        store_i32(&member.error, error)
+        store_u64(&member.failures, member.failures + 1)
+        member.doubted = True
+        member.in_a_row += 1
+        if self.open > 0 and member.place > 0:                      # it may be the multiplexer that has forgotten
+            self.open = -1
+        if member.state == SETTING_UP or member.in_a_row >= PATIENCE:
+            if member.losses == member.returns:
+                store_u64(&member.losses, member.losses + 1)
+            member.due = now + RETRY
+            store_i32(&member.state, LOST)
+        elif member.next_check <= now:
+            member.next_check = now + RETRY // 10
+        self.tell(member, now)
+
+    cdef void tell(self, const Member *member, int64_t now) noexcept nogil:
+        cdef Frame frame
+        cdef uint32_t count = <uint32_t>(member.failures - member.forgiven)
+        memset(&frame, 0, sizeof(Frame))
+        frame.time, frame.id, frame.length = now, member.trouble, 5
+        frame.data[0] = member.state != FINE
+        frame.data[1], frame.data[2] = <uint8_t>(count & 0xFF), <uint8_t>(count >> 8 & 0xFF)
+        frame.data[3], frame.data[4] = <uint8_t>(count >> 16 & 0xFF), <uint8_t>(count >> 24)
+        push(&self.inbox.ring, &frame)
+
+
+cdef void *enter(void *context) noexcept nogil:
+    (<I2cBus>context).serve()
+    return NULL
+
+
+cdef int load_step(Step *step, int register, object what) except -1:
+    cdef bytes data
+    step.reads, step.register = isinstance(what, int), register
+    if step.reads:
+        step.count = what
+    else:
+        data = what
+        step.count = len(data)
+        memcpy(step.data, <const char *>data, len(data))
+    return 0

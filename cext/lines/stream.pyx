@@ -1,0 +1,148 @@
+# cython: freethreading_compatible=True
+"""One stream, as the tick has it: what its thread has read, at times of the run's clock, and what the tick sends, at once or not at all."""
+
+from libc.stdint cimport int64_t, uint8_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+from posix.unistd cimport close
+
+from cext.abi cimport Frame
+from cext.atomics cimport load_i32, load_u64, store_i32
+from cext.lines.line_calls cimport gpio_level, set_gpio
+from cext.ring.newest_ring cimport forget, pull
+from cext.clock.deadline_clock cimport monotonic
+from cext.posix cimport iovec
+from cext.lines.stream_frames cimport BYTES, LEVEL
+
+cdef extern from "<sys/uio.h>" nogil:
+    ssize_t writev(int fd, const iovec *parts, int count)
+
+cdef enum:
+    AT_ONCE = 16                        # frames of one write
+    EVENT = 48                          # bytes of a gpio_v2_line_event
+
+
+cdef int stream_receive(void *context, Frame *frames, int capacity) noexcept nogil:
+    cdef Source *source = <Source *>context
+    cdef int count = 0
+    if source.asks and capacity > 0:
+        source.asks = False
+        count = level_of(source, frames)
+    while count < capacity and pull(&source.ring, &frames[count]):
+        frames[count].time = max(frames[count].time - source.began, 0)
+        if source.is_gpio and frames[count].id == BYTES:
+            move_times(&frames[count], source.began)
+        count += 1
+    return count
+
+
+cdef int level_of(Source *source, Frame *frame) noexcept nogil:
+    """A frame with the level of a GPIO line. What was read before has been forgotten, so that any edge since is told behind it."""
+    cdef int level = gpio_level(source.fd)
+    if level < 0:
+        return 0
+    memset(frame, 0, sizeof(Frame))
+    frame.id, frame.length = LEVEL, 1
+    frame.data[0] = <uint8_t>level
+    frame.time = max(monotonic() - source.began, 0)
+    return 1
+
+
+cdef void move_times(Frame *frame, int64_t began) noexcept nogil:
+    """The kernel's times of edges, ns of CLOCK_MONOTONIC, to the clock of the run. Each begins its record."""
+    cdef int64_t when
+    cdef int at = 0
+    while at + EVENT <= frame.length:
+        memcpy(&when, &frame.data[at], sizeof(int64_t))
+        when -= began
+        memcpy(&frame.data[at], &when, sizeof(int64_t))
+        at += EVENT
+
+
+cdef int stream_send(void *context, const Frame *frames, int count) noexcept nogil:
+    cdef Source *source = <Source *>context
+    cdef iovec[AT_ONCE] parts
+    cdef int index, number
+    cdef int first = 0
+    cdef ssize_t size
+    while first < count:                                            # together: what belongs together arrives together
+        number = min(AT_ONCE, count - first)
+        size = 0
+        for index in range(number):
+            parts[index].iov_base, parts[index].iov_len = <void *>frames[first + index].data, frames[first + index].length
+            size += frames[first + index].length
+        if load_i32(&source.gone) or writev(source.fd, parts, number) != size:
+            source.refused += 1
+        first += number
+    return count
+
+
+cdef int gpio_send(void *context, const Frame *frames, int count) noexcept nogil:
+    """Its level is the first byte of a frame."""
+    cdef Source *source = <Source *>context
+    cdef int index
+    for index in range(count):
+        if load_i32(&source.gone) or set_gpio(source.fd, frames[index].data[0]) != 0:
+            source.refused += 1
+    return count
+
+
+cdef void stream_begin(void *context, int64_t began) noexcept nogil:
+    cdef Source *source = <Source *>context
+    forget(&source.ring)
+    source.began = began
+    source.asks = source.is_gpio
+
+
+cdef class Stream:
+    """One of them, made by `Streams.add`. end : its BusEnd"""
+
+    def __cinit__(self):
+        self.own = -1
+        self.source = <Source *>calloc(1, sizeof(Source))
+        if self.source == NULL:
+            raise MemoryError
+        memset(self.source, 0, sizeof(Source))                      # the tick is not to be the first to touch it
+        self.end = BusEnd()
+        self.end.bus.receive, self.end.bus.send, self.end.bus.begin = stream_receive, stream_send, stream_begin
+        self.end.bus.context = self.source
+        self.end.owner = self
+
+    def __dealloc__(self):
+        self.close()
+        free(self.source)
+
+    def close(self):
+        """Let go of the line, once nothing reads it any more. What has been read can still be received."""
+        store_i32(&self.source.gone, 1)
+        if self.own >= 0:
+            close(self.own)
+        if self.source.attempt > 0:
+            close(self.source.attempt)
+        self.own, self.source.attempt = -1, 0
+
+    def fileno(self):
+        """The descriptor of the line, which stays this stream's."""
+        return self.own
+
+    def begin(self, int64_t began):
+        """As before a run: frames are timed from `began`, in ns of CLOCK_MONOTONIC, and what has come so far is forgotten."""
+        stream_begin(self.source, began)
+
+    @property
+    def gone(self):
+        return bool(load_i32(&self.source.gone))
+
+    @property
+    def trouble(self):
+        """errno that it went with, None while it is there."""
+        return (self.source.error or None) if self.gone else None
+
+    @property
+    def counts(self):
+        """bytes read; frames that were written over before a tick took them; messages refused; how often it was lost, came back, and something
+        else answered in its place."""
+        return {
+            "bytes": load_u64(&self.source.bytes), "overflows": self.source.ring.skipped, "refused": self.source.refused,
+            "losses": load_u64(&self.source.losses), "returns": load_u64(&self.source.returns),
+            "strangers": load_u64(&self.source.strangers)}

@@ -1,0 +1,237 @@
+# cython: freethreading_compatible=True
+"""Streams: everything with a file descriptor that is no CAN bus, a tty, a socket, an input of the computer, behind the `Bus` struct.
+
+One native thread reads them all, whatever comes, stamps each read, and cuts it into frames, which wait in a ring of each stream for the tick
+to drain. It never takes the GIL, never waits for one of them, and sleeps while there is nothing to read.
+
+    BYTES    up to 64 bytes as they came; flags START on the first of a read, GAP where frames before it were written over unread
+    LOST     the line is gone: nothing more comes
+    BACK     it is there again, set up as it was
+    LEVEL    a GPIO line's level as a run begins: its edges come behind, with the kernel's times on the clock of the run
+"""
+
+import fcntl
+import os
+import socket
+import stat
+
+from libc.errno cimport EAGAIN, ECONNREFUSED, EHOSTUNREACH, EINTR, ENETDOWN, ENETUNREACH, errno
+from libc.stdint cimport uint8_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+from posix.unistd cimport close, read
+
+from cext.abi cimport FRAME_BYTES, Frame
+from cext.atomics cimport load_i32, store_i32, store_u64
+from cext.lines.line_calls cimport hung_up, keep_alive, peer_of
+from cext.ring.newest_ring cimport START, push
+from cext.clock.deadline_clock cimport monotonic
+from cext.posix cimport pthread_join
+from cext.lines.reopening cimport EPOLLERR, EPOLLHUP, EPOLLIN, ROOM, epoll_event, epoll_wait, tell
+from cext.lines.stream cimport (
+    LONGEST_PATH, LONGEST_PROOF, SETUP_BYTES, SETUP_MESSAGES, TCSANOW, VMIN, VTIME, Stream, gpio_send, tcgetattr, tcsetattr,
+)
+from cext.threads cimport be_called, start_thread
+
+cdef enum:
+    BELL = 0xFFFFFFFF
+    EVENTS = 32
+
+cdef int64_t LOOK = 20000000            # ns between looks whether the chip of a GPIO line is still there
+cdef size_t STACK = 256 << 10           # bytes
+
+
+cdef class Streams(Reopening):
+    """All streams of a run, and the thread that reads them: started before arming, ended after the safe stop."""
+
+    def __cinit__(self):
+        self.bell = -1
+
+    def __init__(self):
+        super().__init__()
+        self.streams = []
+        self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        if self.listen(self.bell, EPOLLIN, <int>BELL) != 0:
+            raise OSError(errno, os.strerror(errno))
+
+    def __dealloc__(self):
+        self.end()
+        if self.bell >= 0:
+            close(self.bell)
+        free(self.sources)
+
+    def add(self, int fd, str name="", *, path="", setup=(), double pause=0.02, int record=1, bint is_gpio=False, bint reconnects=False,
+            proof=(b"", b"")):
+        """Read a descriptor from `start` on. It is duplicated: the caller closes its own. Returns a Stream; OSError where it cannot be polled.
+
+        path : where it can be opened again when it has gone and is back, "" for nowhere. By its id, as in /dev/serial/by-id, it is found at
+            whatever port it returns
+        setup : messages, as bytes, that are then written to it, `pause` s before each
+        record : bytes that belong together, 1 to 64; then a frame holds whole records
+        is_gpio : it is a request of one GPIO line; what is sent to it sets its level
+        reconnects : it is a TCP connection, which is made anew when it is lost
+        proof : (bytes that ask a line with a path who it is, bytes that are in the answer of this one and of no other)
+        """
+        cdef Stream stream = Stream()
+        cdef Source *source = stream.source
+        cdef bytes message
+        cdef int at = 0
+        if self.running:
+            raise ValueError("streams are added before they are read")
+        if not 1 <= record <= FRAME_BYTES:
+            raise ValueError("a record has 1 to %d bytes, not %d" % (FRAME_BYTES, record))
+        encoded = os.fsencode(path)
+        if len(encoded) >= LONGEST_PATH or len(setup) > SETUP_MESSAGES or sum(map(len, setup)) > SETUP_BYTES:
+            raise ValueError("at most %d bytes of path, %d messages and %d bytes of set-up" % (LONGEST_PATH - 1, SETUP_MESSAGES, SETUP_BYTES))
+        asks, tells = proof
+        if max(len(asks), len(tells)) > LONGEST_PROOF or bool(asks) != bool(tells):
+            raise ValueError("a proof is a question and an answer, each of at most %d bytes" % LONGEST_PROOF)
+        source.question_length, source.proof_length = len(asks), len(tells)
+        memcpy(source.question, <const char *>asks, len(asks))
+        memcpy(source.proof, <const char *>tells, len(tells))
+        stream.name, stream.own = name, fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
+        source.fd, source.record, source.pause, source.is_gpio = stream.own, record, round(pause * 1e9), is_gpio
+        if is_gpio:
+            stream.end.bus.send = gpio_send
+        memcpy(source.path, <const char *>encoded, len(encoded))
+        for message in setup:
+            memcpy(source.setup + at, <const char *>message, len(message))
+            at += len(message)
+            source.ends[source.messages] = at
+            source.messages += 1
+        source.said = source.messages                               # it has been set up by who opened it
+        os.set_blocking(fd, False)
+        source.is_tty = os.isatty(fd) and stat.S_ISCHR(os.fstat(fd).st_mode)
+        source.datagrams = is_datagram_socket(fd)
+        if reconnects:
+            source.peer_length = peer_of(fd, &source.peer)
+            if source.peer_length < 0:
+                raise OSError(errno, os.strerror(errno))
+            keep_alive(fd)
+        if source.is_tty:
+            if tcgetattr(fd, &source.settings) != 0:
+                raise OSError(errno, os.strerror(errno))
+            source.settings.c_cc[VMIN], source.settings.c_cc[VTIME] = 1, 0      # with 0 an empty line would read as one that hung up
+            tcsetattr(fd, TCSANOW, &source.settings)
+        if self.listen(source.fd, EPOLLIN, len(self.streams)) != 0:
+            raise OSError(errno, os.strerror(errno))
+        self.streams.append(stream)
+        return stream
+
+    def start(self, int priority=0):
+        """Read from now on. priority : of SCHED_FIFO where the system grants it, 0 for an ordinary thread"""
+        cdef int failed
+        if self.running:
+            return
+        free(self.sources)
+        self.count = len(self.streams)
+        self.sources = <Source **>calloc(max(1, self.count), sizeof(Source *))
+        if self.sources == NULL:
+            raise MemoryError
+        for index, stream in enumerate(self.streams):
+            self.sources[index] = (<Stream>stream).source
+        self.leave, self.priority = 0, priority
+        failed = start_thread(&self.thread, enter, <void *>self, STACK)
+        if failed:
+            raise OSError(failed, "there is no thread to read streams")
+        self.running = True
+
+    def end(self):
+        """Read no longer. What has been read can still be received."""
+        if not self.running:
+            return
+        self.running = False
+        store_i32(&self.leave, 1)
+        os.eventfd_write(self.bell, 1)
+        with nogil:
+            pthread_join(self.thread, NULL)
+        os.eventfd_read(self.bell)
+
+    cdef void serve(self) noexcept nogil:
+        cdef epoll_event[EVENTS] events
+        cdef int count, index
+        cdef int64_t now
+        cdef int timeout = 0
+        cdef Source *source
+        be_called("tickwork-read", self.priority)
+        while not load_i32(&self.leave):
+            count = epoll_wait(self.epoll, events, EVENTS, timeout)
+            for index in range(count):
+                if events[index].data.u32 != BELL:
+                    source = self.sources[events[index].data.u32]
+                    if load_i32(&source.gone):
+                        self.settle(source, events[index].data.u32, monotonic())
+                    elif not self.take(source) and events[index].events & (EPOLLHUP | EPOLLERR):
+                        self.lose(source, 0, monotonic())
+            now = monotonic()
+            timeout = self.look_after(now)
+
+    cdef bint take(self, Source *source) noexcept nogil:
+        """What there is to read, into frames. False where there was nothing, and the line is no longer read if it is gone."""
+        cdef Frame frame
+        cdef int64_t now
+        cdef int at = 0
+        cdef int part = FRAME_BYTES // source.record * source.record
+        cdef ssize_t count = read(source.fd, self.buffer, ROOM)
+        cdef int why = errno
+        now = monotonic()
+        if count < 0:
+            if why == EAGAIN or why == EINTR:
+                return False
+            if why == ECONNREFUSED or why == EHOSTUNREACH or why == ENETUNREACH or why == ENETDOWN:     # of a datagram that we sent
+                return True
+            self.lose(source, why, now)
+            return True
+        if count == 0 and not source.datagrams:
+            self.lose(source, 0, now)
+            return True
+        store_u64(&source.bytes, source.bytes + count)
+        memset(&frame, 0, sizeof(Frame))
+        frame.time, frame.flags = now, START
+        while at < count:
+            frame.length = <uint8_t>min(part, count - at)
+            memcpy(frame.data, self.buffer + at, frame.length)
+            push(&source.ring, &frame)
+            at += frame.length
+            frame.flags = 0
+        return True
+
+    cdef int look_after(self, int64_t now) noexcept nogil:
+        """Try to open what is gone; tell what is back how to be. Returns the ms until something is due, -1 for never."""
+        cdef int index
+        cdef int64_t due = -1
+        cdef Source *source
+        for index in range(self.count):
+            source = self.sources[index]
+            if load_i32(&source.gone):
+                if source.path[0] == 0 and source.peer_length == 0:
+                    continue
+                if now >= source.due:
+                    self.try_again(source, index, now)
+            elif source.said < source.messages:
+                if now >= source.due:
+                    tell(source)
+                    source.due = now + source.pause
+            elif source.is_gpio:
+                if now >= source.due:
+                    source.due = now + LOOK
+                    if hung_up(source.fd):
+                        self.lose(source, 0, now)
+                        continue
+            else:
+                continue
+            if due < 0 or source.due < due:
+                due = source.due
+        return -1 if due < 0 else <int>(max(due - now, 0) // 1000000 + 1)
+
+cdef void *enter(void *context) noexcept nogil:
+    (<Streams>context).serve()
+    return NULL
+
+
+def is_datagram_socket(fd):
+    """Whether what a descriptor gives are datagrams, of which one may be empty."""
+    if not stat.S_ISSOCK(os.fstat(fd).st_mode):
+        return False
+    with socket.socket(fileno=os.dup(fd)) as copy:
+        return copy.type == socket.SOCK_DGRAM

@@ -1,0 +1,57 @@
+# cython: freethreading_compatible=True
+"""Warnings that drives report, bit by bit: each is an event of the recording once a run, at most one a drive and tick."""
+
+from libc.stdlib cimport calloc, free
+from libc.string cimport memset
+
+from cext.safety.event_template cimport News
+
+
+cdef class DriveWarnings:
+    """Of the devices of a `graph.Schedule` that have an output `warning`."""
+
+    def __cinit__(self, schedule):
+        reporting = [device for device in schedule.devices if device.warning >= 0]
+        self.count, self.news, self.most = len(reporting), [], 0
+        self.slots = <int *>calloc(max(1, self.count), sizeof(int))
+        self.told = <uint32_t *>calloc(max(1, self.count), sizeof(uint32_t))
+        self.texts = <void **>calloc(max(1, self.count) * WARNING_BITS, sizeof(void *))
+        if self.slots == NULL or self.told == NULL or self.texts == NULL:
+            raise MemoryError
+        for place, device in enumerate(reporting):
+            self.slots[place] = device.warning
+            mine = [News({"event": "warning", "device": device.name, "what": words}) for words in device.warnings]
+            if len(mine) != WARNING_BITS:
+                raise ValueError(f"{device.name} has {len(mine)} texts for {WARNING_BITS} bits of warnings")
+            for bit, each in enumerate(mine):
+                self.texts[place * WARNING_BITS + bit] = <void *>each
+            self.most += max(8 + (<News>each).size() for each in mine)
+            self.news += mine
+
+    def __dealloc__(self):
+        free(self.slots); free(self.told); free(self.texts)
+
+    cdef void reset(self) noexcept nogil:
+        memset(self.told, 0, self.count * sizeof(uint32_t))
+
+    cdef uint64_t share(self, PageLayout *page):
+        """The page that events go to; NULL: none. Returns how many bytes of its ring one tick may take."""
+        self.page = page
+        return self.most
+
+    cdef void look(self, double *arena, int64_t tick) noexcept nogil:
+        cdef int place, bit
+        cdef uint32_t fresh
+        cdef double warning
+        for place in range(self.count):
+            warning = arena[self.slots[place]]
+            if not 0.0 < warning < 4294967296.0:
+                continue
+            fresh = <uint32_t>warning & ~self.told[place]
+            if fresh == 0:
+                continue
+            for bit in range(WARNING_BITS):
+                if fresh >> bit & 1:
+                    (<News>self.texts[place * WARNING_BITS + bit]).tell(self.page, tick)
+                    self.told[place] |= <uint32_t>1 << bit
+                    break

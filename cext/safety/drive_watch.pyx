@@ -1,0 +1,177 @@
+# cython: freethreading_compatible=True
+"""The watch over each actuator: the root mean square of its torque, which heats it, its temperature, and its motion.
+
+    RMS          √(Σ τ² dt / window) over the last window, in 64 buckets; what has not been yet counts as zero
+    warn         it is told once, and counted
+    saturate     from 90 % to 100 % of the rated torque the limit goes down to the rated torque; while a window fills, the RMS then still rises
+                 by at most √2, for what has been before counts until it leaves
+    throttle     from 90 % to 110 % the limit goes down to nothing
+    disable      beyond the rated torque the run ends
+    silent       nothing
+
+    temperature  told from `warm` on; from `derate` to `hot` the limit goes down to nothing; at `hot` the run ends
+    motion       cext/safety/motion_watch.pxd
+
+The share that is left of a limit, and of stiffness and damping, is written where the drive's kernel finds it, before it encodes.
+"""
+
+from libc.math cimport NAN, log, sqrt
+from libc.stdlib cimport calloc, free
+from libc.string cimport memset
+
+from cext.abi cimport OK, PERIOD, RMS_TORQUE, TOO_HOT
+from cext.safety.motion_watch cimport NOTHING, POSITION, TEMPERATURE, TORQUE, VELOCITY, forget_motion, judge_motion, judge_values
+from cext.safety.event_template cimport News
+
+MODES = {"silent": SILENT_MODE, "warn": WARN, "saturate": SATURATE, "throttle": THROTTLE, "disable": DISABLE}
+ABOUT = {NOTHING: None, TEMPERATURE: "temperature", POSITION: "position", VELOCITY: "velocity", TORQUE: "torque"}
+
+
+cdef class DriveWatch:
+    """Over the devices of a `graph.Schedule` that have a watch."""
+
+    def __cinit__(self, schedule):
+        cdef Watched *drive
+        watched = [(index, device) for index, device in enumerate(schedule.devices) if device.watch is not None]
+        self.count, self.failed = len(watched), -1
+        self.drives = <Watched *>calloc(max(1, self.count), sizeof(Watched))
+        self.told = <void **>calloc(max(1, self.count) * NEWS_KINDS, sizeof(void *))
+        self.names, self.news = [], []
+        for place, (index, device) in enumerate(watched):
+            drive, steps, watch = &self.drives[place], device.watch, device.watch.watch
+            drive.device, drive.torque, drive.temperature, drive.rms, drive.felt, drive.full = (
+                index, steps.torque, steps.temperature, steps.rms, steps.felt, steps.full)
+            drive.mode, drive.rated, drive.limit, drive.window = MODES[watch.mode], watch.rated, watch.limit, watch.window
+            drive.warm, drive.derate, drive.hot = watch.warm, watch.derate, watch.hot
+            self.place_motion(drive, steps)
+            self.names.append(device.name)
+            for words in watch.words():
+                self.news.append(News({"event": "warning", "device": device.name, "what": words}))
+                self.told[len(self.news) - 1] = <void *>self.news[len(self.news) - 1]
+
+    cdef void place_motion(self, Watched *drive, steps):
+        """Where its things lie, and what bounds it."""
+        cdef Motion *m = &drive.motion
+        motion = steps.watch.motion
+        m.torque = steps.torque
+        m.position = m.velocity = m.stiffness = m.damping = m.law = m.current = m.gains = -1
+        if motion is None:
+            return
+        m.position, m.velocity, m.stiffness, m.damping = steps.position, steps.velocity, steps.stiffness, steps.damping
+        m.law, m.current, m.gains, m.current_scale = steps.law, steps.current, steps.gains, motion.current_scale
+        low, high = motion.range or (float("-inf"), float("inf"))
+        m.low, m.high = low, high
+        m.fastest, m.limit, m.accuracy, m.rated = motion.fastest, motion.limit, motion.accuracy, steps.watch.rated
+        m.offset, m.position_end, m.velocity_end = motion.offset, motion.position_end, motion.velocity_end
+        m.acceleration.bound, m.acceleration.codes = motion.acceleration, 2.0 * motion.velocity_code
+        m.velocity_scale.tolerance, m.torque_scale.tolerance = log(1.0 + motion.velocity_tolerance), log(1.0 + motion.torque_tolerance)
+
+    def __dealloc__(self):
+        free(self.drives)
+        free(self.told)
+
+    @property
+    def found(self):
+        """Of each drive: its path, largest RMS torque in N·m and temperature in °C, ticks in which each warning held, and what the newest
+        fault of its motion is about, with its value and its bound.
+        """
+        return [
+            {"device": self.names[i], "rms": self.drives[i].largest, "temperature": self.drives[i].hottest, "rms_ticks": self.drives[i].ticks[RMS_NEWS],
+             "warm_ticks": self.drives[i].ticks[WARM_NEWS], "derated_ticks": self.drives[i].ticks[DERATED_NEWS],
+             "acceleration_ticks": self.drives[i].ticks[ACCELERATION_NEWS], "about": ABOUT[self.drives[i].motion.about],
+             "value": self.drives[i].motion.value, "bound": self.drives[i].motion.bound}
+            for i in range(self.count)
+        ]
+
+    cdef void reset(self) noexcept nogil:
+        cdef int i
+        cdef Watched *drive
+        self.failed = -1
+        for i in range(self.count):
+            drive = &self.drives[i]
+            memset(drive.squares, 0, sizeof(drive.squares))
+            memset(drive.ticks, 0, sizeof(drive.ticks))
+            drive.filled = drive.past = drive.largest = 0.0
+            drive.hottest = -1e300
+            drive.place = 0
+            drive.left = 1.0
+            drive.motion.about = NOTHING
+            forget_motion(&drive.motion)
+
+    cdef uint64_t share(self, PageLayout *page):
+        """Where to tell; NULL: nowhere. Returns how many bytes of the ring one tick may take for that."""
+        self.page = page
+        return sum(8 + (<News>news).size() for news in self.news)
+
+    cdef int look(self, double *arena, int64_t tick, double dt) noexcept nogil:
+        """Once a tick, between what was heard and what is commanded. OK, or the fault of the device that is then `failed`."""
+        cdef int i
+        cdef int status = OK
+        for i in range(self.count):
+            status = self.look_at(&self.drives[i], arena, tick, dt)
+            if status != OK:
+                self.failed = self.drives[i].device
+                return status
+        return OK
+
+    cdef int look_at(self, Watched *drive, double *arena, int64_t tick, double dt) noexcept nogil:
+        """Before the first tick, when nothing has a period yet, what is implausible or too hot is judged alone."""
+        cdef double temperature = arena[drive.temperature] if drive.temperature >= 0 else NAN
+        cdef int status = judge_values(&drive.motion, arena, temperature)
+        if status == OK and arena[PERIOD] > 0.0:
+            status = judge_motion(&drive.motion, arena, drive.heard, arena[PERIOD], drive.left)
+            if drive.motion.beyond:
+                self.note(drive, ACCELERATION_NEWS, tick)
+        return status if status != OK else self.look_at_heat(drive, arena, temperature, tick, dt)
+
+    cdef int look_at_heat(self, Watched *drive, double *arena, double temperature, int64_t tick, double dt) noexcept nogil:
+        cdef double torque = arena[drive.torque]
+        cdef double bucket = drive.window / (BUCKETS - 1)
+        cdef double left = 1.0
+        cdef double rms, floor, cool
+        cdef int i
+        drive.squares[drive.place] += torque * torque * dt
+        drive.filled += dt
+        if drive.filled >= bucket:
+            for i in range(BUCKETS):
+                if drive.filled < bucket:
+                    break
+                drive.filled -= bucket
+                drive.place = (drive.place + 1) % BUCKETS
+                drive.squares[drive.place] = 0.0
+            drive.past = 0.0
+            for i in range(BUCKETS):
+                drive.past += drive.squares[i]
+        rms = arena[drive.rms] = sqrt((drive.past + drive.squares[drive.place]) / drive.window)
+        if rms > drive.largest:
+            drive.largest = rms
+        if drive.mode == SATURATE and drive.limit > drive.rated and rms > 0.9 * drive.rated:
+            floor = drive.rated / drive.limit
+            left = floor if rms >= drive.rated else floor + (1.0 - floor) * (drive.rated - rms) / (0.1 * drive.rated)
+            self.note(drive, RMS_NEWS, tick)
+        elif drive.mode == THROTTLE and rms > 0.9 * drive.rated:
+            left = 0.0 if rms >= 1.1 * drive.rated else (1.1 * drive.rated - rms) / (0.2 * drive.rated)
+            self.note(drive, RMS_NEWS, tick)
+        elif (drive.mode == WARN or drive.mode == DISABLE) and rms > drive.rated:
+            self.note(drive, RMS_NEWS, tick)
+            if drive.mode == DISABLE:
+                return RMS_TORQUE
+        if temperature > drive.hottest:
+            drive.hottest = temperature
+        if temperature >= drive.warm:
+            self.note(drive, WARM_NEWS, tick)
+        if temperature >= drive.derate:
+            self.note(drive, DERATED_NEWS, tick)
+            if temperature >= drive.hot:
+                return TOO_HOT
+            cool = (drive.hot - temperature) / (drive.hot - drive.derate)
+            left = cool if cool < left else left
+        if drive.felt >= 0:
+            arena[drive.felt] = left * drive.full
+            drive.left = left
+        return OK
+
+    cdef void note(self, Watched *drive, int kind, int64_t tick) noexcept nogil:
+        if drive.ticks[kind] == 0:
+            (<News>self.told[(drive - self.drives) * NEWS_KINDS + kind]).tell(self.page, tick)
+        drive.ticks[kind] += 1

@@ -1,0 +1,180 @@
+"""The watch over the motion and the torque of one drive. Everything is at the joint; each rule is judged once for each new reply.
+
+    implausible     position, velocity or torque is not a number: a fault. So is a temperature that is infinite, or at or below -40 °C, which no
+                    motor of a wearable robot has and a broken sensor reports; NaN is the temperature of a drive that reports none
+    over-travel     more than 0.05 rad outside the joint's `range`: a fault
+    overspeed       faster than `max_velocity` in 3 replies in a row: a fault
+    excess torque   measured beyond the limit and the drive's stated accuracy in 4 replies in a row and for 20 ms: a fault
+    acceleration    cext/safety/acceleration_watch.pxd: torque alone at once, a fault where it persists
+    not following   over 60 ms (exponential means) the whole law that was sent is above 10 % of the rated torque, and of it less than 20 % is
+                    measured, of the law of this reply and of the one before, in 4 replies in a row and for 50 ms: a fault
+    scale           cext/safety/scale_watch.pxd: velocity against position, torque against the law that was sent: a fault
+
+The whole law is K (θ₀ − θ) + B (ω₀ − ω) + τ of the last frame, with the newest reply; where a current is commanded, its torque.
+Until the first tick only what is implausible is judged.
+"""
+
+from libc.math cimport NAN, fabs, isfinite, isinf
+from libc.stdint cimport int64_t
+
+from cext.abi cimport (
+    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, IMPLAUSIBLE, NOT_FOLLOWING, OK, OVERSPEED, OVER_TRAVEL, SCALE_MISMATCH,
+)
+from cext.safety.acceleration_watch cimport Acceleration, allow_gains, forget_acceleration, is_beyond
+from cext.safety.scale_watch cimport ENDS, Scale, Way, compare, follow, forget_scale
+from cext.safety.thresholds cimport (
+    EXCESS_TORQUE, EXCESS_TORQUE_REPLIES, FOLLOWING_COMMANDED, FOLLOWING_FAULT, FOLLOWING_FAULT_REPLIES, FOLLOWING_MEAN, FOLLOWING_MEASURED,
+    OVERSPEED_REPLIES, TEMPERATURE_MINIMUM, TRAVEL_MARGIN,
+)
+
+cdef enum:
+    LONGEST_STEP = 50000000             # ns between two replies, as far as it counts
+
+cdef enum: # what a fault is about
+    NOTHING, TEMPERATURE, POSITION, VELOCITY, TORQUE
+
+cdef struct Motion:
+    int position, velocity, torque      # slots of outputs; -1: none, and nothing is judged
+    int stiffness, damping              # slots of inputs; -1: none
+    int law                             # slot of the first of five: what the last frame carried; -1: none
+    int current                         # slot of a current that was sent; -1: none
+    double current_scale                # N·m of an A
+    int gains                           # slot of the share of stiffness and damping that is allowed; -1: none
+    double low, high                    # rad
+    double fastest                      # rad/s
+    double limit, accuracy, rated       # N·m
+    double offset                       # rad, and the ends of what is reported:
+    double position_end, velocity_end   # rad, rad/s, infinite where there are none
+    int64_t heard                       # ns, of the newest reply judged; -1: none
+    Acceleration acceleration
+    Scale velocity_scale, torque_scale
+    Way way
+    int fast, excessive, idle           # replies in a row
+    double excess_time, idle_time       # s
+    double asked, given, given_before   # N·m, means
+    double wanted                       # N·m, the whole law at the reply before
+    bint beyond                         # this reply is beyond the bound of acceleration, and gains are commanded
+    int about                           # of the newest fault
+    double value, bound                 # what it was, and what it must be inside of
+
+
+cdef inline void forget_motion(Motion *m) noexcept nogil:
+    forget_acceleration(&m.acceleration)
+    forget_scale(&m.velocity_scale)
+    forget_scale(&m.torque_scale)
+    m.way.runs = m.beyond = False
+    m.heard = -1
+    m.fast = m.excessive = m.idle = 0
+    m.excess_time = m.idle_time = m.asked = m.given = m.given_before = m.wanted = 0.0
+
+
+cdef inline int blame(Motion *m, int status, int about, double value, double bound) noexcept nogil:
+    m.about, m.value, m.bound = about, value, bound
+    return status
+
+
+cdef inline int judge_values(Motion *m, const double *arena, double temperature) noexcept nogil:
+    """Whether what was measured can be."""
+    if isinf(temperature) or temperature <= TEMPERATURE_MINIMUM:
+        return blame(m, IMPLAUSIBLE, TEMPERATURE, temperature, TEMPERATURE_MINIMUM)
+    if m.position >= 0 and not isfinite(arena[m.position]):
+        return blame(m, IMPLAUSIBLE, POSITION, arena[m.position], NAN)
+    if m.velocity >= 0 and not isfinite(arena[m.velocity]):
+        return blame(m, IMPLAUSIBLE, VELOCITY, arena[m.velocity], NAN)
+    if not isfinite(arena[m.torque]):
+        return blame(m, IMPLAUSIBLE, TORQUE, arena[m.torque], NAN)
+    return OK
+
+
+cdef inline int judge_motion(Motion *m, double *arena, int64_t heard, double period, double left) noexcept nogil:
+    """OK, or the fault.
+
+    heard : ns, of the newest reply
+    left : share of the limit that was allowed when the last command was encoded
+    """
+    cdef double position, velocity, elapsed, wanted, limit
+    cdef int64_t step = heard - m.heard
+    cdef int status
+    if m.position < 0 or m.velocity < 0 or step <= 0:
+        return OK
+    if m.heard < 0 or step > LONGEST_STEP:
+        step = LONGEST_STEP if m.heard >= 0 else 0
+    m.heard = heard
+    elapsed = 1e-9 * step
+    position, velocity = arena[m.position], arena[m.velocity]
+    status = judge_acceleration(m, arena, heard, velocity, elapsed, period)
+    if status != OK:
+        return status
+    if not m.low - 1e-3 * TRAVEL_MARGIN <= position <= m.high + 1e-3 * TRAVEL_MARGIN:
+        return blame(m, OVER_TRAVEL, POSITION, position, m.low if position < m.low else m.high)
+    m.fast = m.fast + 1 if fabs(velocity) > m.fastest else 0
+    if m.fast >= OVERSPEED_REPLIES:
+        return blame(m, OVERSPEED, VELOCITY, velocity, m.fastest)
+    status = judge_torque(m, arena[m.torque], left * m.limit, elapsed)
+    if status != OK:
+        return status
+    status = judge_velocity_scale(m, heard, position, velocity)
+    if status != OK or (m.law < 0 and m.current < 0):
+        return status
+    if arena[AUTHORITY] == 0.0:                                 # nothing is sent
+        m.asked = m.given = m.given_before = m.wanted = 0.0
+        return OK
+    if m.law >= 0:
+        wanted = arena[m.law + 2] * (arena[m.law] - position) + arena[m.law + 3] * (arena[m.law + 1] - velocity) + arena[m.law + 4]
+    else:
+        wanted = m.current_scale * arena[m.current]
+    return judge_following(m, wanted, arena[m.torque], elapsed)
+
+
+cdef inline int judge_acceleration(
+        Motion *m, double *arena, int64_t heard, double velocity, double elapsed, double period) noexcept nogil:
+    cdef bint commanded, persists
+    m.beyond = False
+    if m.gains < 0:
+        return OK
+    commanded = arena[m.stiffness] > 0.0 or arena[m.damping] > 0.0
+    m.beyond = is_beyond(&m.acceleration, heard, velocity, period)
+    persists = allow_gains(&m.acceleration, m.beyond, commanded, elapsed, period)
+    m.beyond &= commanded
+    arena[m.gains] = m.acceleration.share
+    return blame(m, BEYOND_ACCELERATION, VELOCITY, m.acceleration.worst, m.acceleration.bound) if persists and commanded else OK
+
+
+cdef inline int judge_torque(Motion *m, double torque, double limit, double elapsed) noexcept nogil:
+    """What is measured, against the limit."""
+    if fabs(torque) <= limit + m.accuracy:
+        m.excessive, m.excess_time = 0, 0.0
+        return OK
+    m.excessive += 1
+    m.excess_time += elapsed
+    if m.excessive >= EXCESS_TORQUE_REPLIES and m.excess_time >= 1e-9 * EXCESS_TORQUE - 1e-9:
+        return blame(m, BEYOND_TORQUE, TORQUE, torque, limit)
+    return OK
+
+
+cdef inline int judge_velocity_scale(Motion *m, int64_t heard, double position, double velocity) noexcept nogil:
+    cdef bint counts = (fabs(position + m.offset) < 1e-3 * ENDS * m.position_end
+                        and fabs(velocity) < 1e-3 * ENDS * m.velocity_end)
+    cdef double scale = follow(&m.way, &m.velocity_scale, heard, position, velocity, m.position_end, counts)
+    return OK if scale == 0.0 else blame(m, SCALE_MISMATCH, VELOCITY, scale, 1.0)
+
+
+cdef inline int judge_following(Motion *m, double wanted, double torque, double elapsed) noexcept nogil:
+    """What is measured, against what was sent."""
+    cdef double share = elapsed / (1e-9 * FOLLOWING_MEAN + elapsed)
+    cdef double most = 1e-2 * FOLLOWING_COMMANDED * m.rated
+    cdef double scale = 0.0
+    m.asked += share * (fabs(wanted) - m.asked)
+    m.given += share * ((torque if wanted > 0.0 else -torque) - m.given)
+    m.given_before += share * ((torque if m.wanted > 0.0 else -torque) - m.given_before)
+    m.wanted = wanted
+    if m.asked > most and max(m.given, m.given_before) < 1e-2 * FOLLOWING_MEASURED * m.asked:
+        m.idle += 1
+        m.idle_time += elapsed
+    else:
+        m.idle, m.idle_time = 0, 0.0
+    if m.idle >= FOLLOWING_FAULT_REPLIES and m.idle_time >= 1e-9 * FOLLOWING_FAULT - 1e-9:
+        return blame(m, NOT_FOLLOWING, TORQUE, max(m.given, m.given_before), m.asked)
+    if max(fabs(wanted), fabs(torque)) > most and fabs(wanted) <= 0.5 * m.rated:
+        scale = compare(&m.torque_scale, wanted, torque, elapsed)
+    return OK if scale == 0.0 else blame(m, SCALE_MISMATCH, TORQUE, scale, 1.0)

@@ -1,0 +1,262 @@
+# cython: freethreading_compatible=True
+"""How a run comes to life, and how its devices are brought to rest: what of the executor arms, and what stops.
+
+    begin      the zero of the run's time
+    arm        enable and zero-torque frames until every device has answered
+    look over  what was answered is shown; zero torque goes on until somebody confirms
+    start      blocks start from the present measurement
+    halt       the fence; then zero torque and disable until every device has confirmed
+"""
+
+from libc.stdint cimport int64_t
+
+from cext.abi cimport HUNG, NO_ANSWER, OK, PYTHON_ERROR, UNCLEAR_POSE
+from cext.schedule.devices cimport Blame
+from cext.clock.histogram cimport add
+from cext.schedule.live cimport apply_changes
+from cext.ring.mailbox cimport CONFIRM, NOT_NOW, TAKEN
+from cext.clock.deadline_clock cimport clock, monotonic
+from cext.safety.shared_state cimport ARMING, READY, STOPPING, PageLayout, store_i64
+from cext.posix cimport CLOCK_REALTIME
+from cext.safety.thresholds cimport STOP_ROUND, STOP_ROUND_MINIMUM
+from cext.schedule.watchdog cimport let_go, take_back
+
+
+cdef class Arming:
+    """Of cext.schedule.executor.Executor."""
+
+    cdef void begin(self) noexcept nogil:
+        """Set the zero of the run's time, one period from now."""
+        self.began = self.watchdog.zero = monotonic() + self.pace.period
+        self.first_tick = 0
+        self.control.devices.begin(self.began)
+        if self.layout == NULL:
+            return
+        self.layout.wall = clock(CLOCK_REALTIME) + self.pace.period
+        self.layout.began = self.began
+        self.layout.first_tick = 0
+
+    cdef int arm(self, double timeout) noexcept nogil:
+        """Zero-torque frames, one round a period, until every device has answered. First relays pull in, and the drives behind them start."""
+        cdef int64_t starting = <int64_t>(1e-9 * self.control.devices.start_time * self.pace.rate)
+        cdef int64_t rounds = starting + <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        cdef int64_t round, now
+        cdef int status = OK
+        self.journal.attend(monotonic())
+        self.journal.set_state(ARMING)
+        self.control.devices.begin_arming()
+        for round in range(rounds + 1 if self.control.devices.count else 0):
+            self.now = now = self.pace.grid(round)
+            if not self.virtual:
+                self.pace.sleep_until(self.began + now)
+            if self.signals.caught[0] or not self.journal.make_room(False):
+                return OK
+            status = self.journal.attend(monotonic())
+            if status == OK:
+                status = apply_changes(self.control.live, self.layout, -1, 0.0)
+            if status == OK:
+                status = self.control.devices.receive(now, self.layout)
+            if status != OK:
+                return status
+            if round >= starting and self.control.devices.all_answered():
+                if self.answered is not None:
+                    status = self.look_over(timeout)
+                    if status != OK or self.signals.caught[0]:
+                        return status
+                    now = self.now
+                elif self.tape is not None:
+                    status = self.look_over_again(round + 1)
+                    if status != OK:
+                        return status
+                    now = self.now
+                self.first_tick = now                              # tick 0 is here, with the answers just heard
+                if self.layout != NULL:
+                    self.layout.first_tick = now
+                self.body.set_clock(0, -1, 0)
+                return self.start_from_here()
+            if round < starting:
+                status = self.control.devices.pump_all(now, self.layout)
+            else:
+                status = self.control.devices.send_batches(True, True, False, now, self.layout)
+            if status == OK:
+                status = self.body.advance_plant(now)
+            if status != OK:
+                return status
+        return NO_ANSWER if self.control.devices.count else OK
+
+    cdef int start_from_here(self) noexcept nogil:
+        """Blocks start; that may hang, as a tick may, and take longer."""
+        cdef int status
+        self.watchdog.begin_work(monotonic() + self.watchdog.patience)
+        let_go(self.watchdog.handover)
+        status = self.control.start_from_here()
+        if not take_back(self.watchdog.handover):
+            status = HUNG
+        self.watchdog.end_work()
+        return status
+
+    cdef int look_over(self, double timeout) noexcept nogil:
+        """Show what was answered; then zero torque until somebody has confirmed, and once more. Leaves `now` where it may begin.
+
+        Every device has to go on answering, without a fault. OK too where a signal came.
+        """
+        cdef int64_t point = self.pace.newest(self.now)
+        cdef int64_t patience = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        cdef int status = self.call_answered()
+        cdef bint confirmed = not self.confirm
+        if status == OK and confirmed:
+            status = self.permission()
+        while self.control.live.asked(self.layout, CONFIRM, -1, NOT_NOW):
+            pass                                                   # who confirmed before anything was shown did not mean it
+        self.control.devices.want_replies(True, False)
+        self.journal.set_state(READY)
+        while status == OK:
+            point = self.next_point(point, 0)
+            self.now = self.pace.grid(point)
+            if not self.virtual:
+                self.pace.sleep_until(self.began + self.now)
+            if self.signals.caught[0] or not self.journal.make_room(False):
+                return OK
+            status = self.hear_while_arming()
+            if status == OK:
+                status = self.control.devices.watch(self.now)
+            if status == OK and confirmed:
+                if self.control.devices.all_answered():
+                    return OK
+                patience -= 1
+                if patience <= 0:
+                    return NO_ANSWER
+            if status == OK and not confirmed and self.control.live.waits(self.layout, CONFIRM):
+                status = self.permission()
+                confirmed = status == OK
+                self.control.live.asked(self.layout, CONFIRM, -1, TAKEN if confirmed else NOT_NOW)
+                if confirmed:
+                    self.control.devices.want_replies(True, False)
+                elif status == UNCLEAR_POSE:
+                    status = OK                                    # the operator may move the joint and confirm again
+            if status == OK:
+                status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
+            if status == OK:
+                status = self.body.advance_plant(self.now)
+        return status
+
+    cdef int look_over_again(self, int64_t drain) noexcept nogil:
+        """The same of a recorded run, as often and when it was. drain : how many have been before"""
+        cdef int status = OK
+        while drain < self.tape.drains:
+            self.now = self.tape.drained[drain]
+            drain += 1
+            if not self.journal.make_room(False):
+                return OK
+            status = self.control.devices.receive(self.now, self.layout)
+            if status == OK and drain < self.tape.drains:
+                status = self.control.devices.send_batches(False, True, False, self.now, self.layout)
+            if status != OK:
+                return status
+        return status
+
+    cdef int call_answered(self) noexcept nogil:
+        with gil:
+            try:
+                self.answered()
+            except BaseException as error:
+                self.control.error = error
+                return PYTHON_ERROR
+        return OK
+
+    cdef int permission(self) noexcept nogil:
+        """OK, UNCLEAR_POSE where a joint may stand elsewhere than its drive reads, or PYTHON_ERROR."""
+        if self.permitted is None:
+            return OK
+        with gil:
+            try:
+                return OK if self.permitted() else UNCLEAR_POSE
+            except BaseException as error:
+                self.control.error = error
+                return PYTHON_ERROR
+
+    cdef int hear_while_arming(self) noexcept nogil:
+        cdef int status = self.journal.attend(monotonic())
+        if status == OK:
+            status = apply_changes(self.control.live, self.layout, -1, 0.0)
+        if status == OK:
+            status = self.control.devices.receive(self.now, self.layout)
+        return status
+
+    cdef int64_t next_point(self, int64_t point, int64_t zero) noexcept nogil:
+        """The grid point after this one, in real time one that is not past. zero : ns from the run's begin to point 0"""
+        return point + 1 if self.virtual else max(point + 1, self.pace.newest(monotonic() - self.began - zero) + 1)
+
+    cdef int advance_plant_to(self, int64_t tick) noexcept nogil:
+        """Let the plant move through the ticks that were skipped before this one, until a signal ends the run."""
+        cdef int64_t skipped = self.previous + 1
+        cdef int status = OK
+        while self.plant is not None and skipped < tick and status == OK and not self.signals.caught[0]:
+            status = self.body.advance_plant(self.first_tick + self.pace.grid(skipped))
+            skipped += 1
+        return status
+
+    cdef void halt(self, double timeout) noexcept nogil:
+        """Fence, then zero torque and disable, again and again until every device has confirmed or time is up.
+
+        timeout : s after the damping; below 0, one round alone
+
+        Devices that are to be damped first are, where they may have been under torque. On a real bus answers to the last torques may still be on
+        their way, and look like those to the stop: the first round is confirmed by the second.
+        """
+        cdef int rounds = 0
+        cdef int64_t round = max(STOP_ROUND_MINIMUM, min(self.pace.period, STOP_ROUND))
+        cdef int64_t now = self.now + self.pace.period if self.virtual else monotonic() - self.began
+        cdef int64_t damping = self.control.devices.longest_damping
+        cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since the stop began
+        cdef int64_t limit = damping + <int64_t>(timeout * 1e9) if timeout >= 0.0 else 0
+        cdef int64_t began = now - since                           # ns from the run's begin
+        cdef int64_t due
+        self.control.keep_values()                                 # what the devices say from here on did not lead to this
+        if self.plant is not None:
+            self.plant.keep_values()
+        cdef Blame blame = self.control.devices.failed             # what fails from here on is not why
+        self.journal.raise_fence()
+        self.journal.set_state(STOPPING)
+        self.body.advance_plant_until(now)                         # it moves on under the last commands
+        self.control.devices.receive(now, self.layout)             # answers to them confirm nothing; the last tick left room
+        self.control.devices.begin_stop()
+        while self.control.devices.count > 0:
+            self.journal.attend(monotonic())
+            if since >= self.control.devices.stop_due:
+                self.control.devices.want_replies(True, True)
+                rounds += since >= damping
+            self.journal.make_room(True)
+            due = began + self.control.devices.send_stop(since, now, round, self.layout)
+            if limit == 0:
+                break
+            self.body.advance_plant_until(due)
+            if not self.virtual:
+                self.pace.sleep_until(self.began + due)
+            now = due if self.virtual else monotonic() - self.began
+            since = now - began
+            self.control.devices.receive(now, self.layout)
+            if since >= limit or (rounds > (0 if self.virtual else 1) and self.control.devices.all_answered()):
+                break
+        self.control.devices.failed = blame
+        self.halted = True
+        if self.virtual:
+            self.now = now
+
+    cdef void count(self, int64_t tick, int64_t awaited, int64_t late, int64_t began) noexcept nogil:
+        """A tick that is done, on the page.
+
+        awaited : the grid point that lateness and period are counted from: `tick`, or one before it that was missed
+        late : ns, behind `tick`
+        """
+        cdef PageLayout *page = self.layout
+        cdef int64_t ended = self.control.laps.last if self.control.laps != NULL else monotonic()
+        add(&page.execution, ended - began, tick)
+        cdef int64_t behind = late + self.pace.grid(tick) - self.pace.grid(awaited)
+        add(&page.lateness, behind, tick)
+        if not self.virtual and self.previous >= 0:
+            add(&page.period, behind - self.late if behind > self.late else self.late - behind, tick)
+        page.gil_taken = self.control.gil_taken + self.control.live.gil_taken + (self.plant.gil_taken if self.plant is not None else 0)
+        page.sleeps, page.spins = self.pace.sleeps, self.pace.spins
+        store_i64(&page.tick, tick)
+        store_i64(&page.ticks, page.ticks + 1)

@@ -1,0 +1,119 @@
+# cython: freethreading_compatible=True
+"""What a bus costs a tick beside the system calls that it cannot do without, and what drives do. For `bench bus` and `bench can`."""
+
+from libc.stdint cimport int64_t
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport AUTHORITY, DT, FRAMES_PER_TICK, OK, PERIOD, TICK, TIME, Frame
+from cext.bus.memory_bus cimport BusEnd
+from cext.clock.deadline_clock cimport monotonic
+from cext.schedule.program cimport Program
+from cext.posix cimport MSG_DONTWAIT, MSG_NOSIGNAL, iovec, mmsghdr, recvmmsg, sendmmsg
+from cext.bus.socketcan cimport CAN_MTU, CONTROL_WORDS, canfd_frame
+
+
+cdef struct Calls:                      # what the two system calls need
+    mmsghdr messages[FRAMES_PER_TICK]
+    iovec places[FRAMES_PER_TICK]
+    canfd_frame frames[FRAMES_PER_TICK]
+    int64_t control[FRAMES_PER_TICK][CONTROL_WORDS]
+
+
+cdef void prepare(Calls *calls, bint stamped) noexcept nogil:
+    cdef int index
+    memset(calls, 0, sizeof(Calls))
+    for index in range(FRAMES_PER_TICK):
+        calls.frames[index].can_id, calls.frames[index].len = index + 1, 8
+        calls.places[index].iov_base, calls.places[index].iov_len = &calls.frames[index], CAN_MTU
+        calls.messages[index].msg_hdr.msg_iov, calls.messages[index].msg_hdr.msg_iovlen = &calls.places[index], 1
+        if stamped:
+            calls.messages[index].msg_hdr.msg_control = &calls.control[index]
+            calls.messages[index].msg_hdr.msg_controllen = sizeof(calls.control[0])
+
+
+def time_of_ticks(BusEnd end, int own, int other, int frames, int rounds):
+    """Two lists of ns: of a tick's receive and send through a bus, and of one recvmmsg and one sendmmsg alone, taken in turn.
+
+    end : of a cext.bus.socketcan.SocketCan over the datagram socket `own`
+    own, other : file descriptors of two datagram sockets that are connected to each other
+    frames : received and sent in every round
+    """
+    cdef Calls said, heard
+    cdef Frame[FRAMES_PER_TICK] taken
+    cdef int64_t began, bus, bare
+    cdef int round, index, came
+    if not 0 < frames <= FRAMES_PER_TICK:
+        raise ValueError("1 to %d frames, not %d" % (FRAMES_PER_TICK, frames))
+    through, alone = [], []
+    prepare(&said, False)
+    for round in range(rounds):
+        if sendmmsg(other, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
+            raise OSError("the other end cannot send")
+        began = monotonic()
+        came = end.bus.receive(end.bus.context, taken, FRAMES_PER_TICK)
+        end.bus.send(end.bus.context, taken, frames)
+        bus = monotonic() - began
+        prepare(&heard, True)
+        if came != frames or recvmmsg(other, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
+            raise OSError("%d of %d frames arrived" % (came, frames))
+        if sendmmsg(other, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL) != frames:
+            raise OSError("the other end cannot send")
+        prepare(&heard, True)
+        began = monotonic()
+        came = recvmmsg(own, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL)
+        sendmmsg(own, said.messages, frames, MSG_DONTWAIT | MSG_NOSIGNAL)
+        bare = monotonic() - began
+        prepare(&heard, True)
+        if came != frames or recvmmsg(other, heard.messages, FRAMES_PER_TICK, MSG_DONTWAIT, NULL) != frames:
+            raise OSError("%d of %d frames arrived" % (came, frames))
+        through.append(bus)
+        alone.append(bare)
+    return through, alone
+
+
+def time_of_control(Program control, BusEnd other, answers, int rounds, double rate=1000.0):
+    """ns of each of so many ticks of a robot on one bus: receive and decode, watch, steps, limits and encode, transmit.
+
+    other : the far end of its bus
+    answers : (id, data) of the frames that are there before every tick
+    """
+    cdef Frame[FRAMES_PER_TICK] said, heard
+    cdef int64_t zero, began, now
+    cdef int count = len(answers)
+    cdef int round, came, more, status
+    if not 0 < count <= FRAMES_PER_TICK:
+        raise ValueError("1 to %d frames, not %d" % (FRAMES_PER_TICK, count))
+    memset(said, 0, sizeof(said))
+    for index, (identifier, data) in enumerate(answers):
+        said[index].id, said[index].length = identifier, len(data)
+        memcpy(said[index].data, <const char *>data, len(data))
+    control.reset()
+    zero = monotonic()
+    control.devices.begin(zero)
+    control.arena[AUTHORITY], control.arena[DT], control.arena[PERIOD] = 1.0, 1.0 / rate, 1.0 / rate
+    took = []
+    for round in range(rounds):
+        for index in range(count):
+            said[index].time = monotonic() - zero
+        if other.bus.send(other.bus.context, said, count) != count:
+            raise OSError("the other end cannot send")
+        control.arena[TICK], control.arena[TIME] = round, round / rate
+        began = monotonic()
+        now = began - zero
+        status = control.devices.receive(now, NULL)
+        if status == OK:
+            status = control.devices.watch(now)
+        if status == OK:
+            status = control.run(&control.output, round, round - 1)
+        if status == OK:
+            status = control.devices.command()
+        if status == OK:
+            status = control.devices.transmit(now, NULL)
+        if status == OK:
+            status = control.run(&control.update, round, round - 1)
+        now = monotonic()
+        came = other.bus.receive(other.bus.context, heard, FRAMES_PER_TICK)
+        if status != OK or came < count:
+            raise OSError("tick %d: status %d, %d of %d frames came" % (round, status, came, count))
+        took.append(now - began)
+    return took

@@ -1,0 +1,109 @@
+from libc.stdint cimport int32_t, int64_t
+
+from cext.abi cimport FRAME_BYTES, FRAMES_PER_BATCH, FRAMES_PER_DEVICE, FRAMES_PER_TICK, Frame, decode_t, encode_t
+from cext.bus.batch cimport Batch
+from cext.bus.memory_bus cimport BusEnd
+from cext.safety.drive_warnings cimport DriveWarnings
+from cext.safety.drive_watch cimport DriveWatch
+from cext.clock.histogram cimport Histogram
+from cext.safety.shared_state cimport PageLayout
+from cext.clock.stopwatch cimport Laps
+
+cdef enum:
+    READY_NUMBERS = 16           # most that outlive the start
+    DEEPEST = 16                 # rounds: QUEUE and the ring of a stream hold so many times FRAMES_PER_TICK
+
+cdef struct Device:
+    decode_t decode
+    encode_t encode
+    const int32_t *slots
+    const int32_t *sizes
+    int bus
+    int age                      # slot, -1 if it has none
+    int fault                    # slot, -1 if it has none
+    int ready                    # slot, -1 if arming reads nothing back
+    int ready_size               # numbers from there on that outlive the start of the blocks
+    double ready_kept[READY_NUMBERS]
+    double timeout               # s
+    Batch enable
+    Batch zero
+    Batch disable
+    void *bands                  # SpeedBands, borrowed: a safe stop begins with them; NULL where it is disabled at once
+    int64_t damping              # ns for which it is damped
+    int64_t damp_due             # ns since the stop began, of the next frame of damping
+    bint damped                  # it is, and has not been disabled yet
+    int unanswered               # of the frames of disable
+    int64_t relay                # ns without a frame after which its relay drops; 0: it holds none
+    int64_t pumped               # ns, when it was last sent a frame
+    int64_t heard                # ns, when the newest sample arrived
+    int64_t asked                # ns, when the newest command went out that has not been answered; -1: none
+    Histogram *latency           # from a command to its answer; NULL where time is not real
+    bint only_reads[FRAMES_PER_BATCH]       # of the frames of enable: from another controller such a frame is no command
+    bint owed                    # the newest command has not been answered
+    int64_t missed               # commands that were not, when the next went out
+    int64_t replies
+    bint answered                # since the run began
+    bint doubtful                # a frame came that is its own reply with another id, or a command of another controller
+    int32_t malformed[FRAME_BYTES + 1]      # frames that its decode rejected, by their length
+    int rejected_id              # first byte of the newest of them
+    int64_t rounds               # of arming so far
+    int64_t replies_wanted       # before it counts as answered
+
+cdef struct Blame:               # what failed last, -1 where it was something else
+    int device
+    int bus
+
+cdef class Devices:
+    """The devices of one schedule, ready for the executor."""
+    cdef double *arena
+    cdef object schedule, memory
+    cdef list keep
+    cdef list ends               # BusEnd, one a bus
+    cdef int bus_count
+    cdef void **bus_ends         # the same, borrowed
+    cdef int32_t *rounds         # a bus: how often at most it is asked for FRAMES_PER_TICK in one drain
+    cdef Device *devices
+    cdef int count
+    cdef Frame[FRAMES_PER_TICK] received
+    cdef Frame *outgoing
+    cdef int32_t *outgoing_count # a bus
+    cdef Blame failed
+    cdef DriveWatch drives
+    cdef DriveWarnings warnings
+    cdef Laps *laps              # NULL: no stamps
+    cdef int item                # of the stopwatch: that of the first device
+    cdef bint ran
+    cdef bint stopping           # replies are wanted to a safe stop
+    cdef bint alone              # nobody else may command them
+    cdef int64_t longest_damping # ns
+    cdef int64_t start_time      # ns of arming in which nothing but relays is sent frames
+    cdef int64_t stop_due        # ns since the stop began, of the next round of zero torque and disable
+    cdef public double counted_from     # tick from which on answers that are missing are counted
+
+    cdef int64_t began           # ns, CLOCK_MONOTONIC: the zero of the frames' times
+    cdef int load(self) except -1
+    cdef int time_replies(self) except -1
+    cdef void note_asked(self, int bus, int64_t at) noexcept nogil
+    cdef void reset(self)
+    cdef void begin(self, int64_t began) noexcept nogil
+    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil
+    cdef int commanded(self, const Frame *frame) noexcept nogil
+    cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil
+    cdef int watch(self, int64_t now) noexcept nogil
+    cdef int command(self) noexcept nogil
+    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil
+    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil
+    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil
+    cdef void begin_stop(self) noexcept nogil
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil
+    cdef void note_speeds(self, PageLayout *page) noexcept nogil
+    cdef bint has_answered(self, const Device *device) noexcept nogil
+    cdef bint all_answered(self) noexcept nogil
+    cdef void begin_arming(self) noexcept nogil
+    cdef void keep_ready(self) noexcept nogil
+    cdef void restore_ready(self) noexcept nogil
+    cdef void want_replies(self, bint zero, bint disable) noexcept nogil
+    cdef void discard(self) noexcept nogil

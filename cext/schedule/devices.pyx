@@ -1,0 +1,568 @@
+# cython: freethreading_compatible=True
+"""The devices of a schedule and the buses they are on: what of a tick goes over wires.
+
+    receive    every bus drained, each frame offered to the devices on it
+    watch      who is silent for too long, or reports a fault?
+    command    each device encodes its frames; nothing is sent if one of them refuses
+    transmit   the frames go out
+
+and for arming and the safe stop, frames that were encoded at compile time, with a count of the replies to them.
+"""
+
+from libc.stdint cimport uint8_t, uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcmp, memcpy, memset
+
+from cext.abi cimport (
+    ANSWERED, BUS_ERROR, COMMANDED, DEVICE_FAULT, DT, ESTOP, EXTENDED, FENCED, FOREIGN, FOREIGN_COMMAND, FRAME_BYTES, MALFORMED, MOVING, OK, PRESSED,
+    SILENT, TAKEN, TICK,
+)
+from cext.bus.batch cimport load_batch
+from cext.clock.histogram cimport add, summary
+from cext.clock.deadline_clock cimport monotonic
+from cext.safety.shared_state cimport FENCED_FOR_GOOD, FRAME, RECEIVED, commit, load_i32, reserve
+from cext.safety.speed_bands cimport SpeedBands
+from cext.clock.stopwatch cimport COMMAND, lap
+
+from cext.schedule.kernel_table import address, slot_words, words
+
+
+cdef class Devices:
+    """Those of a `graph.Schedule`.
+
+    Parameters
+    ----------
+    schedule : graph.Schedule
+    ends : BusEnd, one for each of schedule.buses
+    memory : the arena, an array of doubles that outlives this
+    """
+
+    def __init__(self, schedule, ends, memory):
+        if len(ends) != len(schedule.buses):
+            raise ValueError("the schedule has %d buses, and %d ends were given" % (len(schedule.buses), len(ends)))
+        self.schedule, self.memory, self.keep = schedule, memory, []
+        self.arena = <double *><uintptr_t>memory.ctypes.data
+        self.ends = list(ends)
+        self.bus_count = len(ends)
+        self.bus_ends = <void **>calloc(max(1, len(ends)), sizeof(void *))
+        self.rounds = <int32_t *>calloc(max(1, len(ends)), sizeof(int32_t))
+        for index, (end, medium) in enumerate(zip(self.ends, schedule.media)):
+            self.bus_ends[index] = <void *>(<BusEnd?>end)
+            self.rounds[index] = 1 if medium == "can" else DEEPEST
+        self.drives = DriveWatch(schedule)
+        self.warnings = DriveWarnings(schedule)
+        self.load()
+
+    def __dealloc__(self):
+        for index in range(self.count):
+            free(self.devices[index].latency)
+        free(self.devices); free(self.outgoing); free(self.outgoing_count); free(self.bus_ends); free(self.rounds)
+
+    cdef void reset(self):
+        """As before the first arming. What buses heard in an earlier run is forgotten: an answer to that is none."""
+        cdef int index
+        if self.ran:
+            self.discard()
+        self.ran = True
+        for index in range(self.count):
+            self.devices[index].heard = self.devices[index].replies = self.devices[index].replies_wanted = 0
+            self.devices[index].asked = -1
+            self.devices[index].owed, self.devices[index].missed = False, 0
+            self.devices[index].answered = self.devices[index].doubtful = False
+            memset(self.devices[index].malformed, 0, sizeof(self.devices[index].malformed))
+            if self.devices[index].bands != NULL:
+                (<SpeedBands>self.devices[index].bands).forget()
+            if self.devices[index].latency != NULL:
+                memset(self.devices[index].latency, 0, sizeof(Histogram))
+        self.failed.device = self.failed.bus = -1
+        self.drives.reset()
+        self.warnings.reset()
+
+    @property
+    def culprit(self):
+        """Path of the device or bus that failed last, or None."""
+        if self.failed.device >= 0:
+            return self.schedule.devices[self.failed.device].name
+        return self.schedule.buses[self.failed.bus] if self.failed.bus >= 0 else None
+
+    def silent(self):
+        """Paths of the devices that have sent fewer replies than were wanted of them, or are not ready."""
+        return [self.schedule.devices[index].name for index in range(self.count) if not self.has_answered(&self.devices[index])]
+
+    @property
+    def unready(self):
+        """Paths of the devices that answer, and have not returned what arming wrote."""
+        return [
+            self.schedule.devices[index].name for index in range(self.count)
+            if self.devices[index].ready >= 0 and self.devices[index].answered and self.arena[self.devices[index].ready] == 0.0]
+
+    @property
+    def latencies(self):
+        """{path: what the histogram of its replies tells, in s} of the devices that were timed, as cext.clock.histogram.summary has it."""
+        return {
+            self.schedule.devices[index].name: summary(self.devices[index].latency)
+            for index in range(self.count) if self.devices[index].latency != NULL
+        }
+
+    @property
+    def missed(self):
+        """{path: commands that had not been answered when the next was sent, from tick `counted_from` on} of those that are commanded."""
+        return {
+            self.schedule.devices[index].name: self.devices[index].missed for index in range(self.count) if self.devices[index].zero.count}
+
+    @property
+    def malformed(self):
+        """{path: ({length: frames}, first byte of the newest)} of the devices that have rejected frames of their own id."""
+        found = {}
+        for index in range(self.count):
+            lengths = {length: self.devices[index].malformed[length] for length in range(FRAME_BYTES + 1) if self.devices[index].malformed[length]}
+            if lengths:
+                found[self.schedule.devices[index].name] = lengths, self.devices[index].rejected_id
+        return found
+
+    cdef int time_replies(self) except -1:
+        """Time from now on how long every device takes to answer a command."""
+        for index in range(self.count):
+            if self.devices[index].latency == NULL and self.devices[index].zero.count:
+                self.devices[index].latency = <Histogram *>calloc(1, sizeof(Histogram))
+                if self.devices[index].latency == NULL:
+                    raise MemoryError
+        return 0
+
+    cdef int load(self) except -1:
+        cdef Device *device
+        cdef int index
+        devices = self.schedule.devices
+        self.count = len(devices)
+        self.devices = <Device *>calloc(max(1, len(devices)), sizeof(Device))
+        self.outgoing = <Frame *>calloc(max(1, len(devices)) * FRAMES_PER_DEVICE, sizeof(Frame))
+        self.outgoing_count = <int32_t *>calloc(max(1, self.bus_count), sizeof(int32_t))
+        for index, entry in enumerate(devices):              # the schedule lists them bus by bus
+            device = &self.devices[index]
+            device.decode = <decode_t><uintptr_t>address(entry.decode, "decode")
+            device.encode = <encode_t><uintptr_t>address(entry.encode, "encode")
+            self.keep += [entry.decode, entry.encode]
+            slots, sizes = slot_words(entry.table), words(entry.table.sizes)
+            self.keep += [slots, sizes]
+            device.slots = <int32_t *><uintptr_t>slots.ctypes.data + 4
+            device.sizes = <int32_t *><uintptr_t>sizes.ctypes.data
+            device.bus, device.age, device.fault, device.timeout = entry.bus, entry.age, entry.fault, entry.timeout
+            device.ready, device.ready_size = entry.ready, entry.ready_size
+            if entry.ready_size > READY_NUMBERS:
+                raise ValueError(f"{entry.name}: at most {READY_NUMBERS} numbers outlive the start, not {entry.ready_size}")
+            load_batch(&device.enable, entry.enable)
+            for place, frame in enumerate(entry.enable):
+                device.only_reads[place] = frame in entry.reads
+            load_batch(&device.zero, entry.zero)
+            load_batch(&device.disable, entry.disable)
+            device.bands = NULL
+            if entry.damp is not None:
+                bands = SpeedBands(entry.damp.bands, round(entry.damp.round * 1e9), entry.damp.acceleration, entry.damp.velocity)
+                self.keep.append(bands)
+                device.bands = <void *>bands
+                device.damping = round(entry.damp.duration * 1e9)
+                self.longest_damping = max(self.longest_damping, device.damping)
+            device.unanswered = entry.unanswered
+            device.relay = round(entry.relay_time * 1e9)
+            self.start_time = max(self.start_time, round(entry.start_time * 1e9))
+        return 0
+
+    cdef void begin(self, int64_t began) noexcept nogil:
+        """Tell the buses the zero of the frames' times, in ns of CLOCK_MONOTONIC."""
+        cdef int bus
+        self.began = began
+        for bus in range(self.bus_count):
+            if (<BusEnd>self.bus_ends[bus]).bus.begin != NULL:
+                (<BusEnd>self.bus_ends[bus]).bus.begin((<BusEnd>self.bus_ends[bus]).bus.context, began)
+
+    cdef int receive(self, int64_t now, PageLayout *page) noexcept nogil:
+        """Drain every bus, CAN of at most FRAMES_PER_TICK; offer each frame to the devices on it. `page` may be NULL.
+
+        A bus that fails does not keep the others from being heard.
+        """
+        cdef int bus, count, number, rounds
+        cdef int status = OK
+        cdef int heard
+        cdef Device *device
+        if page != NULL and self.bus_count > 0:
+            log_received(page, now)
+        for bus in range(self.bus_count):
+            if (<BusEnd>self.bus_ends[bus]).bus.at != NULL:
+                (<BusEnd>self.bus_ends[bus]).bus.at((<BusEnd>self.bus_ends[bus]).bus.context, now)
+            for rounds in range(self.rounds[bus]):
+                count = (<BusEnd>self.bus_ends[bus]).bus.receive(
+                    (<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+                if count < 0:
+                    self.failed.bus = bus
+                    status = BUS_ERROR
+                heard = self.hear(bus, count, page)
+                if heard != OK:
+                    status = heard
+                if count < FRAMES_PER_TICK:
+                    break
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.age >= 0:
+                self.arena[device.age] = max(now - device.heard, 0) * 1e-9      # it may be newer than the tick
+        return status
+
+    cdef int hear(self, int bus, int count, PageLayout *page) noexcept nogil:
+        """Offer what a bus has given to the devices on it. OK, or what one of these frames ends the run with."""
+        cdef int index, number
+        cdef int status = OK
+        cdef Frame *frame
+        cdef Device *device
+        cdef int answer = FOREIGN
+        for index in range(count):
+            frame = &self.received[index]
+            frame.bus = <uint8_t>bus
+            frame.sent = 0
+            answer = FOREIGN
+            for number in range(self.count):
+                device = &self.devices[number]
+                if device.bus != bus:
+                    continue
+                answer = device.decode(self.arena, device.slots, device.sizes, frame)
+                if answer == PRESSED:                          # whatever goes on: arming and the wait for a person, too
+                    self.failed.device = number
+                    status = ESTOP
+                    answer = TAKEN
+                if answer == ANSWERED:
+                    device.owed, device.asked = False, -1
+                if answer == TAKEN or answer == MOVING:
+                    if device.doubtful and self.alone:         # it answers under its own id: the other frame was a command
+                        self.failed.device = number
+                        status = FOREIGN_COMMAND
+                    device.owed = device.doubtful = False
+                    device.answered = True
+                    device.heard = frame.time
+                    device.replies += answer == TAKEN or not self.stopping
+                    if device.asked >= 0:
+                        add(device.latency, frame.time - device.asked, <int64_t>self.arena[TICK])
+                        device.asked = -1
+                if answer == MALFORMED:
+                    device.malformed[frame.length if frame.length < FRAME_BYTES else FRAME_BYTES] += 1
+                    device.rejected_id = frame.data[0] if frame.length > 0 else -1
+                if answer != FOREIGN:
+                    if device.bands != NULL and answer != MALFORMED:
+                        (<SpeedBands>device.bands).note(frame)
+                    break
+            if self.alone and (answer == FOREIGN or answer == COMMANDED or answer == MALFORMED):
+                if answer != COMMANDED:                        # else the device itself has seen it
+                    number = self.commanded(frame)
+                if number >= 0 and answer == MALFORMED and self.may_be_reply(&self.devices[number], frame):
+                    self.devices[number].doubtful = True
+                elif number >= 0 and not (page != NULL and load_i32(&page.fence) == FENCED_FOR_GOOD):    # behind it the guardian commands
+                    self.failed.device = number
+                    status = FOREIGN_COMMAND
+            if page != NULL:
+                page.frames_received += 1
+                page.frames_foreign += answer == FOREIGN or answer == COMMANDED
+                page.frames_malformed += answer == MALFORMED
+                log_frame(page, frame)
+        return status
+
+    cdef int commanded(self, const Frame *frame) noexcept nogil:
+        """The device that a frame which is no reply commands; -1 if it commands none: it has the id and the length of our own commands."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].bus == frame.bus and (
+                    is_like(&self.devices[number].zero, frame, NULL) or is_like(&self.devices[number].disable, frame, NULL)
+                    or is_like(&self.devices[number].enable, frame, self.devices[number].only_reads)):
+                return number
+        return -1
+
+    cdef bint may_be_reply(self, Device *device, const Frame *frame) noexcept nogil:
+        """Whether a frame with the id and the length of our commands may be the drive's own reply under another id or of another length.
+
+        Principle: 1. replies and commands of MIT mode share id and length, and the first byte alone tells them apart; 2. a drive answers every
+        command, also those of another controller, so where one commands it, replies under its own id arrive as well: then the next of these
+        tells that this frame was a command; 3. until that arrives, a frame may be a reply where one is owed; where none is owed, or where the
+        frame is one that we send, it is a command.
+        """
+        return (device.owed or not device.answered) and not (
+            is_same(&device.zero, frame) or is_same(&device.disable, frame) or is_same(&device.enable, frame))
+
+    cdef int watch(self, int64_t now) noexcept nogil:
+        """A device that is silent past its timeout, reports a fault or is too hot ends the run."""
+        cdef int number, status
+        cdef Device *device
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.timeout > 0.0 and (now - device.heard) * 1e-9 > device.timeout:
+                self.failed.device = number
+                return SILENT
+            if device.fault >= 0 and self.arena[device.fault] != 0.0:
+                self.failed.device = number
+                return DEVICE_FAULT
+        self.warnings.look(self.arena, <int64_t>self.arena[TICK])
+        for number in range(self.drives.count):
+            self.drives.drives[number].heard = self.devices[self.drives.drives[number].device].heard
+        status = self.drives.look(self.arena, <int64_t>self.arena[TICK], self.arena[DT])
+        if status != OK:
+            self.failed.device = self.drives.failed
+        return status
+
+    cdef int command(self) noexcept nogil:
+        """Each device encodes into `outgoing`, bus by bus. Where one refuses, its reason: nothing of the tick is to be sent."""
+        cdef int number, count
+        cdef int total = 0
+        cdef Device *device
+        memset(self.outgoing_count, 0, self.bus_count * sizeof(int32_t))
+        for number in range(self.count):
+            device = &self.devices[number]
+            count = device.encode(self.arena, device.slots, device.sizes, &self.outgoing[total])
+            if count < 0:
+                self.failed.device = number
+                return -count
+            total += count
+            self.outgoing_count[device.bus] += count
+            if self.laps != NULL and self.laps.each != NULL:
+                lap(self.laps, self.item + number)
+        if self.laps != NULL and self.laps.each == NULL and self.count > 0:
+            lap(self.laps, COMMAND)
+        return OK
+
+    cdef int transmit(self, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int bus, status
+        cdef int first = 0
+        for bus in range(self.bus_count):
+            if page != NULL and load_i32(&page.fence):
+                return FENCED
+            status = self.send(bus, &self.outgoing[first], self.outgoing_count[bus], now, page)
+            if status != OK:
+                return status
+            first += self.outgoing_count[bus]
+            self.note_asked(bus, now)
+        return OK
+
+    cdef void note_asked(self, int bus, int64_t at) noexcept nogil:
+        """The devices of a bus have been sent a command: from now on their answer is timed, where that of the one before has come or not."""
+        cdef int number
+        cdef int64_t now = -1
+        for number in range(self.count):
+            if self.devices[number].bus == bus:
+                self.devices[number].pumped = at
+            if self.devices[number].bus == bus and self.devices[number].zero.count:
+                if self.devices[number].owed and self.arena[TICK] >= self.counted_from:
+                    self.devices[number].missed += 1
+                self.devices[number].owed = True
+            if self.devices[number].bus == bus and self.devices[number].latency != NULL:
+                if now < 0:
+                    now = monotonic() - self.began
+                self.devices[number].asked = now
+
+    cdef int send(self, int bus, Frame *frames, int count, int64_t now, PageLayout *page) noexcept nogil:
+        cdef int index
+        if count == 0:
+            return OK
+        for index in range(count):
+            frames[index].time = now
+            frames[index].bus = <uint8_t>bus
+            frames[index].sent = 1
+        count = (<BusEnd>self.bus_ends[bus]).bus.send((<BusEnd>self.bus_ends[bus]).bus.context, frames, count)
+        if count < 0:
+            self.failed.bus = bus
+            return BUS_ERROR
+        if page != NULL:                        # a full queue takes fewer than all: what it took is what was sent
+            page.frames_sent += count
+            for index in range(count):
+                log_frame(page, &frames[index])
+        return OK
+
+    cdef int send_batches(self, bint enable, bint zero, bint disable, int64_t now, PageLayout *page) noexcept nogil:
+        """Frames that were encoded at compile time, to every device; `enable` only to those that have not answered.
+
+        Behind the fence only the frames of the safe stop go out: those with `disable`.
+        """
+        cdef int number
+        cdef Device *device
+        cdef int status = OK
+        for number in range(self.count):
+            device = &self.devices[number]
+            if not disable and page != NULL and load_i32(&page.fence):
+                return FENCED
+            if enable and not self.has_answered(device) and device.enable.count > 0:
+                if device.rounds % device.enable.count == 0:       # many frames, seldom: the bus has to carry them
+                    status |= self.send(device.bus, device.enable.frames, device.enable.count, now, page)
+                device.rounds += 1
+            if zero:
+                status |= self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+            if not disable and device.relay > 0:
+                status |= self.pump(device, now, page)
+            if disable:
+                status |= self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+        return BUS_ERROR if status != OK else OK
+
+    cdef int pump(self, Device *device, int64_t now, PageLayout *page) noexcept nogil:
+        """The next frame of a device that holds a relay, outside of a tick."""
+        cdef Frame[FRAMES_PER_DEVICE] frames
+        cdef int count = device.encode(self.arena, device.slots, device.sizes, frames)
+        device.pumped = now
+        return self.send(device.bus, frames, max(count, 0), now, page)
+
+    cdef int pump_all(self, int64_t now, PageLayout *page) noexcept nogil:
+        """Frames to those that hold a relay, and to no other: what is behind the relays starts."""
+        cdef int number
+        cdef int status = OK
+        for number in range(self.count):
+            if page != NULL and load_i32(&page.fence):
+                return FENCED
+            if self.devices[number].relay > 0:
+                status |= self.pump(&self.devices[number], now, page)
+        return BUS_ERROR if status != OK else OK
+
+    cdef void begin_stop(self) noexcept nogil:
+        """A safe stop begins. What is damped in it depends on where `send_stop` begins to count."""
+        cdef int number
+        self.stop_due = 0
+        for number in range(self.count):
+            self.devices[number].damped = self.devices[number].bands != NULL
+            self.devices[number].damp_due = 0
+
+    cdef int64_t send_stop(self, int64_t since, int64_t now, int64_t round, PageLayout *page) noexcept nogil:
+        """What is due of the safe stop `since` ns after it began: damping by the newest speeds, zero torque and disable every `round` ns.
+
+        A device is damped until the first round after its time. Returns when the next frames are due, in ns since the stop began.
+
+        A relay is held while anything is damped, unless it may have dropped: a safe stop gives no drive its power back.
+        """
+        cdef int number
+        cdef Device *device
+        cdef Batch *batch
+        cdef bint disabling = since >= self.stop_due
+        cdef int64_t due
+        if disabling:
+            self.stop_due = next_due(self.stop_due, since, round)
+        due = self.stop_due
+        for number in range(self.count):
+            device = &self.devices[number]
+            if device.relay > 0:
+                if disabling and since < self.longest_damping and now - device.pumped < device.relay:
+                    self.pump(device, now, page)
+            elif device.damped and (since < device.damping or not disabling):
+                if since >= device.damp_due:
+                    batch = <Batch *>(<SpeedBands>device.bands).choose(now)
+                    self.send(device.bus, batch.frames, batch.count, now, page)
+                    device.damp_due = next_due(device.damp_due, since, (<SpeedBands>device.bands).round)
+                due = min(due, device.damp_due)
+            elif disabling:
+                device.damped = False
+                self.send(device.bus, device.zero.frames, device.zero.count, now, page)
+                self.send(device.bus, device.disable.frames, device.disable.count, now, page)
+        return due
+
+    cdef void note_speeds(self, PageLayout *page) noexcept nogil:
+        """Take what has come on the buses, for the speeds of what is damped. The arena stays as the tick that hangs has left it."""
+        cdef int bus, index, number, count
+        for bus in range(self.bus_count):
+            for number in range(self.count):
+                if self.devices[number].bus == bus and self.devices[number].damped:
+                    break
+            else:
+                continue
+            count = (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK)
+            for index in range(count):
+                self.received[index].bus = <uint8_t>bus
+                self.received[index].sent = 0
+                for number in range(self.count):
+                    if self.devices[number].bus == bus and self.devices[number].bands != NULL:
+                        (<SpeedBands>self.devices[number].bands).note(&self.received[index])
+                if page != NULL:
+                    page.frames_received += 1
+                    log_frame(page, &self.received[index])
+
+    cdef bint has_answered(self, const Device *device) noexcept nogil:
+        return device.replies >= device.replies_wanted and (self.stopping or device.ready < 0 or self.arena[device.ready] != 0.0)
+
+    cdef bint all_answered(self) noexcept nogil:
+        cdef int number
+        for number in range(self.count):
+            if not self.has_answered(&self.devices[number]):
+                return False
+        return True
+
+    cdef void begin_arming(self) noexcept nogil:
+        """Every device has to answer, and to return what is written into it, however often it has before: its power may have been off."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                self.arena[self.devices[number].ready] = 0.0
+        self.want_replies(True, False)
+
+    cdef void keep_ready(self) noexcept nogil:
+        """Before the blocks start anew: what arming has read back is no state of theirs."""
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                memcpy(self.devices[number].ready_kept, self.arena + self.devices[number].ready, self.devices[number].ready_size * sizeof(double))
+
+    cdef void restore_ready(self) noexcept nogil:
+        cdef int number
+        for number in range(self.count):
+            if self.devices[number].ready >= 0:
+                memcpy(self.arena + self.devices[number].ready, self.devices[number].ready_kept, self.devices[number].ready_size * sizeof(double))
+
+    cdef void want_replies(self, bint zero, bint disable) noexcept nogil:
+        cdef int number
+        cdef Device *device
+        self.stopping = disable
+        for number in range(self.count):
+            device = &self.devices[number]
+            device.replies = device.rounds = 0
+            device.replies_wanted = 0
+            if zero:
+                device.replies_wanted += device.zero.count
+            if zero and not disable and device.zero.count == 0 and device.timeout > 0.0:
+                device.replies_wanted = 1                          # a sensor that is never asked, and is missed when it is silent
+            if disable:
+                device.replies_wanted += device.disable.count - device.unanswered
+
+    cdef void discard(self) noexcept nogil:
+        cdef int bus, rounds
+        for bus in range(self.bus_count):
+            for rounds in range(64):
+                if (<BusEnd>self.bus_ends[bus]).bus.receive((<BusEnd>self.bus_ends[bus]).bus.context, self.received, FRAMES_PER_TICK) <= 0:
+                    break
+
+
+cdef inline int64_t next_due(int64_t due, int64_t now, int64_t round) noexcept nogil:
+    """The round after one that was due and is sent now: on the same grid, unless it has been missed as well."""
+    return due + round if due + round > now else now + round
+
+
+cdef inline bint is_like(const Batch *batch, const Frame *frame, const bint *left_out) noexcept nogil:
+    cdef int index
+    for index in range(batch.count):
+        if left_out != NULL and left_out[index]:
+            continue
+        if batch.frames[index].id == frame.id and batch.frames[index].length == frame.length:
+            return True
+    return False
+
+
+cdef inline bint is_same(const Batch *batch, const Frame *frame) noexcept nogil:
+    cdef int index
+    for index in range(batch.count):
+        if (batch.frames[index].id == frame.id and batch.frames[index].length == frame.length
+                and memcmp(batch.frames[index].data, frame.data, frame.length) == 0):
+            return True
+    return False
+
+
+cdef inline void log_received(PageLayout *page, int64_t now) noexcept nogil:
+    cdef int64_t *room = <int64_t *>reserve(page, RECEIVED, sizeof(int64_t))
+    if room == NULL:
+        page.dropped += 1
+        return
+    room[0] = now
+    commit(page)
+
+
+cdef inline void log_frame(PageLayout *page, const Frame *frame) noexcept nogil:
+    cdef void *room = reserve(page, FRAME, sizeof(Frame))
+    if room == NULL:
+        page.dropped += 1
+        return
+    memcpy(room, frame, sizeof(Frame))
+    commit(page)

@@ -1,0 +1,294 @@
+# cython: freethreading_compatible=True
+"""The executor: one thread, one clock, and the life cycle of a run.
+
+    arming     enable and zero-torque frames until every device has answered
+    ready      what was answered is shown; zero torque goes on until somebody confirms
+    settle     blocks start from the present measurement, so that nothing kicks
+    running    the tick, at absolute deadlines that keep their grid
+    stopping   the fence goes up; zero torque and disable until every device has confirmed
+    waiting    after a fault, where the run may be armed again: behind the fence every tick is computed, and nothing of it sent
+    safe       nothing moves
+
+It runs on the main thread without the GIL, with signal handlers of its own that set a flag, which is read after every sleep.
+"""
+
+import gc
+import sys
+from dataclasses import replace
+
+from cpython.exc cimport PyErr_CheckSignals
+from libc.stdint cimport int64_t
+
+from cext.abi cimport AUTHORITY, NO_ANSWER, OK, OVERRUN, UNGUARDED
+from cext.safety.forks cimport begin_run
+from cext.safety.fatal cimport give_back_fatal, take_fatal
+from cext.schedule.publisher cimport Journal
+from cext.schedule.live cimport STOP_WANTED
+from cext.ring.mailbox cimport NOT_NOW, REARM
+from cext.clock.overrun cimport Overrun
+from cext.clock.deadline_clock cimport Pace, clock, monotonic
+from cext.safety.shared_state cimport RUNNING, SAFE, WAITING, Page, store_i32, store_i64
+from cext.posix cimport PR_SET_TIMERSLACK, prctl
+from cext.schedule.program cimport Program
+from cext.clock.signals cimport Signals
+from cext.clock.stopwatch cimport RECORD, WOKEN_LATE, lap
+from cext.bus.replay_bus cimport Tape
+from cext.safety.thresholds cimport ARMING_LIMIT, FADE_IN, SIGNAL_HANDLER_PERIOD, STOP_LIMIT
+from cext.schedule.tick cimport Tick
+from cext.schedule.lifecycle cimport ENDED, Waiting
+from cext.schedule.watchdog cimport Watchdog
+
+from cext.schedule.outcome import name_of
+
+
+SWITCH = 1e-4                   # s after which another Python thread has to hand over the GIL: 5 ms without this, five ticks at 1000 Hz
+
+
+cdef class Executor(Waiting):
+    """Runs a program at a fixed rate, with the plant of a simulation behind it if there is one.
+
+    Parameters
+    ----------
+    control : Program, the robot's diagram
+    rate : Hz
+    plant : Program or None, run `substeps` times a tick, at the tick's end
+    page : Page or None; with one, rows, frames and statistics go through it
+    virtual : do not sleep: as fast as the machine goes; a full ring makes the loop wait instead of dropping
+    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
+    overrun : what a tick does that comes too late, in the words of cext.clock.overrun.Overrun
+    spin : s before a deadline in which it spins instead of sleeping
+    profile : whether every step is timed, as `profile` tells afterwards
+    tape : Tape of a recorded run, whose ticks are run again in virtual time, as late as they were
+    guard : s of the guardian's silence that end the run; then nobody else may command the devices either, and in real time a watchdog
+        looks for blocks that hang. 0 where there is no guardian
+    carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
+    others : processors for the watchdog; where there are none, it has those of the thread that runs
+    """
+
+    def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
+                 int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None,
+                 double guard=0.0, bint carried=False, others=()):
+        self.signals = Signals()
+        self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
+        self.overrun = Overrun(overrun)
+        self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9))
+        self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
+        self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
+        self.body.handover = self.watchdog.handover
+        self.control, self.plant, self.layout, self.virtual = control, plant, self.journal.layout, virtual
+        self.simulated = plant is not None or control.devices.count == 0 if tape is None else tape.simulated
+        self.tape = tape
+        self.carried = carried
+        control.devices.alone = guard > 0.0
+        if guard > 0.0 and not virtual:
+            control.devices.time_replies()
+        if tape is not None and not virtual:
+            raise ValueError("a recorded run is run again in virtual time")
+
+    def run(self, int64_t ticks=-1, *, double fade=FADE_IN / 1e9, double arming_timeout=ARMING_LIMIT / 1e9,
+            double stopping_timeout=STOP_LIMIT / 1e9, answered=None,
+            bint confirm=False, permitted=None, rearm=None, told=None):
+        """Arm, run `ticks` grid points (-1: until a signal), stop safely, and say how it ended.
+
+        fade : s, over which commands grow to their full size after arming
+        arming_timeout : s, in which every device must answer
+        stopping_timeout : s, after which the safe stop no longer waits for confirmations
+        answered : called once, when every device has answered; it should take a few ms at most. Zero torque goes on for a round or more
+        confirm : with `answered`, until somebody confirms through the mailbox
+        permitted : called before anything is armed, and whenever that is asked for: False refuses it. With `confirm` the run then goes on waiting,
+            without it ends as an unclear pose
+        rearm : slots of the arena that are true while their inputs ask for arming again; with None a fault ends the run. After a fault
+            that may be survived the run waits in its safe stop, until one of them rises or a letter asks, and nothing stands in the way
+        told : called with "fault", "refused" or "rearm", and the Outcome that a fault, or what stands in the way, would be
+        """
+        cdef int status
+        cdef int waited = OK
+        cdef tuple unanswered = ()
+        cdef bint stopped = False
+        faults = []
+        self.hung = 0
+        self.answered, self.confirm, self.permitted, self.told = answered, confirm, permitted, told
+        self.request(rearm or ())
+        if not (fade >= 0.0 and arming_timeout >= 0.0 and stopping_timeout >= 0.0):
+            raise ValueError("times of a run are 0 s or more: fade %r, arming_timeout %r, stopping_timeout %r" % (
+                fade, arming_timeout, stopping_timeout))
+        self.body.reset()
+        self.tick = self.previous = -1
+        self.now = self.armed = 0
+        self.halted = False
+        self.pace.sleeps = self.pace.spins = 0
+        self.overrun.reset()
+        self.journal.clear()
+        switching = sys.getswitchinterval()
+        sys.setswitchinterval(min(switching, SWITCH))
+        collecting = gc.isenabled()
+        frozen = gc.get_freeze_count()                             # who has frozen objects of its own keeps them so, with what is there now
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        begin_run()
+        self.signals.take()
+        try:
+            self.watchdog.start()
+            if self.watchdog.handover != NULL and self.layout != NULL:
+                take_fatal(self.layout, &self.control.at)
+            PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
+            with nogil:
+                prctl(PR_SET_TIMERSLACK, 1)
+                self.begin()
+                status = self.arm(arming_timeout)
+            if status == NO_ANSWER:
+                unanswered = tuple(self.control.devices.silent())
+            with nogil:
+                if status == OK and not self.signals.caught[0]:
+                    status = self.loop(ticks, fade)
+                status = self.cause(status)
+            while rearm is not None and self.is_survived(status):
+                with nogil:
+                    self.halt(stopping_timeout)
+                    while self.control.live.asked(self.layout, REARM, self.tick, NOT_NOW):
+                        pass                                       # who asked before the fault was told did not mean it
+                    self.control.live.awaited = REARM
+                    self.journal.set_state(WAITING)
+                fault = self.outcome(status)
+                faults.append(fault)
+                self.tell("fault", fault)
+                with nogil:
+                    waited = status = self.cause(self.wait(ticks, arming_timeout))
+                    if status == OK:
+                        status = self.cause(self.loop(ticks, fade))
+            with nogil:
+                if status == STOP_WANTED:
+                    stopped, status = True, OK
+                self.stop(-1.0 if status == UNGUARDED and self.carried else stopping_timeout)
+        finally:
+            self.watchdog.end()
+            give_back_fatal()
+            self.signals.give_back()
+            sys.setswitchinterval(switching)
+            if not frozen:
+                gc.unfreeze()
+            if collecting:
+                gc.enable()
+        if self.layout != NULL:
+            store_i32(&self.layout.status, max(status, 0))
+        self.control.live.leave()
+        ended = self.outcome(status if status != ENDED else OK, unanswered)
+        if waited == ENDED or waited == STOP_WANTED:                # the fault stood when the run ended
+            ended = replace(faults.pop(), signal=ended.signal, unconfirmed=ended.unconfirmed)
+        return replace(ended, stopped=stopped, faults=tuple(faults))
+
+    @property
+    def watch(self):
+        """The Stopwatch of the robot."""
+        return self.body.watch
+
+    @property
+    def overruns(self):
+        """Who took the time where grid points were missed: cext.clock.stopwatch.Stopwatch.overruns of the run."""
+        return self.body.watch.overruns()
+
+    @property
+    def newest(self):
+        """The rows of the newest ticks, as cext.schedule.publisher.Journal.newest has them."""
+        return self.journal.newest()
+
+    @property
+    def profile(self):
+        """(rows of the robot, rows of its plant) as cext.clock.stopwatch.Stopwatch.rows has them."""
+        return self.body.watch.rows(), [] if self.body.plant_watch is None else self.body.plant_watch.rows()
+
+    def spin(self, int64_t ticks):
+        """Run bare ticks as fast as possible: no arming, no clock, no plant, and what is recorded goes nowhere.
+
+        For `bench`: returns the ns of this thread's processor time that they took.
+        """
+        status, took = self.body.spin(ticks)
+        if status != OK:
+            raise RuntimeError("%s at %s" % (name_of(status), self.control.culprit)) from self.control.error
+        return took
+
+    cdef int loop(self, int64_t ticks, double fade) noexcept nogil:
+        cdef int64_t now, began
+        cdef int64_t held = 0                                      # holds of the GIL after which our handlers were installed
+        cdef int64_t tick = self.armed
+        cdef int64_t late = 0
+        cdef int64_t awaited                                       # the grid point after the tick before; a late tick runs at a newer one
+        cdef int64_t epoch = self.began + self.first_tick
+        cdef int status = OK
+        self.journal.set_state(RUNNING)
+        while ticks < 0 or tick < ticks:
+            awaited = tick
+            if not self.virtual:
+                self.pace.wait(epoch + self.pace.grid(tick))
+            if self.signals.caught[0] or not self.journal.make_room(False):
+                break
+            began = monotonic()
+            self.watchdog.begin_work(began)
+            if self.tape is not None:
+                if not self.tape.advance(&tick, &late):
+                    break
+            elif not self.virtual:
+                tick = self.place(tick, began - epoch, ticks)
+                if self.overrun.fault:
+                    status = OVERRUN
+                if self.overrun.fault or tick == ticks:
+                    break
+                late = began - epoch - self.pace.grid(tick)
+            self.now = now = self.first_tick + self.pace.grid(tick)
+            self.tick = tick
+            self.body.watch.begin(tick, began)
+            status = self.journal.attend(began)
+            if status == OK:
+                status = self.advance_plant_to(tick)
+            if status != OK:
+                break
+            self.body.set_clock(tick, self.previous, late)
+            self.control.arena[AUTHORITY] = self.authority(tick - self.armed, fade)
+            status = self.body.run(                                # the first tick after arming is one for every block
+                tick, self.previous if self.previous >= self.armed else -1, now if self.simulated else now + late)
+            if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
+                break
+            if self.control.laps != NULL:
+                lap(self.control.laps, RECORD)
+            if self.layout != NULL:
+                self.count(tick, awaited, late, began)
+            if self.control.gil_taken != held and (not self.virtual or tick % SIGNAL_HANDLER_PERIOD == 0):
+                self.signals.install(NULL)                         # a block may have installed its own, or ignored them
+                held = self.control.gil_taken
+            self.previous = tick
+            self.late = late
+            tick += 1
+            self.watchdog.end_work()
+        self.watchdog.end_work()
+        return status
+
+    cdef double authority(self, int64_t ticks, double fade) noexcept nogil:
+        """The share of every command that is let through so many ticks after arming."""
+        return 1.0 if fade <= 0.0 or ticks / self.pace.rate >= fade else ticks / (self.pace.rate * fade)
+
+    cdef int64_t place(self, int64_t tick, int64_t since, int64_t ticks) noexcept nogil:
+        """The grid point at which a tick runs that should run at `tick` and wakes up `since` ns after the first. Counts what is missed."""
+        cdef int64_t due = max(tick, self.pace.newest(since))
+        cdef int64_t behind = self.overrun.late
+        cdef int64_t chosen
+        if 0 <= ticks < due:
+            due = ticks
+        chosen = self.overrun.decide(tick, due)
+        if due > tick and behind == 0:                             # those that catch up did not cause it
+            if tick > 0 and self.body.watch.laps.last - self.began - self.first_tick >= self.pace.grid(tick + 1):
+                self.to_blame = self.body.watch.laps.item
+                self.body.watch.blame(self.to_blame, self.body.watch.laps.longest, due - tick)
+            else:
+                self.to_blame = WOKEN_LATE
+                self.body.watch.blame(WOKEN_LATE, since - self.pace.grid(tick), due - tick)
+        if self.layout != NULL and due > tick:
+            store_i64(&self.layout.missed, self.layout.missed + chosen - tick)
+            self.layout.caught_up += chosen == tick
+        return chosen
+
+    cdef void stop(self, double timeout) noexcept nogil:
+        """The safe stop, at the end of a run."""
+        self.halt(timeout)
+        self.control.live.dismiss(self.layout)
+        self.journal.set_state(SAFE)

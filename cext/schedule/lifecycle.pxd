@@ -1,0 +1,26 @@
+from libc.stdint cimport int32_t, int64_t
+
+from cext.schedule.arming cimport Arming
+
+cdef enum:
+    REQUESTS = 16               # inputs that ask for arming again
+    ENDED = -2                  # beside the statuses of kernels: the run ends while it waits to be armed again
+
+cdef class Waiting(Arming):
+    cdef int64_t hung            # ns that a tick had worked which hung, 0 if none has
+    cdef object told             # called with what there is to tell of faults that are survived, or None
+    cdef int[REQUESTS] request_slots         # of the arena, each true while its input asks for arming again
+    cdef int request_count
+    cdef int to_blame            # item of the stopwatch that the last overrun came from
+
+    cdef int request(self, slots) except -1
+    cdef int cause(self, int status) noexcept nogil
+    cdef bint is_survived(self, int status)
+    cdef object outcome(self, int status, tuple unanswered=*)
+    cdef void tell(self, str what, outcome)
+    cdef void tell_standing(self, str what, int standing) noexcept nogil
+    cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil
+    cdef bint asked(self, bint before) noexcept nogil
+    cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil
+    cdef void forgive(self, int status) noexcept nogil
+    cdef int arm_again(self, int64_t tick, double timeout) noexcept nogil

@@ -1,0 +1,230 @@
+# cython: freethreading_compatible=True
+"""After a fault: what it was, and where a run may survive it, the wait behind the fence until somebody arms it again.
+
+While it waits every tick is computed, and nothing of it sent but disable.
+"""
+
+import sys
+
+from libc.stdint cimport int64_t
+
+from cext.abi cimport (
+    AUTHORITY, BEYOND_ACCELERATION, BEYOND_TORQUE, DEVICE_FAULT, ESTOP, FENCED, FIRST_OWN_STATUS, HUNG, IMPLAUSIBLE, NO_ANSWER, NOT_FINITE,
+    NOT_FOLLOWING, OK, OUT_OF_LIMITS, OVERRUN, OVERSPEED, OVER_TRAVEL, PYTHON_ERROR, RMS_TORQUE, SILENT, TOO_HOT, UNGUARDED,
+)
+from cext.schedule.live cimport STOP_WANTED, apply_changes
+from cext.ring.mailbox cimport NOT_NOW, REARM, TAKEN
+from cext.clock.deadline_clock cimport monotonic
+from cext.safety.shared_state cimport ARMING
+from cext.safety.thresholds cimport DISABLE_CONFIRM_LIMIT
+
+from cext.schedule.outcome import Outcome, name_of
+from cext.clock.stopwatch import names
+
+
+cdef class Waiting(Arming):
+    """Of cext.schedule.executor.Executor."""
+
+    cdef int request(self, slots) except -1:
+        if len(slots) > REQUESTS:
+            raise ValueError("at most %d inputs ask for arming again, not %d" % (REQUESTS, len(slots)))
+        self.request_count = len(slots)
+        for index, slot in enumerate(slots):
+            self.request_slots[index] = slot
+        return 0
+
+    cdef int cause(self, int status) noexcept nogil:
+        """Why a run ends. A tick that hung may return anything; drives seem silent where the guardian is late, which carries their frames."""
+        if self.watchdog.has_bitten():
+            self.hung = monotonic() - self.watchdog.began + (self.watchdog.patience if self.tick < 0 else 0)
+            self.watchdog.dismiss()
+            return HUNG
+        if status == SILENT and self.carried and self.journal.guardian_is_late():
+            self.control.devices.failed.device = -1
+            return UNGUARDED
+        return status
+
+    cdef bint is_survived(self, int status):
+        """Whether a run that fails like this may be armed again.
+
+        Never where another process has stopped it, where nobody can tell, or where a scale is wrong: it would be wrong again.
+        """
+        if self.plant is not None and self.plant.culprit is not None:
+            return False
+        return self.tick >= 0 and not self.signals.caught[0] and (
+            status in (NOT_FINITE, OUT_OF_LIMITS, PYTHON_ERROR, NO_ANSWER, SILENT, DEVICE_FAULT, OVERRUN, ESTOP, RMS_TORQUE, TOO_HOT,
+                       BEYOND_ACCELERATION, BEYOND_TORQUE, OVER_TRAVEL, OVERSPEED, NOT_FOLLOWING, IMPLAUSIBLE)
+            or status >= FIRST_OWN_STATUS)
+
+    cdef object outcome(self, int status, tuple unanswered=()):
+        """The Outcome of a run that ended here."""
+        error = self.control.error or self.control.live.error
+        culprit = self.control.culprit if status != OK else None
+        if self.plant is not None and culprit is None and error is None and status != OK:
+            error, culprit = self.plant.error, self.plant.culprit
+        if status == OVERRUN:
+            culprit = self.body.watch.name(self.to_blame)
+        if status == HUNG:
+            culprit = names(self.control.schedule)[self.watchdog.at] if self.watchdog.at >= 0 else self.control.culprit
+            error = error if culprit == self.control.culprit else None      # a later step was broken off in its place
+        silent = tuple(self.control.devices.silent())
+        if status == NO_ANSWER and self.tick >= 0:
+            unanswered = silent
+        return Outcome(
+            name_of(status), culprit, self.tick, self.signals.caught[0], error, silent, unanswered, hung=self.hung * 1e-9)
+
+    cdef void tell(self, str what, outcome):
+        """Tell whoever wants to know. What that raises is no matter of the run."""
+        self.journal.attend_fenced(monotonic())
+        if self.told is not None:
+            try:
+                self.told(what, outcome)
+            except Exception:
+                sys.excepthook(*sys.exc_info())
+        self.journal.attend_fenced(monotonic())
+
+    cdef void tell_standing(self, str what, int standing) noexcept nogil:
+        with gil:
+            self.tell(what, self.outcome(standing))
+
+    cdef int wait(self, int64_t ticks, double arming_timeout) noexcept nogil:
+        """Behind the fence, until somebody asks for arming again after a whole tick in which nothing stood in the way.
+
+        Then arms, and returns OK, or why that failed. ENDED or STOP_WANTED where the run ends first, else what is no more survived.
+        """
+        cdef int64_t epoch = self.began + self.first_tick
+        cdef int64_t tick = max(self.tick, self.pace.newest(
+            (self.now if self.virtual else monotonic() - self.began) - self.first_tick)) + 1
+        cdef int64_t began
+        cdef int status
+        cdef int standing = NO_ANSWER
+        cdef bint high = True                                      # an input that was true all the time asks for nothing
+        cdef bint before
+        cdef int64_t judged = self.first_tick + self.pace.grid(tick) + DISABLE_CONFIRM_LIMIT     # from when on a missing answer stands in the way
+        self.control.devices.want_replies(False, True)
+        self.previous = tick - 1
+        while ticks < 0 or tick < ticks:
+            if not self.virtual:
+                self.pace.wait(epoch + self.pace.grid(tick))
+            if self.signals.caught[0] or not self.journal.make_room(False):
+                return ENDED
+            began = monotonic()
+            self.tick = tick
+            self.now = self.first_tick + self.pace.grid(tick)
+            self.body.watch.begin(tick, began)
+            status = self.journal.attend_fenced(began)
+            if status != OK:
+                return status
+            if (standing != NO_ANSWER or self.now > judged) and self.control.live.waits(self.layout, REARM):
+                standing = self.permission() if standing == OK else standing
+                self.control.live.asked(self.layout, REARM, tick, TAKEN if standing == OK else NOT_NOW)
+                if standing == OK:
+                    return self.arm_again(tick, arming_timeout)
+                self.tell_standing("refused", standing)
+            self.late = 0 if self.virtual else began - epoch - self.pace.grid(tick)
+            standing = self.look_around(tick, standing, &status)
+            if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
+                return status if status != OK else ENDED
+            if self.layout != NULL:
+                self.count(tick, tick, self.late, began)
+            before, high = high, self.asked(high)
+            if high and not before:
+                standing = self.permission() if standing == OK else standing
+                if standing == OK:
+                    return self.arm_again(self.next_point(tick, self.first_tick), arming_timeout)
+                self.tell_standing("refused", standing)
+            self.previous = tick
+            tick = self.next_point(tick, self.first_tick)
+        return ENDED
+
+    cdef bint asked(self, bint before) noexcept nogil:
+        """Whether an input asks for arming again."""
+        if self.request_count == 0:
+            return before
+        cdef int index
+        for index in range(self.request_count):
+            if self.control.arena[self.request_slots[index]] > 0.5:
+                return True
+        return False
+
+    cdef int look_around(self, int64_t tick, int before, int *status) noexcept nogil:
+        """One tick of which nothing is sent but disable. Returns what stands in the way of arming; `status` where the run cannot go on.
+
+        before : what stood in the way in the tick before
+        """
+        cdef int computed
+        cdef int standing = OK
+        self.forgive(before)
+        self.advance_plant_to(tick)
+        self.body.set_clock(tick, self.previous, self.late)
+        self.control.arena[AUTHORITY] = 0.0
+        computed = apply_changes(self.control.live, self.layout, tick, (tick - self.previous) / self.pace.rate)
+        if computed == STOP_WANTED:
+            status[0] = computed
+            return computed
+        status[0] = self.control.devices.receive(self.now, self.layout)
+        if status[0] == ESTOP:
+            status[0] = OK                                         # the device holds it against every command from here on
+        if status[0] != OK:
+            return status[0]
+        if computed == OK:
+            computed = self.control.run(&self.control.output, tick, self.previous)
+        if computed == OK:
+            computed = self.control.devices.command()              # what it would be; none of it goes out
+        if computed == OK:
+            computed = self.control.run(&self.control.update, tick, self.previous)
+        standing = self.control.devices.watch(self.now)
+        if standing == OK:
+            standing = computed if computed != OK or self.control.devices.all_answered() else NO_ANSWER
+        status[0] = self.control.devices.send_batches(False, False, True, self.now, self.layout)
+        if status[0] == OK:
+            status[0] = self.body.advance_plant(self.now)
+        return standing
+
+    cdef void forgive(self, int status) noexcept nogil:
+        """What failed is no longer why anything fails."""
+        self.control.devices.failed.device = self.control.devices.failed.bus = -1
+        self.control.failed.step = -1
+        if status == OK:
+            return
+        with gil:
+            self.control.error = None
+            self.control.live.forgive()
+
+    cdef int arm_again(self, int64_t tick, double timeout) noexcept nogil:
+        """As at the beginning, from grid point `tick` on: the loop may go on at `armed`. The fence is lowered here, and nowhere else."""
+        cdef int64_t rounds = <int64_t>min(timeout * self.pace.rate, 1e15) + 1
+        cdef int64_t round
+        cdef int status
+        self.tell_standing("rearm", OK)
+        self.forgive(PYTHON_ERROR)
+        if not self.journal.lower_fence():
+            return FENCED
+        self.control.live.awaited = -1
+        self.halted = False
+        self.journal.set_state(ARMING)
+        self.overrun.reset()
+        for round in range(rounds + 1):
+            tick = tick if round == 0 else self.next_point(tick, self.first_tick)
+            self.now = self.first_tick + self.pace.grid(tick)
+            if not self.virtual:
+                self.pace.sleep_until(self.began + self.now)
+            if self.signals.caught[0] or not self.journal.make_room(False):
+                return ENDED
+            self.tick = tick
+            status = self.hear_while_arming()
+            if round == 0:
+                self.control.devices.begin_arming()                # from here on: what comes now answers the disabling
+            elif status == OK and self.control.devices.all_answered():
+                status = self.control.devices.watch(self.now)
+                if status == OK:
+                    self.armed, self.previous, self.late = tick, tick - 1, 0
+                    self.body.set_clock(tick, tick - 1, 0)
+                    return self.start_from_here()
+            if status == OK:
+                status = self.control.devices.send_batches(True, True, False, self.now, self.layout)
+            if status == OK:
+                status = self.body.advance_plant(self.now)
+            if status != OK:
+                return status
+        return NO_ANSWER

@@ -1,0 +1,305 @@
+# cython: freethreading_compatible=True
+"""The loop's side of the mailbox: what may be changed, and how far each change has come.
+
+A change takes effect at the start of a tick, or not at all: it is checked against bounds that no other process can reach, and
+one that the ring cannot record waits. A parameter with a slew goes to its new value by at most slew · dt a tick.
+"""
+
+from cpython.object cimport PyObject
+from libc.math cimport INFINITY, copysign, fabs, floor
+from libc.stdint cimport uint32_t, uintptr_t
+from libc.stdlib cimport calloc, free
+
+from cext.abi cimport OK, PYTHON_ERROR
+from cext.atomics cimport store_u64, swap
+from cext.ring.mailbox cimport (
+    ANSWERED, BY_REPLAY, CHANGES, CONFIRM, LETTERS, MARK, NOT_NOW, OUT_OF_BOUNDS, OVER, POSTED, READING, REARM, SET, STOP, TAKEN, UNKNOWN,
+    Change, in_step, oldest, step_of, writer_of,
+)
+from cext.clock.histogram cimport add
+from cext.safety.shared_state cimport CHANGE, commit, reserve, shown
+from cext.clock.stopwatch cimport GIL_WAIT, lap
+
+cdef int64_t NEVER = 0x7FFFFFFFFFFFFFFF
+cdef int32_t NOBODY = -1
+
+TYPES = {"float": float, "int": int, "bool": bool}
+
+
+cdef class LiveTable:
+    """The live parameters of a schedule.
+
+    entries : graph.schedule.LiveParameter of each, in the order in which letters count them
+    arena : the float64 array of the program
+    """
+
+    def __init__(self, entries, arena):
+        cdef LiveParameter *parameter
+        self.entries = list(entries)
+        self.count = len(self.entries)
+        self.arena = <double *><uintptr_t>arena.ctypes.data
+        self.parameters = <LiveParameter *>calloc(max(1, self.count), sizeof(LiveParameter))
+        for index, entry in enumerate(self.entries):
+            parameter = &self.parameters[index]
+            parameter.slot = entry.slot
+            parameter.low, parameter.high, parameter.built = entry.low, entry.high, entry.built
+            parameter.whole = entry.dtype != "float"
+            parameter.built_slew = INFINITY if parameter.whole else entry.slew
+            parameter.block = <PyObject *>entry.block if entry.block is not None else NULL
+        self.reset()
+
+    def __dealloc__(self):
+        free(self.parameters)
+        free(self.script)
+
+    def follow(self, changes):
+        """From now on make these changes in every run, besides what the mailbox brings.
+
+        changes : (tick, index of the parameter, value, slew), in the order of ticks; from each change on the parameter ramps with its slew,
+            as it did in the run that was recorded. ValueError for one that the table does not allow
+        """
+        cdef Letter letter
+        free(self.script)
+        self.scripted = len(changes)
+        self.script = <Scripted *>calloc(max(1, self.scripted), sizeof(Scripted))
+        for position, (tick, index, value, slew) in enumerate(changes):
+            self.script[position].tick, self.script[position].parameter, self.script[position].value = tick, index, value
+            self.script[position].slew = slew
+            letter.kind, letter.count, letter.parameters[0], letter.values[0] = SET, 1, index, value
+            if self.check(&letter) != TAKEN:
+                raise ValueError("parameter %d cannot be %r" % (index, value))
+
+    def reset(self):
+        """Every parameter as it was built. Native ones are as the arena has them at reset."""
+        cdef int index
+        cdef LiveParameter *parameter
+        self.moving = 0
+        self.awaited = NOBODY
+        self.marks = 0
+        self.gil_taken = 0
+        self.played = 0
+        self.due = self.script[0].tick if self.scripted else NEVER
+        self.seen = <uint64_t>-1                # whatever waits is looked at in the first tick
+        self.error = self.culprit = None
+        for index in range(self.count):
+            parameter = &self.parameters[index]
+            parameter.value = parameter.target = parameter.built
+            parameter.slew = parameter.built_slew
+            parameter.changed = parameter.block != NULL
+        if self.tell_python(NULL) != OK:
+            raise self.error
+
+    def leave(self):
+        """The blocks of a diagram as they were built, once a run is over. What the run has come to stays in the arena and on the page."""
+        for entry in self.entries:
+            if entry.block is not None:
+                setattr(entry.block, entry.name, TYPES[entry.dtype](entry.built))
+
+    cdef void forgive(self):
+        """What the code behind an attribute has raised is over."""
+        self.error = self.culprit = None
+
+    cdef void show(self, PageLayout *page) noexcept nogil:
+        """Where the others can read it."""
+        cdef int index
+        if page == NULL or page.live_count != self.count:
+            return
+        for index in range(self.count):
+            shown(page)[index].value, shown(page)[index].target = self.parameters[index].value, self.parameters[index].target
+
+    cdef void dismiss(self, PageLayout *page) noexcept nogil:
+        """Answer what still waits: there is no run any more that it could change."""
+        cdef Letter *letter
+        cdef uint64_t state
+        cdef int rounds
+        if page == NULL:
+            return
+        for rounds in range(LETTERS):
+            letter = oldest(&page.mailbox, NOBODY)
+            if letter == NULL:
+                return
+            state = load_u64(&letter.state)
+            if step_of(state) == POSTED and swap(&letter.state, state, in_step(state, READING)):
+                answer(letter, OVER, -1)
+
+    cdef int work(self, PageLayout *page, int64_t tick, double dt) noexcept nogil:
+        cdef int status = OK
+        if tick >= self.due:
+            self.play(page, tick)
+        if load_u64(&page.mailbox.posted) != self.seen:
+            status = self.take(page, tick)
+        if status == OK and self.moving:
+            status = self.advance(dt)
+            self.show(page)
+        return status
+
+    cdef bint stop_wanted(self, PageLayout *page, int64_t tick) noexcept nogil:
+        """Whether a letter asks for the end of the run."""
+        return self.asked(page, STOP, tick, TAKEN)
+
+    cdef bint waits(self, PageLayout *page, int32_t kind) noexcept nogil:
+        """Whether a letter of this kind waits for an answer."""
+        cdef int index
+        if page == NULL:
+            return False
+        for index in range(LETTERS):
+            if step_of(load_u64(&page.mailbox.letters[index].state)) == POSTED and page.mailbox.letters[index].kind == kind:
+                return True
+        return False
+
+    cdef bint asked(self, PageLayout *page, int32_t kind, int64_t tick, int32_t verdict) noexcept nogil:
+        """Whether a letter of this kind waits; it gets that answer. It needs no room in the ring: what follows is recorded anyhow."""
+        cdef int index
+        cdef Letter *letter
+        cdef Letter copy
+        cdef uint64_t state
+        if page == NULL:
+            return False
+        for index in range(LETTERS):
+            letter = &page.mailbox.letters[index]
+            state = load_u64(&letter.state)
+            if step_of(state) == POSTED and letter.kind == kind and swap(&letter.state, state, in_step(state, READING)):
+                copy = letter[0]
+                if verdict == TAKEN and not self.carry_out(page, &copy, tick):
+                    page.dropped += 1
+                answer(letter, verdict, tick)
+                return True
+        return False
+
+    cdef void play(self, PageLayout *page, int64_t tick) noexcept nogil:
+        """Carry out what the script has for this tick."""
+        cdef Letter letter
+        letter.state, letter.kind, letter.origin, letter.count = 0, SET, BY_REPLAY, 1
+        while self.played < self.scripted and self.script[self.played].tick <= tick:
+            letter.parameters[0], letter.values[0] = self.script[self.played].parameter, self.script[self.played].value
+            self.parameters[letter.parameters[0]].slew = self.script[self.played].slew
+            if not self.carry_out(page, &letter, tick):
+                break                           # the ring is full: in the next tick then
+            self.played += 1
+        self.due = self.script[self.played].tick if self.played < self.scripted else NEVER
+
+    cdef int take(self, PageLayout *page, int64_t tick) noexcept nogil:
+        """Carry out what waits, in the order in which it was posted. What comes in the meantime may wait for the next tick."""
+        cdef uint64_t posted = load_u64(&page.mailbox.posted)
+        cdef uint64_t state
+        cdef Letter *letter
+        cdef Letter copy                        # a writer gone wild cannot change what has been checked
+        cdef int rounds, verdict
+        if self.stop_wanted(page, tick):
+            return STOP_WANTED
+        if tick < 0:
+            return OK
+        for rounds in range(LETTERS):
+            letter = oldest(&page.mailbox, self.awaited)
+            if letter == NULL:
+                self.seen = posted
+                return OK
+            state = load_u64(&letter.state)
+            if step_of(state) != POSTED or not swap(&letter.state, state, in_step(state, READING)):
+                continue
+            copy = letter[0]
+            verdict = self.check(&copy)
+            if verdict == TAKEN and not self.carry_out(page, &copy, tick):
+                store_u64(&letter.state, state)
+                return OK
+            letter.mark = self.marks
+            answer(letter, verdict, tick)
+        return OK
+
+    cdef int check(self, const Letter *letter) noexcept nogil:
+        cdef int index, which
+        cdef double value
+        cdef LiveParameter *parameter
+        if letter.kind == MARK:
+            return TAKEN
+        if letter.kind == CONFIRM or letter.kind == REARM:
+            return NOT_NOW                          # whoever waits for them asks by `asked`
+        if letter.kind != SET or not 0 < letter.count <= CHANGES:
+            return UNKNOWN
+        for index in range(letter.count):
+            which, value = letter.parameters[index], letter.values[index]
+            if not 0 <= which < self.count:
+                return UNKNOWN
+            parameter = &self.parameters[which]
+            if not parameter.low <= value <= parameter.high or parameter.whole and floor(value) != value:     # NaN fails
+                return OUT_OF_BOUNDS
+        return TAKEN
+
+    cdef bint carry_out(self, PageLayout *page, const Letter *letter, int64_t tick) noexcept nogil:
+        """Set targets and record them. False: the ring has no room, and nothing was done."""
+        cdef int count = letter.count if letter.kind == SET else 1
+        cdef int index
+        cdef LiveParameter *parameter
+        cdef Change *change = <Change *>reserve(page, CHANGE, <uint32_t>(count * sizeof(Change)))
+        if change == NULL:
+            return False
+        for index in range(count):
+            change.tick, change.kind, change.origin, change.writer = tick, letter.kind, letter.origin, <int32_t>writer_of(letter.state)
+            change.parameter, change.value, change.before, change.slew = -1, 0.0, 0.0, 0.0
+            if letter.kind == MARK:
+                self.marks += 1
+                change.value = <double>self.marks
+            elif letter.kind == SET:
+                parameter = &self.parameters[letter.parameters[index]]
+                change.parameter, change.value = letter.parameters[index], letter.values[index]
+                change.before, change.slew = parameter.value, parameter.slew
+                parameter.target = letter.values[index]
+            change += 1
+        commit(page)
+        if letter.kind == SET:
+            self.moving = self.count            # `advance` counts anew
+        return True
+
+    cdef int advance(self, double dt) noexcept nogil:
+        """Every parameter towards its target, as far as it gets in dt s."""
+        cdef int index
+        cdef double difference
+        cdef bint python = False
+        cdef LiveParameter *parameter
+        self.moving = 0
+        for index in range(self.count):
+            parameter = &self.parameters[index]
+            if parameter.value == parameter.target:
+                continue
+            difference = parameter.target - parameter.value
+            if fabs(difference) <= parameter.slew * dt:
+                parameter.value = parameter.target
+            else:
+                parameter.value += copysign(parameter.slew * dt, difference)
+                self.moving += 1
+            if parameter.slot >= 0:
+                self.arena[parameter.slot] = parameter.value
+            if parameter.block != NULL:
+                parameter.changed = python = True
+        if not python:
+            return OK
+        self.gil_taken += 1
+        return self.tell_python(self.laps)
+
+    cdef int tell_python(self, Laps *laps) noexcept nogil:
+        """Attributes of Python blocks, for what has changed. laps : what times the wait for the GIL, or NULL"""
+        cdef int index
+        cdef int64_t waited
+        cdef LiveParameter *parameter
+        with gil:
+            if laps != NULL:
+                waited = lap(laps, GIL_WAIT)
+                if laps.waits != NULL:
+                    add(laps.waits, waited, laps.tick)
+            for index in range(self.count):
+                parameter = &self.parameters[index]
+                if not parameter.changed:
+                    continue
+                parameter.changed = False
+                entry = self.entries[index]
+                try:
+                    setattr(<object>parameter.block, entry.name, TYPES[entry.dtype](parameter.value))
+                except BaseException as error:
+                    self.error, self.culprit = error, entry.block.path
+                    return PYTHON_ERROR
+        return OK
+
+
+cdef void answer(Letter *letter, int32_t verdict, int64_t tick) noexcept nogil:
+    letter.answer, letter.tick = verdict, tick
+    store_u64(&letter.state, in_step(letter.state, ANSWERED))

@@ -1,0 +1,74 @@
+from cpython.object cimport PyObject
+from libc.stdint cimport int32_t, int64_t, uint64_t
+
+from cext.abi cimport kernel_t
+from cext.schedule.devices cimport Devices
+from cext.schedule.live cimport LiveTable
+from cext.safety.shared_state cimport PageLayout
+from cext.schedule.python_step cimport PythonStep
+from cext.clock.stopwatch cimport Laps, Stopwatch
+
+cdef struct Step:
+    kernel_t kernel              # NULL: a Python step
+    const int32_t *slots
+    const int32_t *sizes
+    PyObject *python             # a PythonStep
+
+cdef struct Segment:             # neighbours of one kind, one rate and one condition
+    int first
+    int last
+    int every                    # runs when floor(tick / every) has changed
+    int condition_count
+    const int32_t *conditions    # slots that must all be true; the segment holds while one is not
+    bint python
+
+cdef struct Phase:
+    Step *steps
+    Segment *segments
+    int step_count
+    int segment_count
+    int item                     # of the stopwatch: that of its first step, below 0 where no stamps are wanted
+
+cdef struct FailedStep:          # -1: none
+    int phase
+    int step
+
+cdef class Program:
+    """The tables of one schedule, ready for the executor."""
+    cdef double *arena
+    cdef const double *initial   # what the arena holds at reset
+    cdef int size
+    cdef object memory, image, keep, kept
+    cdef double *last            # the arena as it was when the run ended
+    cdef Phase look, settle, output, update
+    cdef int memory_start        # slot from which on the arena is state
+    cdef Devices devices
+    cdef readonly LiveTable live
+    cdef int32_t *columns
+    cdef int column_count
+    cdef public object error     # what a Python step raised
+    cdef FailedStep failed
+    cdef Stopwatch watch
+    cdef Laps *laps              # its own; NULL: no stamps
+    cdef int at                  # item of the stopwatch that it is working on, below 0: something else
+    cdef int64_t gil_taken
+    cdef list blocks
+    cdef list holding            # PythonSteps that may hold exceptions
+    cdef PageLayout *page        # where the first one held is told; NULL: nowhere
+    cdef object schedule
+
+    cdef void stamp(self, Stopwatch watch)
+    cdef int load_phase(self, Phase *phase, steps, bint holds) except -1
+    cdef uint64_t share(self, PageLayout *page)
+    cdef int32_t *hold(self, array) except? NULL
+    cdef void blame_step(self, Phase *phase, int step) noexcept nogil
+    cdef void keep_values(self) noexcept nogil
+    cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil
+    cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil
+    cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil
+    cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil
+    cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil
+    cdef bint enabled(self, Segment *segment) noexcept nogil
+    cdef int start_from_here(self) noexcept nogil
+    cdef int reset_blocks(self) noexcept nogil
+    cdef void record(self, double *row) noexcept nogil

@@ -1,0 +1,351 @@
+# cython: freethreading_compatible=True
+"""A schedule loaded into native memory: its arena, and its steps in order.
+
+    look       what of the present measurement blocks can start from
+    settle     they start from it
+    output     the steps of a tick, in segments of one kind, so that the GIL is taken once for neighbouring Python steps
+    update     steps that prepare the next tick
+
+What goes over wires is its devices' part; the life cycle around these, the clock and the recording are the executor's.
+"""
+
+import numpy as np
+
+from libc.stdint cimport uintptr_t
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy
+
+from cext.safety.forks cimport is_child, leave
+from cext.abi cimport DT, LATENESS, OK, PERIOD, PYTHON_ERROR
+from cext.clock.histogram cimport add
+from cext.schedule.python_step cimport PythonStep
+from cext.clock.stopwatch cimport FIRST_STEP, GIL_WAIT, lap
+
+from cext.schedule.kernel_table import address, words
+
+cdef enum:
+    UNTIMED = -1000000              # so far below 0 that no step of the phase is an item
+
+
+cdef class Program:
+    """Loads a `graph.Schedule`.
+
+    Parameters
+    ----------
+    schedule : graph.Schedule
+    ends : BusEnd, one for each of schedule.buses
+    """
+
+    def __init__(self, schedule, ends=()):
+        self.schedule = schedule
+        self.image = np.ascontiguousarray(schedule.arena, dtype=np.float64)
+        self.memory = self.image.copy()
+        self.arena = <double *><uintptr_t>self.memory.ctypes.data
+        self.initial = <const double *><uintptr_t>self.image.ctypes.data
+        self.size = len(self.memory)
+        self.kept = self.memory.copy()
+        self.last = <double *><uintptr_t>self.kept.ctypes.data
+        self.keep = []
+        self.blocks = list(schedule.python_blocks)
+        self.holding = []
+        self.live = LiveTable(schedule.live, self.memory)
+        self.memory_start = schedule.memory_start
+        self.load_phase(&self.look, schedule.look, False)
+        self.load_phase(&self.settle, schedule.settle, False)
+        self.load_phase(&self.output, schedule.output, True)
+        self.load_phase(&self.update, schedule.update, True)
+        self.look.item = self.settle.item = UNTIMED
+        self.output.item, self.update.item = FIRST_STEP, FIRST_STEP + len(schedule.output)
+        self.devices = Devices(schedule, ends, self.memory)
+        self.column_count = len(schedule.columns)
+        self.columns = <int32_t *>calloc(max(1, self.column_count), sizeof(int32_t))
+        for index, slot in enumerate(schedule.columns):
+            self.columns[index] = slot
+
+    def __dealloc__(self):
+        free(self.look.steps); free(self.look.segments)
+        free(self.settle.steps); free(self.settle.segments)
+        free(self.output.steps); free(self.output.segments)
+        free(self.update.steps); free(self.update.segments)
+        free(self.columns)
+
+    cdef int load_phase(self, Phase *phase, steps, bint holds) except -1:
+        """Copy the steps and cut them into segments of neighbours of one kind, rate and condition.
+
+        holds : whether steps may hold exceptions: not while a robot is being armed
+        """
+        cdef Step *step
+        cdef Segment *segment = NULL
+        cdef int index
+        # The tables of all steps lie in one run of memory, in the order of the tick, so that the cache gets them ahead of time.
+        tables = [entry.table for entry in steps if entry.kernel is not None]
+        cdef const int32_t *table = self.hold(words(word for each in tables for word in (*each.counts, *each.slots, *each.sizes)))
+        phase.steps = <Step *>calloc(max(1, len(steps)), sizeof(Step))
+        phase.segments = <Segment *>calloc(max(1, len(steps)), sizeof(Segment))
+        phase.step_count = len(steps)
+        phase.segment_count = 0
+        previous = None
+        for index, entry in enumerate(steps):
+            step = &phase.steps[index]
+            if entry.kernel is not None:
+                step.kernel = <kernel_t><uintptr_t>address(entry.kernel)
+                self.keep.append(entry.kernel)
+                step.slots = table + 4
+                step.sizes = step.slots + len(entry.table.slots)
+                table = step.sizes + len(entry.table.sizes)
+            else:
+                call = PythonStep(entry.function, entry.name, entry.inputs, entry.outputs, self.memory, entry.hold if holds else 0)
+                self.keep.append(call)
+                if call.hold > 0:
+                    self.holding.append(call)
+                step.python = <PyObject *>call
+            kind = (step.kernel == NULL, entry.every, entry.conditions)
+            if segment == NULL or kind != previous:
+                segment = &phase.segments[phase.segment_count]
+                phase.segment_count += 1
+                segment.first, segment.every, segment.python = index, entry.every, step.kernel == NULL
+                segment.condition_count, segment.conditions = len(entry.conditions), self.hold(words(entry.conditions))
+                previous = kind
+            segment.last = index + 1
+        return 0
+
+    cdef int32_t *hold(self, array) except? NULL:
+        """Address of an array that lives as long as the program."""
+        self.keep.append(array)
+        return <int32_t *><uintptr_t>array.ctypes.data
+
+    def reset(self):
+        """Everything as at the first tick: arena, devices, Python blocks."""
+        self.memory[:] = self.image
+        self.live.reset()
+        for block in self.blocks:
+            block.reset()
+        for call in self.holding:
+            (<PythonStep>call).reset()
+        self.devices.reset()
+        self.error = None
+        self.failed.step = -1
+        self.gil_taken = 0
+
+    @property
+    def values(self):
+        """The arena as an array: the live memory, not a copy."""
+        return self.memory
+
+    @property
+    def late(self):
+        """s, how late the newest tick began."""
+        return float(self.arena[LATENESS])
+
+    @property
+    def held(self):
+        """Exceptions that were no fault: a list of (path, how many, tick of the first, the last one) of each block that held any."""
+        found = {}
+        for call in self.holding:
+            if call.held:
+                path, count, first, last = found.get(call.name, (call.name, 0, call.first_held, None))
+                found[path] = path, count + call.held, min(first, call.first_held), call.last_held if last is None else last
+        return list(found.values())
+
+    @property
+    def latencies(self):
+        """How long each device on a rig took to answer, as cext.schedule.devices.Devices.latencies has it."""
+        return self.devices.latencies
+
+    @property
+    def missed(self):
+        """Commands that were not answered in time, as cext.schedule.devices.Devices.missed has it."""
+        return self.devices.missed
+
+    @property
+    def malformed(self):
+        """Frames that devices have rejected, as cext.schedule.devices.Devices.malformed has it."""
+        return self.devices.malformed
+
+    @property
+    def unready(self):
+        """Devices that answer and have not returned what arming wrote, as cext.schedule.devices.Devices.unready has it."""
+        return self.devices.unready
+
+    def count_from(self, int64_t tick):
+        """What is not answered in time before this tick, when arming may still fill the bus, is not counted."""
+        self.devices.counted_from = tick
+
+    @property
+    def watched(self):
+        """What was seen of each actuator, as cext.safety.drive_watch.DriveWatch.found has it."""
+        return self.devices.drives.found
+
+    @property
+    def culprit(self):
+        """Path of the block, device or bus whose step failed last, or None."""
+        if self.devices.culprit is not None:
+            return self.devices.culprit
+        if self.failed.step >= 0:
+            phases = self.schedule.look, self.schedule.settle, self.schedule.output, self.schedule.update
+            return phases[self.failed.phase][self.failed.step].name
+        return self.live.culprit
+
+    cdef void stamp(self, Stopwatch watch):
+        """Time the parts of each tick with a stopwatch, or with None, not."""
+        self.watch = watch
+        self.laps = self.devices.laps = self.live.laps = NULL if watch is None else &watch.laps
+        self.devices.item = FIRST_STEP + self.output.step_count + self.update.step_count
+
+    def inputs(self, str path):
+        """Values at the scalar inputs of a block when the run ended, by name; empty if the schedule does not know it."""
+        return {name: float(self.kept[slot]) for name, slot in self.schedule.inputs.get(path, {}).items()}
+
+    @property
+    def final(self):
+        """The arena as it was when the run ended, before its safe stop heard anything."""
+        return self.kept
+
+    cdef void keep_values(self) noexcept nogil:
+        memcpy(self.last, self.arena, self.size * sizeof(double))
+
+    cdef int run(self, Phase *phase, int64_t tick, int64_t previous) noexcept nogil:
+        cdef int index = 0
+        cdef int status = OK
+        cdef Segment *segment
+        cdef int64_t periods
+        cdef double dt = self.arena[DT]
+        cdef double period = self.arena[PERIOD]
+        while index < phase.segment_count:
+            segment = &phase.segments[index]
+            periods = self.due(segment, tick, previous)
+            if periods > 0 and not segment.python:
+                if segment.every != 1:
+                    self.set_clock(segment, periods, dt, period)
+                status = self.run_native(phase, segment)
+            elif periods > 0:
+                status = self.run_python(phase, &index, tick, previous)
+            if periods > 0 and (segment.python or segment.every != 1):
+                self.arena[DT], self.arena[PERIOD] = dt, period
+            if status != OK:
+                return status
+            index += 1
+        return OK
+
+    cdef int64_t due(self, Segment *segment, int64_t tick, int64_t previous) noexcept nogil:
+        """How many of its periods have passed since it ran: 0, and it rests."""
+        if segment.condition_count and not self.enabled(segment):
+            return 0
+        return 1 if segment.every == 1 or previous < 0 else tick // segment.every - previous // segment.every
+
+    cdef void set_clock(self, Segment *segment, int64_t periods, double dt, double period) noexcept nogil:
+        """A slow block sees its own clock: its period, and how many of them have passed."""
+        if segment.every != 1:
+            period *= segment.every
+            dt = periods * period
+        self.arena[DT], self.arena[PERIOD] = dt, period
+
+    cdef int run_native(self, Phase *phase, Segment *segment) noexcept nogil:
+        cdef int status
+        cdef double *arena = self.arena
+        cdef const Step *first = phase.steps + segment.first
+        cdef const Step *step = first
+        cdef const Step *last = phase.steps + segment.last
+        cdef Laps *laps = self.laps if phase.item >= 0 else NULL
+        cdef bint each = laps != NULL and laps.each != NULL
+        cdef int item = phase.item + segment.first
+        while step < last:
+            self.at = item
+            item += 1
+            status = step.kernel(arena, step.slots, step.sizes)
+            if status != OK:
+                self.blame_step(phase, <int>(step - phase.steps))
+                return status
+            if each:
+                lap(laps, phase.item + <int>(step - phase.steps))
+            step += 1
+        if laps != NULL and not each:
+            lap(laps, phase.item + segment.first)
+        return OK
+
+    cdef bint enabled(self, Segment *segment) noexcept nogil:
+        cdef int index
+        for index in range(segment.condition_count):
+            if not self.arena[segment.conditions[index]] > 0.5:
+                return False    # NaN does not enable
+        return True
+
+    cdef void blame_step(self, Phase *phase, int step) noexcept nogil:
+        self.failed.step = step
+        self.failed.phase = 0 if phase == &self.look else 1 if phase == &self.settle else 2 if phase == &self.output else 3
+
+    cdef int run_python(self, Phase *phase, int *index, int64_t tick, int64_t previous) noexcept nogil:
+        """The segment at `index` and all Python neighbours behind it, under one hold of the GIL. Leaves `index` at the last of them."""
+        cdef Segment *segment
+        cdef int step = -1
+        cdef int64_t periods
+        cdef double dt = self.arena[DT]
+        cdef double period = self.arena[PERIOD]
+        cdef Laps *laps = self.laps if phase.item >= 0 else NULL
+        cdef int64_t waited
+        self.gil_taken += 1
+        self.at = GIL_WAIT
+        with gil:
+            if laps != NULL:
+                waited = lap(laps, GIL_WAIT)
+                if laps.waits != NULL:
+                    add(laps.waits, waited, laps.tick)
+            try:
+                while True:
+                    segment = &phase.segments[index[0]]
+                    periods = self.due(segment, tick, previous)
+                    if periods > 0:
+                        self.set_clock(segment, periods, dt, period)
+                        for step in range(segment.first, segment.last):
+                            self.at = phase.item + step
+                            if (<PythonStep>phase.steps[step].python).hold == 0:
+                                (<PythonStep>phase.steps[step].python).call(self.arena)
+                            elif (<PythonStep>phase.steps[step].python).attempt(self.arena, tick):
+                                (<PythonStep>phase.steps[step].python).news.tell(self.page, tick)
+                            if laps != NULL:
+                                lap(laps, phase.item + step)
+                    if index[0] + 1 == phase.segment_count or not phase.segments[index[0] + 1].python:
+                        break
+                    index[0] += 1
+            except BaseException as error:
+                if is_child():
+                    leave()
+                self.error = error
+                self.blame_step(phase, step)
+                return PYTHON_ERROR
+        if is_child():
+            leave()
+        return OK
+
+    cdef uint64_t share(self, PageLayout *page):
+        """Where to tell of exceptions held and of actuators; NULL: nowhere. Returns how many bytes one tick may take of the ring for that."""
+        self.page = page
+        return self.devices.drives.share(page) + self.devices.warnings.share(page) + sum(8 + (<PythonStep>call).news.size() for call in self.holding)
+
+    cdef int start_from_here(self) noexcept nogil:
+        """Blocks start anew from the present measurement: one look at it, then all state as at reset, then those that can settle do."""
+        cdef int status = self.run(&self.look, 0, -1)
+        self.at = -1
+        if status == OK:
+            self.devices.keep_ready()
+            status = self.reset_blocks()
+            self.devices.restore_ready()
+        if status == OK:
+            status = self.run(&self.settle, 0, -1)
+        return status
+
+    cdef int reset_blocks(self) noexcept nogil:
+        memcpy(self.arena + self.memory_start, self.initial + self.memory_start, (self.size - self.memory_start) * sizeof(double))
+        with gil:
+            try:
+                for block in self.blocks:
+                    block.reset()
+            except BaseException as error:
+                self.error = error
+                return PYTHON_ERROR
+        return OK
+
+    cdef void record(self, double *row) noexcept nogil:
+        cdef int index
+        for index in range(self.column_count):
+            row[index] = self.arena[self.columns[index]]

@@ -1,0 +1,30 @@
+from libc.stdint cimport int32_t, int64_t, uint64_t
+
+from cext.safety.shared_state cimport Page, PageLayout
+from cext.schedule.program cimport Program
+
+cdef class Journal:
+    cdef Page page
+    cdef PageLayout *layout          # NULL without a page
+    cdef Program program
+    cdef bint virtual
+    cdef int reader
+    cdef const int32_t *caught
+    cdef int64_t guard               # ns of the guardian's silence that end the run, 0: there is none
+    cdef uint64_t most               # bytes that one tick pushes at most
+    cdef double *recent              # the rows of the newest ticks, a ring of its own
+    cdef int64_t recent_count        # rows that were ever put there
+
+    cdef void clear(self)
+    cdef void set_state(self, int32_t state) noexcept nogil
+    cdef bint fenced(self) noexcept nogil
+    cdef bint guardian_is_gone(self, int64_t now) noexcept nogil
+    cdef bint guardian_is_late(self) noexcept nogil
+    cdef int attend(self, int64_t now) noexcept nogil
+    cdef void raise_fence(self) noexcept nogil
+    cdef void raise_fence_for(self, int item) noexcept nogil
+    cdef bint lower_fence(self) noexcept nogil
+    cdef int attend_fenced(self, int64_t now) noexcept nogil
+    cdef bint push_row(self, int64_t tick) noexcept nogil
+    cdef bint make_room(self, bint stopping) noexcept nogil
+    cdef bint wait_for_reader(self) noexcept nogil

@@ -1,0 +1,180 @@
+# cython: freethreading_compatible=True
+"""What a run puts on the shared page: its state, its rows, and the waiting for a reader in virtual time."""
+
+from libc.stdlib cimport calloc, free
+from libc.string cimport memcpy, memset
+
+from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
+from cext.clock.histogram cimport Histogram
+from cext.safety.robust_mutex cimport find_dead
+from cext.ring.mailbox cimport CHANGES, LETTERS, Change
+from cext.clock.deadline_clock cimport monotonic
+from cext.safety.shared_state cimport (
+    FENCED_FOR_GOOD, FENCED_HERE, ROW, commit, load_i32, load_i64, load_u64, reserve, store_i32, store_i64, swap_i32,
+)
+from cext.posix cimport POLLIN, poll, pollfd
+from cext.clock.signals cimport Signals
+
+cdef enum:
+    RECENT = 6                      # rows that are kept to tell of what led to a fault
+
+
+cdef class Journal:
+    """The page from the side of the loop.
+
+    Parameters
+    ----------
+    page : Page or None; without one, nothing is told
+    program : Program whose columns make a row
+    virtual : a full ring makes the loop wait instead of dropping
+    reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
+    guard : ns of the guardian's silence that end the run, 0 where there is no guardian
+    """
+
+    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0):
+        if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
+            raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
+        self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
+        self.layout = NULL if page is None else page.layout
+        self.guard = guard
+        program.live.show(self.layout)
+        self.most = 8 * (3 + program.column_count) + 2 * 16                 # a row, and two drains
+        self.most += (sizeof(Frame) + 8) * (FRAMES_PER_TICK * program.devices.bus_count + 3 * FRAMES_PER_BATCH * program.devices.count)
+        self.most += LETTERS * (8 + CHANGES * sizeof(Change))
+        self.most += program.share(self.layout)
+        if page is not None:
+            self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
+        self.recent = <double *>calloc(RECENT * (2 + program.column_count), sizeof(double))
+        if self.recent == NULL:
+            raise MemoryError
+
+    def __dealloc__(self):
+        free(self.recent)
+
+    def newest(self):
+        """The newest rows, the oldest first, each as a tuple: the tick, its lateness in s, the recorded signals."""
+        cdef int width = 2 + self.program.column_count
+        cdef int64_t row
+        return [
+            tuple(self.recent[row % RECENT * width + column] for column in range(width))
+            for row in range(max(0, self.recent_count - RECENT), self.recent_count)
+        ]
+
+    cdef void clear(self):
+        """Forget an earlier run on the same page; the ring keeps what has not been read."""
+        cdef PageLayout *page = self.layout
+        self.recent_count = 0
+        if page == NULL:
+            return
+        page.tick = -1
+        page.ticks = page.missed = page.dropped = page.waited = page.caught_up = page.gil_taken = page.sleeps = page.spins = 0
+        page.frames_received = page.frames_sent = page.frames_foreign = page.frames_malformed = 0
+        page.status = page.closed = page.hung = page.crashed = 0
+        if page.began != 0:
+            page.fence = 0              # of the run before; one that was raised ahead of the first run holds
+        memset(&page.lateness, 0, sizeof(Histogram))
+        memset(&page.period, 0, sizeof(Histogram))
+        memset(&page.execution, 0, sizeof(Histogram))
+        memset(&page.gil, 0, sizeof(Histogram))
+        memset(&page.bus, 0, sizeof(Histogram))
+        self.program.live.show(page)
+
+    cdef void set_state(self, int32_t state) noexcept nogil:
+        if self.layout != NULL:
+            store_i32(&self.layout.state, state)
+
+    cdef bint fenced(self) noexcept nogil:
+        return self.layout != NULL and load_i32(&self.layout.fence) != 0
+
+    cdef int attend(self, int64_t now) noexcept nogil:
+        """Show that the loop is alive, and see whether it may go on: OK, FENCED or UNGUARDED. now : ns, CLOCK_MONOTONIC"""
+        if self.layout == NULL:
+            return OK
+        store_i64(&self.layout.beat, now)
+        if self.fenced():
+            return FENCED
+        return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
+
+    cdef bint guardian_is_gone(self, int64_t now) noexcept nogil:
+        """Whether the guardian has not looked for too long, or its thread has died: the kernel marks the mutex that it holds."""
+        return now - load_i64(&self.layout.guard) > self.guard or find_dead(&self.layout.guard_hold, &self.layout.guard_dead)
+
+    cdef bint guardian_is_late(self) noexcept nogil:
+        """Whether drives that seem silent may be so because the guardian is, which carries their frames."""
+        return self.guard > 0 and (find_dead(&self.layout.guard_hold, &self.layout.guard_dead) or monotonic() - load_i64(&self.layout.guard) > self.guard // 2)
+
+    cdef void raise_fence(self) noexcept nogil:
+        if self.layout != NULL:
+            swap_i32(&self.layout.fence, 0, FENCED_HERE)
+
+    cdef bint lower_fence(self) noexcept nogil:
+        """To arm again. False: it is another process's, which has stopped this run."""
+        return self.layout == NULL or swap_i32(&self.layout.fence, FENCED_HERE, 0)
+
+    cdef int attend_fenced(self, int64_t now) noexcept nogil:
+        """As `attend`, behind the loop's own fence: FENCED if it is another's by now."""
+        if self.layout == NULL:
+            return OK
+        store_i64(&self.layout.beat, now)
+        if load_i32(&self.layout.fence) == FENCED_FOR_GOOD:
+            return FENCED
+        return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK
+
+    cdef void raise_fence_for(self, int item) noexcept nogil:
+        """The same where a tick hangs with an item of the stopwatch, -1 where that is not known: the page says why first."""
+        if self.layout != NULL:
+            store_i32(&self.layout.hung, 1 + item if item >= 0 else -1)
+        self.raise_fence()
+
+    cdef bint push_row(self, int64_t tick) noexcept nogil:
+        """The recorded signals of this tick into the ring. False: a signal came while waiting for room."""
+        cdef PageLayout *page = self.layout
+        cdef int size = 2 + self.program.column_count
+        cdef double *kept = self.recent + self.recent_count % RECENT * size
+        cdef double *row = <double *>reserve(page, ROW, 8 * size)
+        cdef int64_t since
+        kept[0] = <double>tick
+        kept[1] = self.program.arena[LATENESS]
+        self.program.record(kept + 2)
+        self.recent_count += 1
+        while row == NULL:
+            if not self.virtual:
+                page.dropped += 1
+                return True
+            since = monotonic()
+            if not self.wait_for_reader():
+                page.dropped += 1
+                return True
+            page.waited += monotonic() - since
+            if self.caught[0]:
+                return False
+            row = <double *>reserve(page, ROW, 8 * size)
+        memcpy(row, kept, size * sizeof(double))
+        commit(page)
+        return True
+
+    cdef bint make_room(self, bint stopping) noexcept nogil:
+        """In virtual time: wait until the ring can take all that one tick pushes, so that nothing is dropped.
+
+        False: a signal came. `stopping` waits through signals, for a second at most.
+        """
+        cdef PageLayout *page = self.layout
+        cdef int64_t since
+        cdef int patience = 1000
+        if page == NULL or not self.virtual or page.capacity - (page.head - load_u64(&page.tail)) >= self.most:
+            return True
+        since = monotonic()
+        while page.capacity - (page.head - load_u64(&page.tail)) < self.most and self.wait_for_reader():
+            patience -= 1
+            if (stopping and patience == 0) or (not stopping and self.caught[0] != 0):
+                break
+        page.waited += monotonic() - since
+        return stopping or not self.caught[0]
+
+    cdef bint wait_for_reader(self) noexcept nogil:
+        """A millisecond for the recorder to make room. False: there is no recorder, or it has ended."""
+        cdef pollfd ended
+        if self.reader < 0:
+            return False
+        ended.fd, ended.events, ended.revents = self.reader, POLLIN, 0
+        return poll(&ended, 1, 1) <= 0

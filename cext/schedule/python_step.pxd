@@ -1,0 +1,34 @@
+from cpython.object cimport PyObject
+from libc.stdint cimport int32_t, int64_t
+
+from cext.safety.event_template cimport News
+
+cdef class PythonStep:
+    cdef object callable
+    cdef readonly str name
+    cdef int input_count, output_count
+    cdef int[32] input_kinds
+    cdef int32_t[32] input_slots
+    cdef int[32] output_kinds
+    cdef int32_t[32] output_slots
+    cdef int[32] output_sizes
+    cdef double[32] output_lows
+    cdef double[32] output_highs
+    cdef PyObject *arguments[33]
+    cdef readonly int hold               # exceptions in a row that are no fault
+    cdef int in_a_row
+    cdef bint given                      # it has returned once: there are values to keep
+    cdef double *kept                    # the outputs of the step before
+    cdef readonly int64_t held           # exceptions that were no fault
+    cdef readonly int64_t first_held     # tick of the first
+    cdef readonly object last_held       # the last of them
+    cdef News news                       # that tells of the first
+    cdef list input_views, output_views, input_names, output_names
+    cdef int call(self, double *arena) except -1
+    cdef int attempt(self, double *arena, int64_t tick) except -1
+    cdef void keep(self, double *arena) noexcept nogil
+    cdef void put_back(self, double *arena) noexcept nogil
+    cdef void reset(self)
+    cdef int refuse(self, int index, value) except -1
+    cdef int store_array(self, int index, object value, double *arena) except -1
+    cdef int store(self, int index, object value, double *arena) except -1

@@ -1,0 +1,25 @@
+from libc.stdint cimport int64_t
+
+from cext.schedule.publisher cimport Journal
+from cext.clock.deadline_clock cimport Pace
+from cext.schedule.program cimport Program
+from cext.clock.stopwatch cimport Stopwatch
+from cext.schedule.watchdog cimport Handover
+
+cdef class Tick:
+    cdef Program control, plant
+    cdef Journal journal
+    cdef Pace pace
+    cdef Handover *handover              # of the watchdog, NULL without one
+    cdef int substeps
+    cdef int64_t plant_tick
+    cdef int64_t plant_due       # ns from the run's begin, at which the next step of the plant begins
+    cdef readonly Stopwatch watch        # of the robot
+    cdef readonly Stopwatch plant_watch  # of its plant, where there is a profile
+
+    cdef void reset(self)
+    cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil
+    cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil
+    cdef int advance_plant(self, int64_t now) noexcept nogil
+    cdef void advance_plant_until(self, int64_t until) noexcept nogil
+    cdef int step_plant(self, int64_t instant) noexcept nogil

@@ -1,0 +1,162 @@
+# cython: freethreading_compatible=True
+"""One tick of a robot, and the share of its period that its plant has."""
+
+from libc.stdlib cimport calloc, free
+
+from cext.abi cimport DT, HUNG, LATENESS, OK, PERIOD, TICK, TIME, WAKE
+from cext.clock.histogram cimport add
+from cext.schedule.live cimport apply_changes
+from cext.clock.deadline_clock cimport clock, monotonic
+from cext.posix cimport CLOCK_THREAD_CPUTIME_ID
+from cext.clock.stopwatch cimport COMMAND, PLANT, RECEIVE, RECORD, TRANSMIT, Laps, lap
+from cext.schedule.watchdog cimport let_go, take_back
+
+
+cdef class Tick:
+    """The programs that a tick runs, in their order.
+
+    plant : Program or None, run `substeps` times at the tick's end
+    stamped : whether the parts of a tick are timed
+    profile : whether every step is
+    """
+
+    def __init__(self, Program control, Program plant, int substeps, Pace pace, Journal journal, bint stamped, bint profile):
+        if substeps < 1:
+            raise ValueError("the plant's rate must be a whole multiple of the diagram's")
+        self.control, self.plant, self.substeps, self.pace, self.journal = control, plant, substeps, pace, journal
+        self.watch = Stopwatch(control.schedule, profile)
+        control.stamp(self.watch if stamped or profile else None)
+        if journal.layout != NULL:
+            self.watch.laps.waits = &journal.layout.gil
+        if plant is not None:
+            self.plant_watch = Stopwatch(plant.schedule, True) if profile else None
+            plant.stamp(self.plant_watch)
+
+    cdef void reset(self):
+        self.control.reset()
+        if self.plant is not None:
+            self.plant.reset()
+            if self.plant_watch is not None:
+                self.plant_watch.reset()
+        self.watch.reset()
+        self.plant_tick = self.plant_due = 0
+
+    cdef void set_clock(self, int64_t tick, int64_t previous, int64_t late) noexcept nogil:
+        write_clock(self.control.arena, tick, previous, self.pace.rate, late)
+
+    cdef int run(self, int64_t tick, int64_t previous, int64_t now) noexcept nogil:
+        """From the mailbox and the first frame received to the last state updated. now : ns from the run's begin"""
+        cdef Laps *laps = self.control.laps if self.control.devices.bus_count > 0 else NULL
+        cdef int64_t on_wires = 0
+        cdef int status
+        self.control.at = -1
+        status = apply_changes(self.control.live, self.journal.layout, tick, self.control.arena[DT])
+        self.control.at = RECEIVE
+        if status == OK:
+            status = self.control.devices.receive(now, self.journal.layout)
+        if laps != NULL:
+            on_wires = lap(laps, RECEIVE)
+        if status == OK:
+            status = self.control.devices.watch(now)
+        let_go(self.handover)
+        if status == OK:
+            status = self.control.run(&self.control.output, tick, previous)
+        self.control.at = COMMAND
+        if status == OK:
+            status = self.control.devices.command()
+        if not take_back(self.handover):
+            return HUNG
+        self.control.at = TRANSMIT
+        if status == OK:
+            status = self.control.devices.transmit(now, self.journal.layout)
+        if laps != NULL:
+            on_wires += lap(laps, TRANSMIT)
+            if self.journal.layout != NULL:
+                add(&self.journal.layout.bus, on_wires, tick)
+        let_go(self.handover)
+        if status == OK:
+            status = self.control.run(&self.control.update, tick, previous)
+        if not take_back(self.handover):
+            return HUNG
+        self.control.at = RECORD if self.plant is None else PLANT
+        if status == OK and self.plant is not None:
+            status = self.advance_plant(now)
+            if self.control.laps != NULL:
+                lap(self.control.laps, PLANT)
+        return status
+
+    cdef int advance_plant(self, int64_t now) noexcept nogil:
+        """The plant's share of a period: it hears what was sent, moves, and answers."""
+        cdef int index, status
+        if self.plant is None:
+            return OK
+        for index in range(self.substeps):
+            status = self.step_plant(now + index * self.pace.period / self.substeps)
+            if status != OK:
+                return status
+        self.plant_due = now + self.pace.period
+        return OK
+
+    cdef void advance_plant_until(self, int64_t until) noexcept nogil:
+        """All steps of the plant that begin before `until`, in ns from the run's begin. For a safe stop, whose rounds are no periods."""
+        if self.plant is None:
+            return
+        while self.plant_due < until:
+            self.step_plant(self.plant_due)
+            self.plant_due += max(self.pace.period // self.substeps, 1)
+
+    cdef int step_plant(self, int64_t instant) noexcept nogil:
+        cdef int status
+        write_clock(self.plant.arena, self.plant_tick, self.plant_tick - 1, self.pace.rate * self.substeps, 0)
+        if self.plant.laps != NULL:
+            self.plant_watch.begin(self.plant_tick, monotonic())
+        status = self.plant.devices.receive(instant, NULL)
+        if self.plant.laps != NULL:
+            lap(self.plant.laps, RECEIVE)
+        if status == OK:
+            status = self.plant.run(&self.plant.output, self.plant_tick, self.plant_tick - 1)
+        if status == OK:
+            status = self.plant.devices.command()
+        if status == OK:
+            status = self.plant.devices.transmit(instant, NULL)
+        if self.plant.laps != NULL:
+            lap(self.plant.laps, TRANSMIT)
+        if status == OK:
+            status = self.plant.run(&self.plant.update, self.plant_tick, self.plant_tick - 1)
+        self.plant_tick += 1
+        return status
+
+    def spin(self, int64_t ticks):
+        """Run bare ticks as fast as possible: no devices, no clock, no plant, and what is recorded goes nowhere.
+
+        Returns the status, and the ns of this thread's processor time that they took.
+        """
+        cdef int64_t start, tick
+        cdef int status = OK
+        cdef double *row = <double *>calloc(max(1, self.control.column_count), sizeof(double))
+        cdef Laps *laps = self.control.laps
+        self.control.reset()
+        self.control.laps = NULL
+        with nogil:
+            start = clock(CLOCK_THREAD_CPUTIME_ID)
+            for tick in range(ticks):
+                self.set_clock(tick, tick - 1, 0)
+                status = self.control.run(&self.control.output, tick, tick - 1)
+                if status == OK:
+                    status = self.control.run(&self.control.update, tick, tick - 1)
+                if status != OK:
+                    break
+                self.control.record(row)
+            start = clock(CLOCK_THREAD_CPUTIME_ID) - start
+        free(row)
+        self.control.laps = laps
+        return status, start
+
+
+cdef inline void write_clock(double *arena, int64_t tick, int64_t previous, double rate, int64_t late) noexcept nogil:
+    arena[TIME] = tick / rate
+    arena[TICK] = <double>tick
+    arena[DT] = (tick - previous) / rate
+    arena[PERIOD] = 1.0 / rate
+    arena[LATENESS] = late * 1e-9
+    arena[WAKE] = arena[TIME] + late * 1e-9

@@ -1,0 +1,1 @@
+"""Trials read back: strides, resampling, plots and differences of recordings."""

@@ -1,0 +1,74 @@
+"""`python -m runtime diff A B`: two recordings side by side, as a table and as a picture."""
+
+import numpy as np
+
+SHOWN = 20  # rows of the table
+DRAWN = 6  # signals in the picture
+WINDOW = 4.0  # s of it around the largest difference
+
+
+def table(here, there, comparison):
+    """Lines for standard output."""
+    lines = [f"{here.path.name} and {there.path.name}: {comparison.ticks} ticks in both"]
+    if any(comparison.missing):
+        lines.append(f"  {comparison.missing[0]} ticks are in the first alone, {comparison.missing[1]} in the second")
+    for label, paths in (("first", comparison.only_here), ("second", comparison.only_there)):
+        if paths:
+            lines.append(f"  only in the {label}: {', '.join(paths)}")
+    if not comparison.differences:
+        return lines + [f"  all {len(comparison.same)} signals are the same, bit for bit"]
+    ranked = rank(comparison)
+    width = max(len(f"{d.path} [{d.unit}]") for d in ranked[:SHOWN])
+    lines.append(f"  {'':{width}}  first tick   ticks that differ       largest           rms")
+    for d in ranked[:SHOWN]:
+        lines.append(
+            f"  {f'{d.path} [{d.unit}]':{width}}  {d.first:10}  {d.ticks:18}  {d.largest:12.4g}  {d.rms:12.4g}"
+        )
+    if len(ranked) > SHOWN:
+        lines.append(f"  and {len(ranked) - SHOWN} more signals differ")
+    return lines + [f"  {len(comparison.same)} signals are the same, bit for bit"]
+
+
+def rank(comparison):
+    """The differences, the earliest first, and of those the largest."""
+    return sorted(comparison.differences, key=lambda d: (d.first, -d.rms))
+
+
+def draw(file, kind, here, there, comparison):
+    """A picture of the first signals that differ: both around their largest difference, and the difference all along.
+
+    file : open for writing bytes; kind : "png" or "svg"
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from runtime.analysis.stride_picture import plain, save
+
+    _, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
+    time = here.time[mine]
+    chosen = rank(comparison)[:DRAWN]
+    figure = Figure(figsize=(12, 1.2 + 1.8 * len(chosen)), dpi=120, layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
+    for (near, far), d in zip(rows, chosen):
+        a, b = here[d.path][mine].astype(float), there[d.path][others].astype(float)
+        with np.errstate(invalid="ignore", over="ignore"):
+            difference = b - a
+        centre = time[np.argmax(np.nan_to_num(np.abs(difference), nan=np.inf))]
+        shown = np.abs(time - centre) <= WINDOW / 2
+        near.plot(time[shown], a[shown], color="#9aa3ad", linewidth=2.4, label=plain(here.path.name))
+        near.plot(time[shown], b[shown], color="#c8452c", linewidth=1.1, label=plain(there.path.name))
+        far.plot(time, difference, color="#c8452c", linewidth=0.8)
+        far.axvspan(time[shown][0], time[shown][-1], color="#9aa3ad", alpha=0.25, linewidth=0)
+        near.set_title(plain(d.path), loc="left", fontsize=9)
+        near.set_ylabel(d.unit if d.unit not in ("1", "any") else "")
+        far.set_title(f"difference, from tick {d.first} on", loc="left", fontsize=9)
+        for axis in (near, far):
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.tick_params(labelsize=8)
+    for axis in rows[-1]:
+        axis.set_xlabel("time [s]")
+    figure.legend(
+        *rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
+    )
+    save(figure, file, kind)

@@ -1,0 +1,409 @@
+"""`python -m runtime plot`: signals of a recording over time, or over the gait cycle, as a picture.
+
+Faults stand as red lines over all plots, and red where a device reports a fault code; marks are blue, limits grey and
+dashed.
+"""
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from runtime.analysis import stride_picture
+from runtime.analysis.average_stride import INPUTS, AverageStride
+from runtime.analysis.stride_picture import FAINT, GREY, INK, plain, short
+from runtime.analysis.strides import beginnings, bounds, over, phase_of
+from runtime.base.errors import BadInput
+from runtime.recording.grouping import CURVES, PLAIN, by_unit
+from runtime.recording.messages import split
+
+MOST = 100  # plots of a picture
+# of words above the plots: how many above one another, and how wide a letter is, of the width of the plot
+LEVELS, CHARACTER = 3, 0.0085
+WIDEST = 44  # characters of a name beside a plot
+ROOMY = 9  # names beside a plot, in letters of their full size
+VAST = 1e150  # what is larger has no place on an axis
+# (Okabe and Ito 2008)
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#333333", "#999933")
+FAULT, MARK = "#C1121F", "#0072B2"
+ROW, WIDTH = 1.9, 10.0  # inches
+JOINT = ("position", "velocity", "torque")
+CURVES_OF = ("angle", "velocity", "torque")  # the same, as inputs of a StrideReport
+STRIDE_REPORT = "blocks.recorders:StrideReport"
+
+
+def overview(trial):
+    """{subsystem: ([[path], ...], how many of its signals that are, in words)}: a picture each, a plot a unit, every
+    element by itself.
+    """
+    name = trial.about["name"]
+    signals = [trial.row_of(path) | {"path": path} for path in trial.names]
+    found = {}
+    for title, plots in by_unit(name, signals).items():
+        rows = [[element for path in paths for element in elements(trial, path)][:CURVES] for _, paths in plots]
+        drawn, known = sum(map(len, rows)), sum((split(path)[0] or name) == title for path in trial.signals)
+        found[title] = rows, f"{drawn} of {known} signals" if drawn < known else ""
+    return found
+
+
+def rows_of(trial, paths):
+    """[[path], ...]: what a person has named, all of it, in their order: a plot a unit, or several where it would be
+    too full. KeyError, BadInput
+
+    paths : of signals, of blocks or of subsystems
+    """
+    kinds = {}
+    for path in paths:
+        for signal in named(trial, path):
+            kinds.setdefault((trial.dtype(signal) != "float", trial.unit(signal)), {}).update(
+                dict.fromkeys(elements(trial, signal))
+            )
+    rows = [list(some)[first : first + CURVES] for some in kinds.values() for first in range(0, len(some), CURVES)]
+    if len(rows) > MOST:
+        raise BadInput(f"{sum(map(len, rows))} signals are {len(rows)} plots, and a picture holds {MOST}: name fewer")
+    return rows
+
+
+def named(trial, path):
+    """Signals that a path means: one, or all of a block or a subsystem. KeyError"""
+    within = [name for name in trial.names if path and name.startswith((f"{path}.", f"{path}/"))]
+    if not within:
+        trial.find(path)  # or says what it may have meant
+    return within or [path]
+
+
+def alone(trial, path):
+    """Signals that a path means, each with one number: the path itself, or all elements of all of a block or a
+    subsystem. KeyError
+    """
+    signals = named(trial, path)
+    return signals if signals == [path] else [element for signal in signals for element in elements(trial, signal)]
+
+
+def over_time(trial, rows, title, file, kind, told=""):
+    """rows : [[path], ...], a plot each; file : open for writing bytes; kind : "png" or "svg"
+
+    told : the subsystem that the title has named already
+    """
+    figure, axes = sheet(len(rows), title)
+    for axis, paths in zip(axes, rows):
+        for number, path in enumerate(paths):
+            values = trial[path]
+            steps = values.dtype != float
+            axis.plot(
+                trial.time,
+                drawable(values),
+                color=COLOURS[number % len(COLOURS)],
+                linewidth=1.2,
+                label=str(number),
+                drawstyle="steps-post" if steps else "default",
+                marker="" if len(trial) > 1 else "o",
+                linestyle="-" if number < len(COLOURS) else "--",
+            )
+        whole(axis, {trial.dtype(path) for path in paths})
+        limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
+        if len(limits) == 1:  # several would need a legend of their own
+            for place, end in enumerate(*limits):
+                axis.axhline(
+                    end,
+                    color=GREY,
+                    linewidth=0.9,
+                    linestyle=(0, (6, 4)),
+                    zorder=1,
+                    label="limit" if place == 0 else None,
+                )
+        axis.set_ylabel(unit_label(trial.unit(paths[0])), color=INK)
+        dress(axis)
+        full = len(paths) > ROOMY
+        legend = axis.legend(
+            fontsize=6.5 if full else 7.5,
+            labelspacing=0.25 if full else 0.5,
+            frameon=False,
+            labelcolor=INK,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+        )
+        # as a label, matplotlib would leave out a name that begins with _
+        for text, path in zip(legend.get_texts(), paths):
+            text.set_text(plain(short(path.removeprefix(f"{told}/"), WIDEST)))
+        if not any(np.isfinite(drawable(trial[path])).any() for path in paths):
+            axis.set_yticks(())
+            axis.annotate(
+                "no number", (0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9
+            )
+        troubles(axis, trial)
+    axes[-1].set_xlabel("time [s]", color=INK)
+    if len(trial):
+        first, last = trial.time[0], max([trial.time[-1], *(time for time, _, _ in moments(trial))])
+        if first == last:  # one tick, in the middle
+            first, last = first - 0.5 / trial.about["rate"], last + 0.5 / trial.about["rate"]
+        axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault stands behind the last tick
+    name_troubles(axes[0], trial)
+    figure.align_ylabels(axes)
+    stride_picture.save(figure, file, kind)
+
+
+def troubles(axis, trial):
+    """Faults, marks, and fault codes of devices."""
+    for time, _, colour in moments(trial):
+        axis.axvline(
+            time,
+            color=colour,
+            linewidth=1.3 if colour == FAULT else 0.9,
+            linestyle="-" if colour == FAULT else ":",
+            zorder=5,
+        )
+    for _, first, last in faulty(trial):
+        axis.axvspan(trial.time[first], trial.time[last], color=FAULT, alpha=0.12, linewidth=0)
+
+
+def faulty(trial):
+    """[(path, first, last row)] of each spell in which a device reports a fault code."""
+    paths = [path for path in trial.names if split(path)[2] == "fault" and trial.find(path)[1] == ()]
+    return [(path, *ends) for path in paths for ends in spells(trial[path] != 0)]
+
+
+def codes(trial):
+    """[(s, words, colour)] of the fault codes, where each begins."""
+    return [(trial.time[first], f"{path}: {trial[path][first]:g}", FAULT) for path, first, _ in faulty(trial)]
+
+
+def name_troubles(axis, trial):
+    """Words above the first plot, higher where they would stand on one another. Faults come first; of marks there are
+    as many as have room.
+    """
+    first, last = axis.get_xlim()
+    taken = [[] for _ in range(LEVELS)]
+    for time, text, colour in sorted(
+        [*moments(trial), *codes(trial)], key=lambda moment: (moment[2] != FAULT, moment[0])
+    ):
+        place, width = (time - first) / (last - first), len(text) * CHARACTER
+        late = place > 0.5
+        ends = (place - width, place) if late else (place, place + width)
+        level = next(
+            (
+                level
+                for level, others in enumerate(taken)
+                if all(ends[1] <= other[0] or other[1] <= ends[0] for other in others)
+            ),
+            None,
+        )
+        if level is None:
+            continue
+        taken[level].append(ends)
+        axis.annotate(
+            plain(text),
+            (time, 1.0),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=7.5,
+            color=colour,
+            xytext=(-3 if late else 3, 3 + 9.5 * level),
+            ha="right" if late else "left",
+            va="bottom",
+        )
+
+
+def moments(trial):
+    """[(s, words, colour)] of what stands in the picture: faults, marks, what a person should have read."""
+    rate, found = trial.about["rate"], []
+    for event in trial.events:
+        kind, tick = event.get("event"), max(0, event.get("tick") or 0)
+        if kind == "fault" or kind == "end" and event.get("status") != "ok":
+            culprit = f" at {event['culprit']}" if event.get("culprit") else ""
+            found.append((tick / rate, f"fault: {event['status']}{culprit}", FAULT))
+        elif kind == "mark":
+            found.append((tick / rate, f"mark {event['number']}", MARK))
+    return found
+
+
+def spells(truths):
+    """[(first, last)] of each run of truths."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], truths, [False])).astype(np.int8)))
+    return [(first, last - 1) for first, last in zip(edges[::2], edges[1::2])]
+
+
+def legs(trial, events=None):
+    """What runtime.analysis.stride_picture draws of each leg, from the recorded rows. BadInput where none walks.
+
+    Legs are those of the diagram's StrideReports, with the signals that these were given, so that the figures are those
+    of the run; then every other joint with position, velocity and torque.
+    """
+    known = reports(trial)
+    used = {signals["angle"] for _, _, signals in known}
+    found, refused = [], None
+    for title, path, signals in [*known, *(joint for joint in joints(trial) if joint[2]["angle"] not in used)]:
+        try:
+            rows, phase, walking = gait(trial, signals, events)
+        except BadInput as error:  # this joint has no gait phase: another may have
+            refused = refused or error
+            continue
+        average = AverageStride(trial.about["rate"])
+        columns = (phase, walking, *(trial[signals[name]][rows] for name in CURVES_OF))
+        for tick, *values in zip(trial.tick[rows].tolist(), *(column.astype(float).tolist() for column in columns)):
+            average.add(tick, *values)
+        result = average.result()
+        found += [{"title": title, "path": path, "signals": signals, **result}] if result["strides"] else []
+    if not found:
+        raise refused or BadInput(f"{trial.path} holds no whole stride of a joint with position, velocity and torque")
+    several = len({one["title"] for one in found}) < len(found)
+    return [{**one, "title": one["path"] if several else one["title"]} for one in found]
+
+
+def reports(trial):
+    """[(title, path, {input: signal})] of the StrideReports of the recorded diagram whose signals were recorded."""
+    diagram, found = trial.diagram or {}, []
+    for block in diagram.get("blocks", []):
+        if block["type"] == STRIDE_REPORT:
+            path = block["path"]
+            wires = {wire["port"]: wire["from"] for wire in diagram["wires"] if wire["to"] == path}
+            if set(wires) == set(INPUTS) and all(signal in trial.signals for signal in wires.values()):
+                found.append(
+                    (
+                        block["parameters"].get("title") or path.rpartition("/")[0] or path,
+                        path,
+                        {name: wires[name] for name in INPUTS},
+                    )
+                )
+    return found
+
+
+def joints(trial):
+    """The same of every joint with position, velocity and torque; its phase is not among the signals yet."""
+    for path in trial.names:
+        folder, block, port = split(path)
+        stem = f"{folder}/{block}".lstrip("/")
+        if port == "position" and all(f"{stem}.{other}" in trial.signals for other in JOINT):
+            yield folder or stem, stem, {name: f"{stem}.{port}" for name, port in zip(CURVES_OF, JOINT)}
+
+
+def gait(trial, signals, events):
+    """(rows, phase, walking) of the part of the recording that counts; the names of both go into `signals`. events : as
+    Trial.strides has them
+
+    BadInput where there is no phase.
+    """
+    everything, ones = slice(None), np.ones(len(trial))
+    if events is None:
+        if "phase" not in signals:
+            signals["phase"], walking = phase_of(trial, signals["angle"])
+            signals |= {} if walking is None else {"walking": walking}
+        return everything, trial[signals["phase"]], trial[signals["walking"]] if "walking" in signals else ones
+    signals.pop("walking", None)
+    signals["phase"] = events if isinstance(events, str) else "times that were given"
+    if isinstance(events, str) and trial[events].ndim == 1 and trial[events].dtype == float:
+        return everything, trial[events], ones
+    return between(
+        trial,
+        beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel()),
+    )
+
+
+def between(trial, times):
+    """(rows, phase, walking) from the tick before the first event to the last one: the phase is the share of the way to
+    the next. times : s
+    """
+    near = 0.5 / trial.about["rate"]
+    places = np.searchsorted(trial.time, times - near)
+    events = np.unique(places[(places < len(trial)) & (times >= trial.time[:1].sum() - near)])
+    if len(events) < 2:
+        return slice(0, 0), np.empty(0), np.empty(0)
+    phase = np.zeros(len(trial))
+    for first, last in zip(events[:-1], events[1:]):
+        phase[first:last] = np.arange(last - first) / (last - first)
+    begin = max(0, events[0] - 1)
+    if begin < events[0]:  # a stride begins where the phase falls
+        phase[begin] = 1.0 - 1.0 / (events[1] - events[0])
+    rows = slice(begin, events[-1] + 1)
+    return rows, phase[rows], np.ones(events[-1] + 1 - begin)
+
+
+def statistics(values):
+    sd = values.std(axis=0, ddof=1) if len(values) > 1 else np.zeros(values.shape[1])
+    return {"mean": values.mean(axis=0).tolist(), "sd": sd.tolist()}
+
+
+def average_stride(trial, events, file, kind):
+    """Angle, assistance and power of every joint that walks."""
+    stride_picture.draw(trial.about["name"], legs(trial, events), file, kind)
+
+
+def over_the_stride(trial, paths, events, file, kind):
+    """Mean and standard deviation of what a person has named, a plot a signal. paths : of signals, of blocks or of
+    subsystems
+    """
+    paths = [signal for path in paths for signal in alone(trial, path)]
+    if len(paths) > MOST:
+        raise BadInput(f"{len(paths)} signals are as many plots, and a picture holds {MOST}: name fewer")
+    figure, axes = sheet(len(paths), f"{trial.about['name']}: the average stride, ± 1 standard deviation")
+    for number, (axis, path) in enumerate(zip(axes, paths)):
+        values = over(trial, path, bounds(trial, path, events))
+        if values.shape[2] != 1:
+            raise BadInput(f"{path} has {values.shape[2]} elements: name one, as in {elements(trial, path)[0]}")
+        values = values[np.isfinite(values).all(axis=(1, 2))]
+        if not len(values):
+            raise BadInput(f"{trial.path} holds no whole stride for {path}")
+        mean, sd = (np.array(part) for part in statistics(values[:, :, 0]).values())
+        cycle, colour = np.linspace(0.0, 100.0, len(mean)), COLOURS[number % len(COLOURS)]
+        axis.fill_between(cycle, mean - sd, mean + sd, color=colour, alpha=0.25, linewidth=0)
+        [line] = axis.plot(cycle, mean, color=colour, linewidth=2.0)
+        whole(axis, {trial.dtype(path)} & {"bool"})  # a mean of whole numbers is none
+        axis.set_ylabel(unit_label(trial.unit(path)), color=INK)
+        axis.set_xlim(0, 100)
+        dress(axis)
+        legend = axis.legend(
+            [line],
+            ["1"],
+            fontsize=8,
+            frameon=False,
+            labelcolor=INK,
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            borderaxespad=0.2,
+        )
+        legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
+    axes[-1].set_xlabel("gait cycle [%]", color=INK)
+    stride_picture.save(figure, file, kind)
+
+
+def elements(trial, path):
+    """Paths of a signal's elements, [path] of one that has none."""
+    if path in trial.signals:
+        return [path]
+    names = list(trial.signals)
+    return [names[place] for place in trial.find(path)[0]]
+
+
+def drawable(values):
+    """As floats, without what no axis has a place for."""
+    values = values.astype(float)
+    return np.where(np.abs(values) < VAST, values, np.nan)
+
+
+def whole(axis, dtypes):
+    """Ticks of an axis of whole numbers, or of truths."""
+    if dtypes == {"bool"}:
+        axis.set_yticks((0, 1), ("false", "true"))
+        axis.set_ylim(-0.1, 1.1)
+    elif dtypes and "float" not in dtypes:
+        axis.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+
+
+def unit_label(unit):
+    return "" if unit in PLAIN else f"[{unit}]"
+
+
+def sheet(rows, title):
+    figure = Figure(figsize=(WIDTH, 0.9 + ROW * rows), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(plain(title), fontsize=12, fontweight="bold", color=INK)
+    return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+
+
+def dress(axis):
+    axis.grid(color=FAINT, linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=INK, labelsize=8.5, length=3)
+    for side, spine in axis.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color("#888888")

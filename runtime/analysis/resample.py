@@ -1,0 +1,128 @@
+"""Signals at other times than they were recorded at."""
+
+import copy
+import os
+
+import numpy as np
+
+from runtime.base.errors import BadInput
+
+QUATERNION = "quaternion"  # what a port is called whose four elements are one
+MOST = 0.5  # share of the memory that the rows may take: as much again is needed on the way
+UNIT = 1e-3  # by how much the square of what is one may be off 1: sensors send rounded ones
+
+
+def resampled(trial, rate):
+    """A Trial like this one, with rows at whole multiples of 1 / rate. rate : Hz. BadInput where it holds no tick."""
+    if not rate > 0.0 or not np.isfinite(rate):
+        raise BadInput(f"resample({rate!r}): expected a rate in Hz above 0")
+    if not len(trial):
+        raise BadInput(f"{trial.path} holds no tick")
+    near = 1e-6 / rate  # times of ticks are rounded
+    first, last = np.ceil((trial.time[0] - near) * rate), np.floor((trial.time[-1] + near) * rate)
+    if 8 * len(trial.signals) * (last - first + 1) > MOST * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"):
+        raise BadInput(
+            f"resample({rate:g}): {last - first + 1:.3g} rows of {len(trial.signals)} signals do not fit "
+            "into this machine's memory"
+        )
+    made = copy.copy(trial)
+    made.tick = np.arange(int(first), int(last) + 1)
+    made.time = made.tick / rate
+    made.about = {**trial.about, "rate": float(rate)}
+    made.lateness = np.full(len(made.tick), np.nan)
+    made.rows = np.empty((len(made.tick), len(trial.signals)))
+    at = np.clip(made.time, trial.time[0], trial.time[-1])
+    for path in trial.names:
+        places, shape = trial.find(path)
+        made.rows[:, places] = interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at)
+    made.frames = []
+    made.events = [at_rate(event, trial.about["rate"], rate) for event in trial.events]
+    return made
+
+
+def at_rate(event, old, new):
+    """An event of a recording at another rate, so that it stays when it was: its tick is no whole number where none of
+    the new ones was then.
+    """
+    tick = event.get("tick")
+    if tick is None or tick <= 0:  # -1: before the first
+        return event
+    at = tick * new / old
+    return {**event, "tick": int(at) if at.is_integer() else at}
+
+
+def kind_of(trial, path):
+    """How a signal goes on between its samples: "held", "turning", "straight", or round between the two ends of its
+    circle, (low, high).
+    """
+    if trial.dtype(path) != "float":
+        return "held"
+    if circle := trial.row_of(path).get("circle"):
+        return tuple(circle)
+    places, shape = trial.find(path)
+    if shape == (4,) and (
+        path.rpartition(".")[2] == QUATERNION or trial.unit(path) == "1" and turns(trial.rows[:, places])
+    ):
+        return "turning"
+    return "straight"
+
+
+def turns(values):
+    """Whether four plain numbers are a unit quaternion in every sample that is finite: no choice of one in four, which
+    is whole numbers, too.
+    """
+    known = values[np.isfinite(values).all(axis=1)]
+    return (
+        len(known) > 0
+        and bool(np.all(np.abs(np.sum(known * known, axis=1) - 1.0) < UNIT))
+        and not np.all(known == np.round(known))
+    )
+
+
+def interpolate(kind, time, values, at):
+    """values : (samples, elements) at `time`, which increases. Returns (len(at), elements); exact where a sample
+    stands.
+    """
+    near = 1e-9 * (time[1] - time[0]) if len(time) > 1 else 0.0
+    left = np.clip(np.searchsorted(time, at + near, side="right") - 1, 0, len(time) - 1)
+    if kind == "held" or len(time) == 1:
+        return values[left]
+    left = np.minimum(left, len(time) - 2)
+    share = ((at - time[left]) / (time[left + 1] - time[left]))[:, None]
+    share = np.where(np.abs(share) < 1e-9, 0.0, np.where(np.abs(share - 1.0) < 1e-9, 1.0, share))
+    before, after = values[left], values[left + 1]
+    with np.errstate(invalid="ignore", over="ignore"):
+        if kind == "turning":
+            between = turned(before, after, share)
+        elif kind == "straight":
+            between = straight(before, after, share)
+        else:
+            between = gone_round(before, after, share, *kind)
+    return np.where(share == 0.0, before, np.where(share == 1.0, after, between))
+
+
+def straight(before, after, share):
+    """Between two numbers. What stays is the same to the bit, -0.0 and infinities too, and nothing overflows on the
+    way.
+    """
+    return np.where(before == after, np.where(share < 0.5, before, after), (1.0 - share) * before + share * after)
+
+
+def gone_round(before, after, share, low, high):
+    """Between two places on a circle on the shorter way; `low` and `high` are one place."""
+    turn = high - low
+    way = after - before
+    between = before + share * (way - turn * np.round(way / turn))
+    return np.where(between < low, between + turn, np.where(between > high, between - turn, between))
+
+
+def turned(before, after, share):
+    """Between two unit quaternions on the shorter way, at a constant rate. (Shoemake 1985)"""
+    cosine = np.sum(before * after, axis=1, keepdims=True)
+    after = np.where(cosine < 0.0, -after, after)
+    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
+    sine = np.sin(angle)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        arc = (np.sin((1.0 - share) * angle) * before + np.sin(share * angle) * after) / sine
+    chord = before + share * (after - before)
+    return np.where(sine < 1e-6, chord, arc)

@@ -1,0 +1,83 @@
+"""Signals over the gait cycle: where strides begin and end in a recording, and what a signal does in each."""
+
+import numpy as np
+
+from runtime.analysis.average_stride import LONGEST, SHORTEST, WRAP
+from runtime.analysis.resample import interpolate, kind_of
+from runtime.base.errors import BadInput
+
+
+def strides(trial, path, events=None, points=101):
+    """As Trial.strides says."""
+    _, shape = trial.find(path)
+    return over(trial, path, bounds(trial, path, events), points).reshape(-1, points, *shape)
+
+
+def over(trial, path, spans, points=101):
+    """A signal over spans of time: (spans, points, elements). spans : (n, 2) array, s"""
+    places, _ = trial.find(path)
+    if not len(spans):
+        return np.empty((0, points, len(places)))
+    at = spans[:, :1] + np.linspace(0.0, 1.0, points) * (spans[:, 1:] - spans[:, :1])
+    return interpolate(kind_of(trial, path), trial.time, trial.rows[:, places], at.ravel()).reshape(
+        len(spans), points, len(places)
+    )
+
+
+def bounds(trial, path, events=None):
+    """(strides, 2) array of the times at which whole strides begin and end, s. path : of the signal; events : as
+    Trial.strides has them
+    """
+    walking = None
+    if events is None:
+        events, walking = phase_of(trial, path)
+    times = beginnings(trial, events) if isinstance(events, str) else np.sort(np.asarray(events, dtype=float).ravel())
+    spans = np.column_stack((times[:-1], times[1:]))
+    lasting = spans[:, 1] - spans[:, 0]
+    good = (lasting >= SHORTEST) & (lasting <= LONGEST)
+    if not len(trial):
+        return spans[:0]
+    good &= (spans[:, 0] >= trial.time[0]) & (spans[:, 1] <= trial.time[-1])
+    near = 0.5 / trial.about["rate"]
+    walks = None if walking is None else trial[walking] == 1
+    for index in np.flatnonzero(good):
+        first, last = np.searchsorted(trial.time, (spans[index, 0] - near, spans[index, 1] + near))
+        good[index] = np.all(np.diff(trial.tick[first:last]) == 1) and (
+            walks is None or bool(np.all(walks[first:last]))
+        )
+    return spans[good]
+
+
+def phase_of(trial, path):
+    """(path of the phase, path of `walking` or None) in the subsystem of a signal, or the next around it that has any.
+    BadInput unless it is one.
+    """
+    folder = around = path.rpartition("/")[0]
+    phases = [name for name in trial.names if name.endswith(".phase")]
+    while not (found := [name for name in phases if name.rpartition("/")[0] == around]) and around:
+        around = around.rpartition("/")[0]
+    gaits = [name for name in found if f"{name.removesuffix('phase')}walking" in trial.signals] or found
+    if len(gaits) != 1:
+        where = f"subsystem {folder!r}" if folder else "the recording"
+        what = f"has {len(gaits)} gait phases, {', '.join(gaits)}" if gaits else "has no gait phase"
+        raise BadInput(
+            f"strides of {path}: {where} {what}: say what they begin with: "
+            'events="left/gait_phase.phase" (in a command line --events left/gait_phase.phase), or '
+            "times in s"
+        )
+    walking = f"{gaits[0].removesuffix('phase')}walking"
+    return gaits[0], walking if walking in trial.signals else None
+
+
+def beginnings(trial, path):
+    """s, at which strides begin, of the path of a bool or of a gait phase."""
+    values = trial[path]
+    if values.ndim != 1:
+        raise BadInput(f"events={path!r} has {values.shape[1]} elements: strides begin with a bool or a gait phase")
+    if values.dtype == bool:
+        return trial.time[1:][values[1:] & ~values[:-1]]
+    before, after = values[:-1].astype(float), values[1:].astype(float)
+    places = np.flatnonzero(before - after > WRAP)
+    rest = 1.0 - before[places]  # of the stride that ends, and `after` of the next one, between two samples
+    share = rest / np.maximum(rest + after[places], 1e-12)
+    return trial.time[places] + np.clip(share, 0.0, 1.0) * (trial.time[places + 1] - trial.time[places])

@@ -1,0 +1,171 @@
+"""Recordings as a table: one of them, or several below each other with the fields of each trial.
+
+trials = load("trials/*.mcap")
+trials["left/knee.torque"]          # array over the rows of all
+trials["subject"]                   # of each row
+trials[0]                           # the first Trial
+"""
+
+import glob
+import os
+
+import numpy as np
+
+from runtime.analysis.trial import Trial
+from runtime.base.errors import BadInput
+from runtime.base.optional_dependencies import need
+from runtime.recording.parts import heads
+
+
+def load(path):
+    """A Trial; or Trials of a pattern or a list of paths. BadInput"""
+    if not isinstance(path, (str, os.PathLike)):
+        paths = list(path)
+        if not paths:
+            raise BadInput("load([]): name a recording, a pattern, or several recordings")
+        return Trials([Trial(entry) for entry in heads(paths)])
+    path = os.path.expanduser(path)
+    if os.path.exists(path) or not glob.has_magic(path):
+        return Trial(path)
+    found = sorted(glob.glob(path, recursive=True))
+    if not found:
+        raise BadInput(f"there is no recording {path}")
+    return Trials([Trial(entry) for entry in heads(found)])
+
+
+OWN = ("trial", "tick", "time")  # columns that every table has
+
+
+class Trials:
+    """Several trials as one table, a row a tick of each, in their order.
+
+    trials : [Trial]
+    labels : of each trial, what the column "trial" calls it: the name of its file, with its folder where several files
+        have one name
+    fields : columns of what they say of themselves: "subject", "condition", ...; one that is called as a column of all
+        is "trial.time"
+    """
+
+    def __init__(self, trials):
+        self.trials = list(trials)
+        self.labels = labels([trial.path for trial in self.trials])
+        self._fields = {
+            f"trial.{name}" if name in OWN else name: name for trial in self.trials for name in trial.fields
+        }
+        self.fields = list(self._fields)
+
+    def __repr__(self):
+        return "\n".join([f"<Trials: {len(self)}, {len(self.names)} columns>", *(f"  {trial!r}" for trial in self)])
+
+    def __len__(self):
+        """How many trials."""
+        return len(self.trials)
+
+    def __iter__(self):
+        return iter(self.trials)
+
+    @property
+    def names(self):
+        """Columns: "trial", the fields, "tick", "time", and the signals of all."""
+        return [
+            "trial",
+            *self.fields,
+            "tick",
+            "time",
+            *dict.fromkeys(name for trial in self.trials for name in trial.names),
+        ]
+
+    @property
+    def time(self):
+        return self["time"]
+
+    def __getitem__(self, name):
+        """The Trial of a number; or a column over all rows: a signal, a field of the trials ("" where one has not got
+        it), "trial", "tick", "time".
+
+        A signal that some trials have not got is NaN there. KeyError where no trial has it, BadInput where two have it
+        in different units or shapes.
+        """
+        if not isinstance(name, str):
+            return self.trials[name]
+        if name in ("tick", "time"):
+            return np.concatenate([getattr(trial, name) for trial in self.trials])
+        if name == "trial" or name in self.fields:
+            words = self.labels if name == "trial" else self.words(name)
+            return np.repeat(np.array(words, dtype=str), [len(trial) for trial in self.trials])
+        parts = [signal(trial, name) for trial in self.trials]
+        shape = next((part.shape[1:] for part in parts if part is not None), None)
+        if shape is None:
+            return self.trials[0][name]  # which says what it has instead
+        self.check(name, parts)
+        return np.concatenate(
+            [np.full((len(trial), *shape), np.nan) if part is None else part for trial, part in zip(self.trials, parts)]
+        )
+
+    def words(self, field):
+        """What each trial says in a field, "" where it has not got it. field : name of the column"""
+        return [trial.fields.get(self._fields[field], "") for trial in self.trials]
+
+    def check(self, name, parts):
+        """BadInput where a signal is one thing here and another there: a column of both would mean nothing."""
+        known = {}
+        for trial, label, part in zip(self.trials, self.labels, parts):
+            if part is not None:
+                elements = f" of {' by '.join(map(str, part.shape[1:]))}" if part.ndim > 1 else ""
+                known.setdefault(f"[{trial.unit(name)}]{elements}", label)
+        if len(known) > 1:
+            said = ", ".join(f"{what} in {where}" for what, where in known.items())
+            raise BadInput(f"{name} is not the same in all trials: {said}; take those that are alike")
+
+    def strides(self, path, events=None, points=101):
+        """Those of every trial, in their order: (strides, points, ...). events : a path, or nothing, as Trial.strides
+        has it
+        """
+        self.check(path, [trial[path] for trial in self.trials])
+        return np.concatenate([trial.strides(path, events, points) for trial in self.trials])
+
+    def resample(self, rate):
+        """The same at a fixed rate in Hz, each as Trial.resample has it."""
+        return Trials([trial.resample(rate) for trial in self.trials])
+
+    def table(self):
+        """All as one pandas DataFrame. MissingExtra, BadInput"""
+        pandas = need("pandas", "a table")
+        for name in dict.fromkeys(name for trial in self.trials for name in trial.names):
+            self.check(name, [signal(trial, name) for trial in self.trials])
+        fields = {name: self.words(name) for name in self.fields}
+        parts = []
+        for number, trial in enumerate(self.trials):
+            part = table(trial).reset_index()
+            for place, (name, values) in enumerate({"trial": self.labels, **fields}.items()):
+                part.insert(place, name, values[number])
+            parts.append(part)
+        made = pandas.concat(parts, ignore_index=True)
+        made.attrs["units"] = {path: unit for part in parts for path, unit in part.attrs["units"].items()}
+        return made
+
+
+def labels(paths):
+    """What files are called, each otherwise: without the folders and the ending that they share."""
+    names = [path.stem for path in paths]
+    if len(set(names)) == len(names):
+        return names
+    folders = [os.path.abspath(path.parent) for path in paths]
+    above = os.path.commonpath(folders)
+    return [os.path.join(os.path.relpath(folder, above), name) for folder, name in zip(folders, names)]
+
+
+def signal(trial, name):
+    try:
+        return trial[name]
+    except KeyError:
+        return None
+
+
+def table(trial):
+    """As Trial.table says."""
+    pandas = need("pandas", "a table")
+    columns = {"tick": trial.tick, **{path: trial[path] for path in trial.signals}}
+    made = pandas.DataFrame(columns, index=pandas.Index(trial.time, name="time"))
+    made.attrs.update(units={path: entry["unit"] for path, entry in trial.signals.items()}, fields=trial.fields)
+    return made

@@ -1,0 +1,116 @@
+"""One step of the search: the actuators are commanded for some seconds at one rate, and answers that do not come are
+counted.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cext.bus.timed_bus import TimedBus
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from graph import compile
+from runtime.bench.rate.robot import UNLIMITED, plant, robot
+from runtime.bench.rate.search import Step
+
+SLOW, FAST = 50.0, 1e9  # Hz and bit/s, at which a bus carries any eight actuators, and a bit takes a whole number of ns
+RESOLUTION = 2e-6  # s, an actuator, between looks of the emulated drives: of several, one answers while others are told
+ARMING = 0.1  # s of virtual time: a bus that is too full to arm on has failed
+SETTLING = 1.0  # s after arming in which nothing is counted: enable frames may still fill the bus
+
+
+class Simulated:
+    """Steps on an in-memory bus with a bitrate, in virtual time.
+
+    make, upper : as of runtime.bench.rate.robot.robot; bitrate in bit/s; seconds : of each step
+    """
+
+    def __init__(self, make, ids, bitrate=1e6, seconds=2.0, upper=False):
+        self.make, self.ids, self.bitrate, self.seconds, self.upper = make, ids, bitrate, seconds, upper
+        self.enables = False
+        self.enables = self.run(SLOW, 2, FAST)[1].status == "no answer"
+
+    def __call__(self, rate):
+        ticks = max(10, round(self.seconds * rate))
+        program, outcome, _ = self.run(rate, ticks, self.bitrate)
+        why = "" if outcome.status == "ok" else outcome.status
+        return Step(rate, ticks * len(self.ids), sum(program.missed.values()), 0, ticks, why)
+
+    def run(self, rate, ticks, bitrate):
+        diagram = robot(self.make, self.ids, rate, self.upper)
+        substeps = max(1, round(1.0 / (rate * RESOLUTION * len(self.ids))))
+        schedule = compile(diagram)
+        # drives that answer without: enable frames would fill a bus that has room for the commands alone
+        if not self.enables:
+            schedule.devices = [replace(device, enable=()) for device in schedule.devices]
+        bus = TimedBus(bitrate)
+        program = Program(schedule, [bus.host])
+        if self.enables:
+            settling = round(SETTLING * rate)
+            ticks += settling
+            program.count_from(settling)
+        drives = Program(compile(plant(diagram, substeps * rate)), [bus.device])
+        executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True)
+        return program, executor.run(ticks, fade=0.0, arming_timeout=ARMING), bus
+
+    def limit(self):
+        """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones
+        included.
+        """
+        few, many = 10, 20
+        bits = [self.run(SLOW, ticks, FAST)[2].busy * FAST for ticks in (few, many)]
+        return self.bitrate * (many - few) / (bits[1] - bits[0])
+
+
+class OnRig:
+    """Steps on a rig, through the ordinary path: pre-flight, guardian, zero torque, safe stop.
+
+    rig : RigFile; its first bus is the one
+    confirmed : whether nobody has to press Enter any more
+    say : as of runtime.session.run.run
+    """
+
+    def __init__(self, make, ids, rig, seconds=2.0, confirmed=False, realtime="try", say=lambda lines: None):
+        self.make, self.ids, self.rig, self.seconds = make, ids, rig, seconds
+        self.confirmed, self.realtime, self.say = confirmed, realtime, say
+
+    def __call__(self, rate):
+        from runtime.base.errors import BadInput
+        from runtime.recorder import can_ask
+        from runtime.rig import RigBuses
+        from runtime.rig.overrides import override
+        from runtime.session.run import NOBODY, Prepared, Request, run
+
+        if not self.confirmed and not can_ask():
+            raise BadInput(NOBODY)
+        diagram = robot(self.make, self.ids, rate)
+        override(replace(self.rig, devices={}), diagram)
+        for block in diagram:
+            if hasattr(block, "emulator"):
+                block.bitrate = UNLIMITED
+        schedule = compile(diagram)
+        request = Request(Path(__file__), rig=self.rig.path, no_record=True, yes=self.confirmed, realtime=self.realtime)
+        ticks = max(10, round((self.seconds + SETTLING) * rate))
+        result = run(
+            Prepared(request, diagram, schedule, None, RigBuses(self.rig, diagram, schedule.buses), ticks),
+            self.say,
+            count_from=round(SETTLING * rate),
+        )
+        self.confirmed = True  # a person has seen the table: the drives stay the same
+        outcome, statistics = result.outcome, result.statistics
+        if outcome.signal or outcome.stopped:
+            raise KeyboardInterrupt
+        why = (
+            ""
+            if outcome.status == "ok"
+            else f"{outcome.status} at {outcome.culprit}"
+            if outcome.culprit
+            else outcome.status
+        )
+        return Step(
+            rate,
+            round(self.seconds * rate) * len(self.ids),
+            sum(result.control.missed.values()),
+            statistics["missed"],
+            statistics["ticks"],
+            why,
+        )

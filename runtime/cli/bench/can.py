@@ -1,0 +1,84 @@
+"""`python -m runtime bench can`: what it measures, and what it prints."""
+
+import numpy as np
+
+from runtime.base.errors import OK, BadInput
+from runtime.bench import goals
+from runtime.bench.report import Report, machine, words
+from runtime.cli.bench.bus import row, spread
+from runtime.cli.parsing import Parser, count, number
+
+
+def main(arguments):
+    """Returns the exit code."""
+    parser = Parser(
+        "bench can",
+        "Measure what eight drives cost a tick, beside a program on python-can, and whether motors at "
+        "1000 Hz lose answers.",
+    )
+    parser.add_argument(
+        "--rounds",
+        type=count("--rounds"),
+        default=4000,
+        metavar="N",
+        help="ticks of each of five chunks (default 4000)",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 600.0),
+        default=2.0,
+        metavar="S",
+        help="of each chunk of the motors (default 2)",
+    )
+    parser.add_argument(
+        "--repeats", type=count("--repeats"), default=5, metavar="N", help="chunks of each, taken in turn (default 5)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    options = parser.parse_args(arguments)
+    from runtime.bench import can_cost
+    from runtime.bench.by_hand import NoCompiler
+
+    report = Report(options.json)
+    report.say(["over sockets of this machine; what is compared is taken in turn", *words()], **machine())
+    alone, through, calls, plain = [], [], [], []
+    try:
+        can_cost.native(max(1, options.rounds // 10))  # warm
+        for _ in range(options.repeats):
+            for pool, times in zip((alone, through, calls), can_cost.native(options.rounds)):
+                pool += times
+            plain += can_cost.by_python_can(max(1, options.rounds // 10))
+        ours, theirs = can_cost.fast_motors(options.seconds, options.repeats)
+    except (OSError, NoCompiler) as error:
+        raise BadInput(str(error)) from None
+    found = {
+        "native_us": spread(np.array(alone) * 1e-3),
+        "socket_us": spread(np.array(through) * 1e-3),
+        "calls_us": spread(np.array(calls) * 1e-3),
+        "python_can_us": spread(np.array(plain) * 1e6),
+        "motors": {
+            name: dict(zip(("unanswered", "lost", "commands"), values))
+            for name, values in (("tickwork", ours), ("c", theirs))
+        },
+    }
+    found["share"] = found["socket_us"]["p50"] / found["python_can_us"]["p50"]
+    title = f"{can_cost.DRIVES} motors at {can_cost.RATE:g} Hz on {can_cost.BUSES} buses"
+    report.say(
+        [
+            "",
+            f"{f'{can_cost.DRIVES} drives, µs a tick':46}{'p50':>9}{'p99':>9}{'max':>9}",
+            row("native, without the system calls of a bus", found["native_us"]),
+            row("native, over a socket", found["socket_us"]),
+            row("its two system calls alone", found["calls_us"]),
+            row("python-can over such a socket", found["python_can_us"]),
+            "",
+            f"{title:46}{'commands':>9}{'unanswered':>12}{'ticks lost':>12}",
+            *(
+                f"  {name:44}{commands:9}{missed:12}{lost:12}"
+                for name, (missed, lost, commands) in (("Tickwork", ours), ("a loop in C", theirs))
+            ),
+        ],
+        can=found,
+    )
+    report.goals += goals.of_can(found)
+    report.finish()
+    return OK

@@ -1,0 +1,136 @@
+"""`python -m runtime bench clock`: what it measures, and what it prints."""
+
+from runtime.base.errors import OK, BadInput
+from runtime.bench import goals
+from runtime.bench.report import Report, machine, words
+from runtime.cli.parsing import Parser, count, number
+
+RATES = (200, 1000, 2000)  # Hz
+
+
+def main(arguments):
+    """Returns the exit code."""
+    parser = Parser(
+        "bench clock",
+        "Measure how well the executor keeps its clock, beside a loop in C that only sleeps, and what "
+        "parts of a tick cost.",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 60.0),
+        default=2.0,
+        metavar="S",
+        help="of each chunk (default 2)",
+    )
+    parser.add_argument(
+        "--repeats",
+        type=count("--repeats"),
+        default=4,
+        metavar="N",
+        help="chunks of each row, taken in turn (default 4)",
+    )
+    parser.add_argument(
+        "--load", action="store_true", help="keep every processor busy with another process; at 1000 Hz only"
+    )
+    parser.add_argument(
+        "--busy-thread", action="store_true", help="keep a Python thread of this process busy; at 1000 Hz only"
+    )
+    parser.add_argument(
+        "--realtime",
+        choices=("off", "try", "require"),
+        default="off",
+        help="as of `run`, for both loops (default: off)",
+    )
+    parser.add_argument(
+        "--ticks",
+        type=count("--ticks"),
+        default=10_000_000,
+        metavar="N",
+        help="after which memory is looked at (default: 10 million)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    options = parser.parse_args(arguments)
+    report = Report(options.json)
+    disturbed = options.load or options.busy_thread
+    chunks = f"{options.repeats} chunks of {options.seconds:g} s of each row, taken in turn"
+    circumstances = [
+        f"--realtime {options.realtime}",
+        *["every processor loaded"] * options.load,
+        *["a busy Python thread"] * options.busy_thread,
+    ]
+    report.say([f"{chunks}; {', '.join(circumstances)}", *words()], **machine())
+    keep_part(report, [1000] if disturbed else RATES, options, disturbed)
+    if not disturbed:
+        cost_part(report, options.ticks)
+    report.finish()
+    return OK
+
+
+def keep_part(report, rates, options, disturbed):
+    from runtime.bench import clock
+    from runtime.bench.by_hand import NoCompiler
+    from runtime.machine.realtime import RealtimeRefused
+
+    try:
+        found = clock.measure(
+            rates, options.seconds, options.repeats, options.realtime, options.load, options.busy_thread
+        )
+    except (NoCompiler, RealtimeRefused) as error:
+        raise BadInput(str(error)) from None
+    title = f"{clock.SIGNALS} signals recorded"
+    lines = [
+        "",
+        f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'|period-T|: p50':>18}{'p99':>10}{'x C':>8}{'missed':>14}",
+    ]
+    rows = {}
+    for rate, contenders in found.items():
+        reference = contenders[clock.C]
+        for name, kept in contenders.items():
+            row = rows[f"{rate} Hz, {name}"] = {
+                "late_p50_us": kept.late(0.5) * 1e6,
+                "late_p99_us": kept.late(0.99) * 1e6,
+                "period_p50_us": kept.off(0.5) * 1e6,
+                "period_p99_us": kept.off(0.99) * 1e6,
+                "period_p99_times_c": kept.off(0.99) / reference.off(0.99),
+                "missed": kept.missed,
+                "ticks": kept.ticks,
+            }
+            lost = f"{row['missed']}/{row['ticks'] + row['missed']}"
+            lines.append(
+                f"  {f'{rate} Hz, {name}':36}{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{row['period_p50_us']:18.1f}"
+                f"{row['period_p99_us']:10.1f}{row['period_p99_times_c']:8.2f}{lost:>14}"
+            )
+    report.say(lines, clock=rows)
+    report.goals += goals.of_clock(found, disturbed)
+
+
+def cost_part(report, ticks):
+    from runtime.bench import costs
+
+    busy, waited = costs.knee_minute()
+    found = {
+        "recorded_signals_us": costs.recording() * 1e6,
+        "histogram_add_ns": costs.histogram_add() * 1e9,
+        "stamp_ns": costs.stamp() * 1e9,
+        "drift_ns": float(costs.drift()) * 1e9,
+        "growth_mib": costs.growth(many=ticks) / 2**20,
+        "knee_minute_s": busy,
+        "knee_waited_s": waited,
+    }
+    report.say(
+        [
+            "",
+            "costs",
+            f"  60 recorded signals                 {found['recorded_signals_us'] * 1e3:10.0f} ns a tick",
+            f"  a histogram add                     {found['histogram_add_ns']:10.2f} ns",
+            f"  a stamp that names who is too long  {found['stamp_ns']:10.1f} ns, at the ends of Python steps and "
+            "phases, in real time",
+            f"  drift over 10^9 grid points         {found['drift_ns']:10.2f} ns",
+            f"  growth over {ticks} ticks{'':{max(1, 17 - len(str(ticks)))}}{found['growth_mib']:11.2f} MiB, beyond "
+            "10000",
+            f"  60 s of knee_exo, in virtual time   {busy:10.3f} s of loop, and {waited:.2f} s of waiting for the "
+            "recorder",
+        ],
+        costs=found,
+    )
+    report.goals += goals.of_costs(found)

@@ -1,0 +1,84 @@
+"""`python -m runtime bench sensors`: what it measures, and what it prints."""
+
+from dataclasses import asdict
+
+from runtime.base.errors import OK, BadInput
+from runtime.bench import goals
+from runtime.bench.report import Report, machine, words
+from runtime.cli.parsing import Parser, count, number
+
+
+def main(arguments):
+    """Returns the exit code."""
+    parser = Parser(
+        "bench sensors",
+        "Measure what eight MicroStrain sensors at 500 Hz each cost on "
+        "pseudo-terminals, what they do to a loop "
+        "beside them, how fast their packets are read, and what the thread of an I2C "
+        "bus costs by itself.",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number("--seconds", "seconds", 600.0),
+        default=2.0,
+        metavar="S",
+        help="of each chunk (default 2)",
+    )
+    parser.add_argument(
+        "--repeats", type=count("--repeats"), default=5, metavar="N", help="chunks of each, taken in turn (default 5)"
+    )
+    parser.add_argument(
+        "--realtime", choices=("off", "try", "require"), default="off", help="as of `run` (default: off)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    options = parser.parse_args(arguments)
+    from runtime.bench import i2c, sensors
+    from runtime.machine.realtime import RealtimeRefused
+
+    report = Report(options.json)
+    report.say(
+        [
+            f"{options.repeats} chunks of {options.seconds:g} s of each, taken in turn; --realtime {options.realtime}",
+            *words(),
+        ],
+        **machine(),
+    )
+    try:
+        alone, beside = sensors.measure(options.seconds, options.repeats, options.realtime)
+    except (OSError, RealtimeRefused) as error:
+        raise BadInput(str(error)) from None
+    found = sensors.summary(alone, beside, *sensors.parsed(3 * options.repeats))
+    report.say(
+        [
+            "",
+            f"{f'a loop at {sensors.LOOP:g} Hz':46}{'late, µs: p50':>16}{'p99':>9}{'processor':>11}{'missed':>8}",
+            *(
+                f"  {label:44}{found['late_p50_us'][name]:16.1f}{found['late_p99_us'][name]:9.1f}{found[share]:11.2%}{found['missed'][name]:8}"
+                for label, name, share in (
+                    ("alone", "alone", "processor_alone"),
+                    (f"beside {sensors.SENSORS} sensors at {sensors.RATE:g} Hz", "beside", "processor"),
+                )
+            ),
+            f"  {found['packets']} packets came; {found['lost']} samples lost, {found['corrupt']} packets corrupt, "
+            f"{found['overflows']} chunks written over",
+            "",
+            f"{'packets read':46}{'MB/s':>16}",
+            f"  {'natively':44}{found['native_mb_s']:16.0f}",
+            f"  {'in Python':44}{found['python_mb_s']:16.1f}",
+        ],
+        sensors=found,
+    )
+    cost = i2c.measure(options.seconds)
+    report.say(
+        [
+            "",
+            f"{'a thread of an I2C bus, on chips in memory':46}{'exchanges a second':>20}{'µs of each':>12}{'processor':>11}",
+            f"  {f'{i2c.SENSORS} IMUs at {i2c.RATE:g} Hz behind a multiplexer':44}{cost.exchanges:20.0f}{cost.each * 1e6:12.2f}{cost.processor:11.2%}",
+            "  what the driver of the adapter takes comes on top: 0.4 ms of waiting a burst at 400 kbit/s, and what it "
+            "interrupts",
+        ],
+        i2c=asdict(cost),
+    )
+    report.goals += goals.of_sensors(found)
+    report.finish()
+    return OK

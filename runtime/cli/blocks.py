@@ -1,0 +1,25 @@
+"""`blocks [NAME]`: the blocks that are installed."""
+
+from runtime.base.errors import OK
+from runtime.cli.parsing import Parser
+from runtime.console.terminal import tell
+from runtime.diagrams.catalog import catalog
+
+
+def main(arguments):
+    parser = Parser("blocks", "List the blocks that are installed, or tell all about one.")
+    parser.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME",
+        help="a block, such as TorqueLimiter, or a family of blocks, such as limiters",
+    )
+    parser.add_argument(
+        "--from", dest="library", metavar="LIBRARY", help="only this library's blocks, and what is known of it"
+    )
+    parser.add_argument(
+        "--actuators", action="store_true", help="the models of actuators with their rated, peak and wire torques"
+    )
+    options = parser.parse_args(arguments)
+    tell(catalog(options.name, options.library, options.actuators))
+    return OK

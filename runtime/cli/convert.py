@@ -1,0 +1,130 @@
+"""`convert RECORDING...`: recordings in other formats."""
+
+from pathlib import Path
+
+from runtime.base.errors import OK, BadInput
+from runtime.base.suggestions import suggestion
+from runtime.cli.parsing import Parser, number
+from runtime.cli.reading import read
+from runtime.console.progress import Progress
+from runtime.console.styles import count
+from runtime.console.terminal import complain, tell
+from runtime.export import FORMATS, OPENSIM, convert, opensim
+from runtime.recording.files import make_folder
+from runtime.recording.parts import heads
+from runtime.recording.repair import MendingFailed, finish
+
+READING = 0.5  # share of the time that goes into reading, about
+
+
+def main(arguments):
+    parser = Parser(
+        "convert",
+        "Write recordings in other formats: every sample of every signal, in order. "
+        "To mcap: what a recorder that was killed has left, as one file that every viewer opens.",
+    )
+    parser.add_argument("recordings", type=Path, nargs="+", metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument("--to", type=formats, metavar="FORMAT,...", help=f"of {', '.join(FORMATS)}")
+    parser.add_argument(
+        "--opensim", action="store_true", help="write .sto, with all signals, and .mot, with the joint angles"
+    )
+    parser.add_argument(
+        "--rate",
+        type=number("--rate", "Hz"),
+        metavar="HZ",
+        help="at this rate, between samples as each kind of signal goes on",
+    )
+    parser.add_argument(
+        "--names",
+        type=Path,
+        metavar="FILE",
+        help="for sto and mot: a TOML file of OpenSim coordinates, with lines such as "
+        '"left/knee.position" = "knee_angle_l"',
+    )
+    parser.add_argument(
+        "--in-place",
+        action="store_true",
+        help="with --to mcap: finish the files themselves, where a second copy would not fit",
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="folder to write to (default: beside the recording)"
+    )
+    options = parser.parse_args(arguments)
+    kinds = [*(options.to or ()), *(OPENSIM if options.opensim else ())]
+    if not kinds:
+        raise BadInput(f"to which format? --to {'|'.join(FORMATS)}, or --opensim")
+    if "mcap" in kinds and options.rate is not None:
+        raise BadInput("--to mcap keeps every sample as it was recorded: --rate is for the other formats")
+    if options.in_place and (kinds != ["mcap"] or options.output is not None):
+        raise BadInput("--in-place goes with --to mcap alone")
+    if options.names is not None and not set(kinds) & set(OPENSIM):
+        raise BadInput("--names is for OpenSim: add --to sto, --to mot or --opensim")
+    names = None if options.names is None else (opensim.read_names(options.names), options.names)
+    for recording in heads(options.recordings):
+        for path in (
+            finished(recording)
+            if options.in_place
+            else converted(recording, dict.fromkeys(kinds), options.rate, options.output, names)
+        ):
+            tell([path])
+    return OK
+
+
+def formats(text):
+    kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
+    for kind in kinds:
+        if kind not in FORMATS:
+            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
+            raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
+    return kinds
+
+
+def converted(recording, kinds, rate, folder, names):
+    """Paths of what one recording becomes, as they are written. names : of coordinates and the path of their file, or
+    None
+    """
+    with Progress(f"converting {recording.name}") as progress:
+        trial = read(recording, progress, 0.0, READING)
+        if rate is not None:
+            trial = trial.resample(rate)
+        if names is not None:
+            trial = opensim.named(trial, *names)
+        stem = str((folder or recording.parent) / recording.stem)
+        for place, kind in enumerate(kinds):
+            step = (1.0 - READING) / len(kinds)
+            try:
+                if folder is not None:
+                    make(folder)
+                path = convert(trial, kind, stem, progress.part(READING + place * step, READING + (place + 1) * step))
+            except OSError as error:
+                raise BadInput(f"cannot write {stem}.{kind}: {error.strerror or error}") from None
+            progress.terminal.erase()
+            if kind in OPENSIM and opensim.missed(trial):
+                complain(
+                    [
+                        f"tickwork: {Path(path).name}: {count(opensim.missed(trial), 'missed tick')} filled in, as "
+                        "OpenSim needs even times"
+                    ]
+                )
+            yield path
+
+
+def finished(recording):
+    """Paths of the files of one recording, as they are finished."""
+    with Progress(f"finishing {recording.name}") as progress:
+        for path in read(recording, progress, 0.0, READING).parts:
+            try:
+                finish(path, progress.part(READING, 1.0))
+            except MendingFailed as error:
+                raise BadInput(str(error)) from None
+            except OSError as error:
+                raise BadInput(f"cannot finish {path}: {error.strerror or error}") from None
+            progress.terminal.erase()
+            yield path
+
+
+def make(folder):
+    try:
+        make_folder(folder)
+    except (FileExistsError, NotADirectoryError):
+        raise BadInput(f"cannot write into {folder}: that is a file, and no folder") from None

@@ -1,0 +1,36 @@
+"""`diff A B`: compare two recordings."""
+
+from pathlib import Path
+
+from runtime.analysis import difference_picture
+from runtime.analysis.compare import compare
+from runtime.base.errors import CHECK_FAILED, OK
+from runtime.base.optional_dependencies import need
+from runtime.cli import drawing
+from runtime.cli.parsing import Parser
+from runtime.cli.reading import read
+from runtime.console.progress import Progress
+from runtime.console.terminal import tell
+
+
+def main(arguments):
+    parser = Parser("diff", "Compare two recordings, tick by tick.")
+    parser.add_argument("first", type=Path, metavar="A", help="the .mcap file of a recording")
+    parser.add_argument("second", type=Path, metavar="B", help="and of another")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="where to draw what differs (default: diff.png)"
+    )
+    options = parser.parse_args(arguments)
+    drawing.check(options.output)
+    with Progress("comparing") as progress:
+        here, there = read(options.first, progress, 0.0, 0.5), read(options.second, progress, 0.5, 0.9)
+        comparison = compare(here, there)
+    tell(difference_picture.table(here, there, comparison))
+    if comparison.differences:
+        need("matplotlib.figure", "a picture")
+        tell(
+            [
+                f"  {drawing.write(lambda file, kind: difference_picture.draw(file, kind, here, there, comparison), options.output, 'diff')}"
+            ]
+        )
+    return OK if comparison.identical else CHECK_FAILED

@@ -1,0 +1,100 @@
+"""`plot RECORDING SIGNAL...`: pictures of a recording."""
+
+import re
+from pathlib import Path
+
+from runtime.base.errors import OK, BadInput
+from runtime.base.optional_dependencies import need
+from runtime.cli import drawing
+from runtime.cli.parsing import Parser
+from runtime.cli.reading import read
+from runtime.console.progress import Progress
+from runtime.console.terminal import tell
+
+EPILOG = """\
+  plot trial.mcap                                       a picture a subsystem, a plot a unit
+  plot trial.mcap left/knee.position left/knee.torque
+  plot trial.mcap left/knee                             all of a block, or of a subsystem
+  plot trial.mcap --strides                             angle, assistance and power over the gait cycle, a column a leg
+  plot trial.mcap --strides left/knee.torque -o torque.svg
+"""
+
+
+def main(arguments):
+    parser = Parser(
+        "plot", "Draw signals of a recording, with faults and marks: over time, or over the gait cycle.", EPILOG
+    )
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument(
+        "signals",
+        nargs="*",
+        metavar="SIGNAL",
+        help="as in left/knee.position, or all of left/knee or of left (default: one picture of each subsystem)",
+    )
+    parser.add_argument("--strides", action="store_true", help="mean and standard deviation over the gait cycle")
+    parser.add_argument(
+        "--events",
+        metavar="SIGNAL",
+        help="with --strides: what begins one, a bool or a gait phase (default: that of the subsystem)",
+    )
+    parser.add_argument("--svg", action="store_true", help="SVG, for papers, instead of PNG")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="where to draw (default: beside the recording)"
+    )
+    options = parser.parse_args(arguments, mixed=True)
+    if options.events is not None and not options.strides:
+        raise BadInput("--events needs --strides")
+    drawing.check(options.output)
+    with Progress(f"drawing {options.recording.name}") as progress:
+        trial = read(options.recording, progress, 0.0, 0.5)
+        try:
+            wanted = plots(trial, options)
+            for number, (name, draw) in enumerate(wanted):
+                path = write(options, name if len(wanted) > 1 or options.output is None else "", draw)
+                progress(0.5 + 0.5 * (number + 1) / len(wanted))
+                progress.terminal.erase()
+                tell([path])
+        except KeyError as error:
+            raise BadInput(error.args[0]) from None
+    return OK
+
+
+def plots(trial, options):
+    """[(name, function that draws it into a file)]"""
+    need("matplotlib.figure", "a picture")
+    from runtime.analysis import plots
+
+    if options.strides and options.signals:
+        return [
+            ("strides", lambda file, kind: plots.over_the_stride(trial, options.signals, options.events, file, kind))
+        ]
+    if options.strides:
+        return [("strides", lambda file, kind: plots.average_stride(trial, options.events, file, kind))]
+    if not len(trial):
+        raise BadInput(f"{trial.path} holds no tick")
+    if options.signals:
+        if others := [word for word in options.signals if word.endswith(".mcap")]:
+            raise BadInput(f"{others[0]}: plot draws one recording, and signals of it; `diff` compares two")
+        rows = plots.rows_of(trial, options.signals)
+        return [("plot", lambda file, kind: plots.over_time(trial, rows, trial.path.stem, file, kind))]
+    return [
+        (
+            title,
+            lambda file, kind, rows=rows, title=title, told=f", {share}" * bool(share): plots.over_time(
+                trial, rows, f"{trial.path.stem}: {title}{told}", file, kind, title
+            ),
+        )
+        for title, (rows, share) in plots.overview(trial).items()
+    ]
+
+
+def write(options, name, draw):
+    """Returns the path. A file that was not named is never overwritten."""
+    name = re.sub(r"[^\w.-]+", "_", name)
+    output = (
+        options.output
+        if options.output is None or not name
+        else options.output.with_stem(f"{options.output.stem}_{name}")
+    )
+    stem = options.recording.parent / f"{options.recording.stem}_{name}"
+    return drawing.write(draw, output, str(stem), ".svg" if options.svg else ".png")

@@ -1,0 +1,32 @@
+"""`replay RECORDING`: run a recording again."""
+
+from pathlib import Path
+
+from runtime.base.errors import CHECK_FAILED, OK
+from runtime.cli.parsing import Parser, folder
+from runtime.console.terminal import tell
+from runtime.session.replay import opened, replay, source_of, told
+
+
+def main(arguments):
+    parser = Parser(
+        "replay", "Run a recording again: from what its buses received, on the recorded clock, with nothing connected."
+    )
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help="the .mcap file of a recording")
+    parser.add_argument(
+        "--diagram",
+        type=Path,
+        metavar="FILE",
+        help="run this diagram file; by default the recorded "
+        "one, if its content is unchanged, "
+        "or else the diagram in the recording",
+    )
+    parser.add_argument("--record", type=folder, metavar="DIR", help="keep the new recording in this folder")
+    options = parser.parse_args(arguments)
+    trial = opened(options.recording)
+    source = source_of(trial, options.diagram)
+    if source.sha256 is not None:  # named by the recording alone, and not by the operator
+        tell([f"running {source.file}: its content is the recorded one"])
+    result = replay(trial, source, options.record)
+    tell(told(result))
+    return OK if result.same else CHECK_FAILED

@@ -1,0 +1,218 @@
+"""`stream actuator ID`: one drive live, without torque; `stream imu SERIAL...`, `stream openimu ADDRESS` and `stream
+i2c ADDRESS...`: sensors.
+"""
+
+from runtime.base.errors import CHECK_FAILED, OK, BadInput
+from runtime.cli.configure import drive_id
+from runtime.cli.move import model_of
+from runtime.cli.parsing import LONGEST, Parser, add_bus, folder, host_and_port, number, rerun_target, settings
+from runtime.commissioning.bus import i2c_bus, opened, single_bus
+from runtime.commissioning.streaming import Watched, stream
+from runtime.console.terminal import tell
+from runtime.recording.files import make_folder
+
+FASTEST = 500.0  # Hz: Python asks and waits
+EPILOG = """\
+  stream actuator 3 --channel can0 --model AK80-9 --plotjuggler 127.0.0.1:9870
+  stream actuator 9 --rig lab.toml --bus legs --record recordings
+  stream imu 133931 --channels accel,gyro --rate 500
+  stream imu --rerun                    every sensor that answers, in Rerun's viewer
+  stream openimu 128 --channel can1 --bitrate 250000
+  stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
+
+Nothing is armed: the drive is asked with the frame that disables or stops it, and can be moved by hand. Ctrl-C ends it.
+"""
+
+
+def main(arguments):
+    kinds = {"imu": imu, "openimu": openimu, "i2c": i2c}
+    if arguments and arguments[0] in kinds:
+        return kinds[arguments[0]](arguments[1:])
+    parser = Parser(
+        "stream", "Show one drive live: position, velocity, torque and temperature, without torque.", EPILOG
+    )
+    parser.add_argument(
+        "kind", metavar="actuator", help="what is shown: actuator; `stream imu --help` tells of sensors"
+    )
+    parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
+    add_bus(parser)
+    parser.add_argument(
+        "--model", metavar="NAME", help="as in AK80-9 or RS02; without it velocity and torque cannot be told"
+    )
+    how = parser.add_mutually_exclusive_group()
+    how.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
+    how.add_argument("--servo", action="store_true", help="a CubeMars in servo mode, which reports by itself")
+    add_showing(parser)
+    options = parser.parse_args(arguments)
+    if options.kind != "actuator":
+        raise BadInput(
+            f"stream {options.kind}: expected stream actuator ID, or stream imu, openimu or i2c; what a "
+            "whole robot measures is shown by a run"
+        )
+    can_id = drive_id(options.can_id)
+    model = model_of(options)[1] if options.model else None
+    with opened(single_bus(options)) as bus:
+        drive = Watched(bus, can_id, model)
+        tell(
+            [
+                f"id {can_id} on {bus.bus.channel}: {drive.family}, without torque"
+                + ("" if model else "; velocity and torque need --model")
+            ]
+        )
+        told = show(drive, f"actuator_{can_id}", options)
+    return ended(told, f"{told.answers} answers to {told.asked} questions")
+
+
+def add_showing(parser):
+    """How often, for how long and where it is shown."""
+    parser.add_argument(
+        "--rate", type=number("--rate", "Hz", FASTEST), default=100.0, metavar="HZ", help="default: 100"
+    )
+    parser.add_argument(
+        "--duration",
+        type=number("--duration", "seconds", LONGEST),
+        metavar="S",
+        help="stop after S seconds (default: Ctrl-C)",
+    )
+    parser.add_argument("--record", type=folder, metavar="DIR", help="write a CSV file into this folder")
+    parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
+    parser.add_argument(
+        "--rerun",
+        nargs="?",
+        const="",
+        type=rerun_target,
+        metavar="WHERE",
+        help="show it in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of a viewer elsewhere",
+    )
+
+
+def show(watched, name, options):
+    """The Told of what `add_showing` asks for."""
+    try:
+        if options.record is not None:
+            make_folder(options.record)
+        folder = None if options.record is None else str(options.record)
+        return stream(watched, name, options.rate, options.duration, folder, options.plotjuggler, options.rerun)
+    except OSError as error:
+        raise BadInput(f"{error.filename or 'stream'}: {error.strerror or error}") from None
+
+
+def ended(told, what):
+    """The exit code, once it is told how it was."""
+    lost = f"; {told.lost} datagrams were not taken" if told.lost else ""
+    tell([f"{what}{lost}", *(f"written: {file}" for file in told.files)])
+    return OK if told.answers else CHECK_FAILED
+
+
+def names(text):
+    return tuple(name.strip() for name in text.split(",")) if text else ()
+
+
+def imu(arguments):
+    """`stream imu`: sensors that are found by the last digits of their serial numbers."""
+    from blocks.imus.microstrain.block import STANDARD
+    from runtime.commissioning.imus import WatchedImus
+
+    parser = Parser("stream imu", "Show MicroStrain sensors live, each set up as asked. Ctrl-C ends it.")
+    parser.add_argument(
+        "serials",
+        nargs="*",
+        metavar="SERIAL",
+        help="last digits of a serial number (default: every sensor that answers)",
+    )
+    parser.add_argument(
+        "--channels", default=",".join(STANDARD), metavar="NAME,...", help=f"default: {','.join(STANDARD)}"
+    )
+    parser.add_argument(
+        "--attitude",
+        choices=("filter", "sensor"),
+        default="filter",
+        help="what tells quaternion and euler (default: filter)",
+    )
+    add_showing(parser)
+    options = parser.parse_args(arguments)
+    watched = WatchedImus(options.serials, names(options.channels), options.rate, options.attitude)
+    try:
+        tell([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
+        told = show(watched, "imu", options)
+    finally:
+        watched.close()
+    tell(watched.summary())
+    return ended(told, f"{told.answers} rows")
+
+
+def openimu(arguments):
+    """`stream openimu`: one OpenIMU on a CAN bus, by its source address."""
+    from runtime.commissioning.watched_openimu import WatchedOpenImu
+
+    parser = Parser(
+        "stream openimu",
+        "Show one OpenIMU on CAN live, set up as a run would, until its power is gone. Ctrl-C ends it.",
+    )
+    parser.add_argument(
+        "address",
+        metavar="ADDRESS",
+        type=number("ADDRESS", "", 247.0),
+        help="its source address, 128 as it is sold; `scan` tells who is there",
+    )
+    add_bus(parser)
+    parser.add_argument("--model", choices=("300RI", "335RI"), default="300RI", help="default: 300RI")
+    parser.add_argument(
+        "--axes", choices=("printed", "z up"), default="printed", help="frame of what is shown (default: printed)"
+    )
+    parser.add_argument("--untold", action="store_true", help="set nothing, and read it in the axes in which it speaks")
+    add_showing(parser)
+    options = parser.parse_args(arguments)
+    if options.address != int(options.address) or options.address < 128:
+        raise BadInput(f"ADDRESS: expected a whole number from 128 to 247, got {options.address:g}")
+    with opened(single_bus(options)) as bus:
+        watched = WatchedOpenImu(
+            bus, int(options.address), model=options.model, axes=options.axes, told=not options.untold
+        )
+        tell([f"OpenIMU {options.model} at address {options.address:g} on {bus.bus.channel}"])
+        told = show(watched, watched.block.path, options)
+    return ended(told, f"{told.answers} rows")
+
+
+def i2c(arguments):
+    """`stream i2c`: sensors on an I2C bus, by their addresses."""
+    from runtime.commissioning.watched_chips import WatchedChips, place_of
+
+    parser = Parser(
+        "stream i2c",
+        "Show MPU-9250, ICM-20948, ADS1115 and NAU7802 live, each recognised and set up as for a run. Ctrl-C ends it.",
+    )
+    parser.add_argument(
+        "places",
+        nargs="*",
+        metavar="ADDRESS",
+        type=place_of,
+        help="0x68, or behind a multiplexer 0x70.3:0x68 (default: every one that is known; that touches each address)",
+    )
+    add_bus(parser)
+    parser.add_argument(
+        "--channels",
+        default="",
+        metavar="NAME,...",
+        help="as in accel,gyro,mag,a0,force (default: all that is measured)",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        dest="settings",
+        help="a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks MPU9250` lists them",
+    )
+    add_showing(parser)
+    options = parser.parse_args(arguments)
+    watched = WatchedChips(
+        i2c_bus(options), options.places, names(options.channels), options.rate, settings(options.settings)
+    )
+    try:
+        tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])
+        told = show(watched, "i2c", options)
+        tell(watched.summary())
+    finally:
+        watched.close()
+    return ended(told, f"{told.answers} rows")

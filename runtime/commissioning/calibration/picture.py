@@ -1,0 +1,89 @@
+"""Before and after: rates and gravity at rest, and the magnetic field seen along the three axes."""
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+# Told apart by colour-blind readers too. (Okabe and Ito 2008)
+BEFORE, AFTER = "#D55E00", "#0072B2"
+INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
+PLANES = ((0, 1), (0, 2), (1, 2))
+MOST = 4000  # points of a plane
+
+
+def draw(name, found, file):
+    """Write a PNG. name : of the sensor; found : runtime.commissioning.calibration.result.Found; file : open for writing bytes"""
+    figure = Figure(figsize=(11.0, 7.4), dpi=150, layout="constrained")
+    FigureCanvasAgg(figure)
+    top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.15))
+    rest, gravity = top.subplots(1, 2)
+    gyroscope(rest, found)
+    accelerometer(gravity, found)
+    for axis, plane in zip(bottom.subplots(1, 3), PLANES):
+        magnetometer(axis, found, plane)
+    figure.suptitle(f"{name}: before and after calibration", fontsize=13, fontweight="bold", color=INK)
+    marks = [
+        rest.scatter([], [], color=BEFORE, label="before", s=24),
+        rest.scatter([], [], color=AFTER, label="after", s=24),
+    ]
+    figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
+    figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
+
+
+def dress(axis, title, x, y):
+    axis.set_title(title, fontsize=10, color=INK)
+    axis.set_xlabel(x, color=INK, fontsize=9)
+    axis.set_ylabel(y, color=INK, fontsize=9)
+    axis.grid(color=FAINT, linewidth=0.7)
+    axis.set_axisbelow(True)
+    axis.tick_params(colors=INK, labelsize=8, length=3)
+    for side, spine in axis.spines.items():
+        spine.set_visible(side in ("left", "bottom"))
+        spine.set_color("#888888")
+
+
+def nothing(axis, why):
+    axis.annotate(
+        why, xy=(0.5, 0.5), xycoords="axes fraction", ha="center", va="center", color=GREY, fontsize=9, wrap=True
+    )
+
+
+def gyroscope(axis, found):
+    dress(axis, "gyroscope: rate at rest", "axis", "deg/s")
+    axis.set_xticks(range(3), "xyz")
+    axis.set_xlim(-0.6, 2.6)
+    axis.axhline(0.0, color="#AAAAAA", linewidth=0.8, zorder=1)
+    for rates, colour, shift in ((found.rates, BEFORE, -0.12), (found.rates_after, AFTER, 0.12)):
+        for number in range(3) if rates is not None and len(rates) else ():
+            axis.scatter(
+                np.full(len(rates), number + shift), np.degrees(rates[:, number]), color=colour, s=18, zorder=3
+            )
+    if found.rates_after is None:
+        nothing(axis, "not calibrated")
+
+
+def accelerometer(axis, found):
+    dress(axis, "accelerometer: gravity in each position", "position", "m/s²")
+    for gravity, colour in ((found.gravity, BEFORE), (found.gravity_after, AFTER)):
+        if gravity is not None:
+            axis.scatter(range(1, len(gravity) + 1), gravity, color=colour, s=18, zorder=3)
+    axis.axhline(found.standard_gravity, color="#AAAAAA", linewidth=0.8, zorder=1)
+    if found.gravity_after is None:
+        nothing(axis, "not calibrated")
+
+
+def magnetometer(axis, found, plane):
+    names = ["xyz"[number] for number in plane]
+    dress(axis, f"magnetometer, {names[0]} and {names[1]}", f"{names[0]} [µT]", f"{names[1]} [µT]")
+    axis.set_aspect("equal", adjustable="datalim")
+    for field, colour in ((found.field, BEFORE), (found.field_after, AFTER)):
+        if field is not None and len(field):
+            step = max(1, len(field) // MOST)
+            axis.scatter(
+                field[::step, plane[0]], field[::step, plane[1]], color=colour, s=2, alpha=0.5, linewidths=0, zorder=3
+            )
+    if found.field_after is None:
+        nothing(axis, "not calibrated")
+    else:
+        axis.add_patch(Circle((0.0, 0.0), found.strength, fill=False, color=GREY, linewidth=0.8, zorder=2))

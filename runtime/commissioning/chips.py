@@ -1,0 +1,76 @@
+"""Who is on an I2C bus, and behind every multiplexer on it: each address is touched as i2cdetect does, and registers
+that tell are read.
+"""
+
+from dataclasses import dataclass
+
+from runtime.commissioning.scan import Report
+from runtime.guardian.lock import BusLock, BusTaken
+from runtime.rig.chips import KnownChips
+from runtime.rig.errors import Refused, Trouble
+from runtime.rig.i2c import open_adapter
+
+BLOCKS = {
+    "MPU-9250": "mpu9250",
+    "MPU-9255": "mpu9250",
+    "ICM-20948": "icm20948",
+    "NAU7802": "nau7802",
+    "ADS1115 or ADS1015": "ads1115",
+}
+NOBODY = (
+    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
+    "and 5 are bus 1"
+)
+
+
+@dataclass(frozen=True)
+class Chip:
+    """mux, channel : 0 on the bus itself; name : "" where it is not known; how : what tells that; block : that reads
+    it, "" for none
+    """
+
+    mux: int
+    channel: int
+    address: int
+    name: str
+    how: str
+    block: str
+
+    @property
+    def path(self):
+        """A name for the device in a rig."""
+        return f"{self.block}_{self.mux:x}_{self.channel}" if self.mux else f"{self.block}_{self.address:x}"
+
+    @property
+    def where(self):
+        return f"{self.mux:#04x}.{self.channel} {self.address:#04x}" if self.mux else f"{self.address:#04x}"
+
+
+def look(bus, opened=None):
+    """The Report of a bus. Refused
+
+    bus : RigBus; opened : as runtime.rig.i2c.open_adapter returns it
+    """
+    try:
+        lock = BusLock(bus.interface, bus.channel)
+    except BusTaken as taken:
+        raise Refused(
+            Trouble(
+                "TW106",
+                f"[bus.{bus.name}] {bus.channel} is controlled by {taken.owner}",
+                "end that one first: it has its multiplexers in its hands",
+            )
+        ) from None
+    try:
+        chips, _ = opened or open_adapter(bus)
+        try:
+            found = KnownChips(chips).everywhere()
+        finally:
+            chips.close()
+    finally:
+        lock.close()
+    report = Report(bus.name, bus.interface, bus.channel, 0)
+    report.chips = [Chip(*row, BLOCKS.get(row[3], "")) for row in found]
+    if not report.chips:
+        report.remarks.append(NOBODY)
+    return report

@@ -1,0 +1,1 @@
+"""Changes of a drive or of a joint: set-up, zeroing, mounting."""

@@ -1,0 +1,126 @@
+"""How a motor sits at its joint, found by moving the joint by hand with the motor off: offset, sign and range, for the
+rig file.
+
+    stand straight      the position there is the offset
+    bend the joint      where it went tells whether the motor turns the other way
+    the full motion     its ends are the range, which every table before arming compares with
+"""
+
+import sys
+import time
+
+from blocks.actuators.cubemars import CubeMars, CubeMarsServo, CubeMarsV3, frames
+from blocks.actuators.cubemars import asking as mit
+from blocks.actuators.robstride import RobStride, RobStrideMIT
+from blocks.actuators.robstride import asking as private
+from runtime.base.errors import BadInput
+from runtime.commissioning.scan import refuse_company
+from runtime.console.confirm import entered
+from runtime.console.terminal import tell
+
+KNOWN = (CubeMars, CubeMarsV3, CubeMarsServo, RobStride, RobStrideMIT)
+PERIOD = 0.02  # s between two questions
+SILENT = 0.5  # s without an answer
+STILL = 0.05  # rad that a joint that stands still may move in WINDOW
+WINDOW = 0.3  # s
+BENT = 0.2  # rad that tell which way a joint was bent
+
+
+class Motor:
+    """The drive of a joint, asked again and again with the frame that takes its torque away.
+
+    block : of KNOWN, as the diagram and the rig have it
+    """
+
+    def __init__(self, bus, block):
+        self.bus, self.block = bus, block
+        if not isinstance(block, KNOWN):
+            known = ", ".join(kind.__name__ for kind in KNOWN)
+            raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows {known}")
+        refuse_company(bus)
+
+    def read(self, *frame):
+        if isinstance(self.block, RobStride):
+            return private.feedback(*frame, self.block.can_id, self.block.found, self.block.host_id)
+        if isinstance(self.block, (CubeMarsV3, CubeMarsServo)):
+            found = mit.servo_status(*frame, self.block.found)
+            return found if found is not None and found.can_id == self.block.can_id else None
+        return mit.answer(*frame, self.block.can_id, self.block.found)
+
+    def question(self):
+        block = self.block
+        if isinstance(block, RobStride):
+            return private.stop(block.can_id, block.host_id)
+        if isinstance(block, CubeMarsV3):
+            return mit.question_of_v3(block.can_id)
+        if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports by itself
+            return frames.amperes(frames.CURRENT, 0.0, block.can_id)
+        return mit.question(block.can_id)
+
+    def answer(self):
+        """The newest Answer. BadInput where it is silent."""
+        found = self.bus.ask(self.question(), "disable", self.read, patience=SILENT / 2)
+        if found is None:
+            raise BadInput(
+                f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; "
+                "`scan` tells who does"
+            )
+        return found
+
+    def angle(self):
+        """rad of the motor at the joint, before sign and offset."""
+        return self.answer().position / self.block.gear_ratio
+
+
+def until_entered(motor, instruction):
+    """(time, angle) of a joint while a person does something, up to the line that says it is done."""
+    tell([f"{instruction}, then press Enter"])
+    seen = []
+    live = sys.stdout.isatty()
+    while not entered():
+        seen.append((time.monotonic(), motor.angle()))
+        if live and len(seen) % 5 == 0:
+            sys.stdout.write(f"\r  {seen[-1][1]:8.3f} rad ")
+            sys.stdout.flush()
+        time.sleep(PERIOD)
+    seen.append((time.monotonic(), motor.angle()))
+    if live:
+        sys.stdout.write("\r")
+    return seen
+
+
+def at_rest(motor, name):
+    """The mean angle of a joint that is held still from now on. BadInput if it is not."""
+    end, angles = time.monotonic() + WINDOW, []
+    while time.monotonic() < end:
+        angles.append(motor.angle())
+        time.sleep(PERIOD)
+    if max(angles) - min(angles) > STILL:
+        moved = max(angles) - min(angles)
+        raise BadInput(
+            f"{name}: the joint moved by {moved:.2f} rad; hold it still, and begin again; nothing was written"
+        )
+    return sum(angles) / len(angles)
+
+
+def find(motor):
+    """{invert, offset, range} of a joint."""
+    until_entered(motor, "1 of 3: motor off. Stand straight, so that the joint is at zero")
+    straight = at_rest(motor, "straight")
+    tell([f"  straight at {straight:.3f} rad of the motor"])
+    until_entered(motor, "2 of 3: bend the joint the way that shall count as positive (a knee: flex it), and hold it")
+    bent = at_rest(motor, "bent")
+    if abs(bent - straight) < BENT:
+        raise BadInput(
+            f"the joint went {abs(bent - straight):.2f} rad, and less than {BENT:g} rad tells no sign; "
+            "nothing was written"
+        )
+    sign = 1.0 if bent > straight else -1.0
+    way = "with the joint" if sign > 0 else "the other way"
+    tell([f"  bent by {abs(bent - straight):.3f} rad; the motor turns {way}"])
+    seen = until_entered(motor, "3 of 3: move the joint through its full motion, to both ends")
+    angles = [sign * (angle - straight) for _, angle in seen]
+    low, high = min(angles), max(angles)
+    if high - low < BENT:
+        raise BadInput(f"the joint moved by {high - low:.2f} rad: that is no full motion; nothing was written")
+    return {"invert": sign < 0, "offset": round(sign * straight, 4), "range": [round(low, 3), round(high, 3)]}

@@ -1,0 +1,119 @@
+"""A diagram of one actuator that is moved gently: what the command `move` runs, in the way every diagram is run.
+
+    torque      rises to the target, stays, falls to zero, behind a limiter that changes it slowly
+    position    a weak spring in the drive, whose equilibrium goes from where the joint is to the target at a bounded
+    speed velocity    a damper in the drive, whose velocity rises to the target, stays, and falls to zero
+
+The actuator's limit bounds the drive's whole law. A CubeMars in servo mode has other ways: a current of the motor, its
+own velocity loop, and its own way to a position; there only the current bounds the torque. Whatever passes `fastest`,
+as a motor without load would, ends the run.
+"""
+
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from blocks.limiters import Saturation, TorqueLimiter
+from blocks.logic import Compare, Or
+from blocks.recorders import CsvRecorder
+from blocks.safety import EmergencyStop
+from blocks.sources import TimeTable
+from graph import Block, Diagram, Input, Output, Param
+
+FAMILIES = {
+    "CubeMars": CubeMars,
+    "CubeMarsV3": CubeMarsV3,
+    "CubeMarsServo": CubeMarsServo,
+    "RobStride": RobStride,
+    "RobStrideMIT": RobStrideMIT,
+}
+
+
+class Approach(Block):
+    """From the first input it sees to the target, at a bounded speed. NaN passes and is held, which is a fault at the
+    actuator.
+    """
+
+    target = Param(0.0, "rad", "where it goes")
+    speed = Param(0.5, "rad/s", "how fast", above=0.0)
+
+    position = Input("rad", "joint angle")
+    equilibrium = Output("rad", "on its way")
+
+    def reset(self):
+        self.now = None
+
+    def step(self, position):
+        if self.now is None:
+            self.now = position
+        else:
+            most = self.speed * self.dt
+            self.now += min(max(self.target - self.now, -most), most)
+        return self.now
+
+
+def build(
+    family="CubeMars",
+    model="",
+    bus="can",
+    can_id=1,
+    kind="torque",
+    target=0.0,
+    limit=1.0,
+    duration=5.0,
+    rise=1.0,
+    speed=0.5,
+    stiffness=1.0,
+    damping=0.1,
+    fastest=10.0,
+    rate=200.0,
+    gear_ratio=1.0,
+):
+    """kind : torque (N·m), position (rad) or velocity (rad/s) of the target; rise in s"""
+    with Diagram("move", rate=rate) as diagram:
+        rise = min(rise, duration / 3.0)
+        settings = {"bus": bus, "can_id": can_id, "limit": limit, "gear_ratio": gear_ratio, "name": "actuator"}
+        if family == "CubeMarsServo":
+            settings |= servo_settings(kind, target, speed, rise)
+        joint = FAMILIES[family](model, **settings)
+        wave = {"times": (0.0, rise, duration - rise, duration), "values": (0.0, target, target, 0.0)}
+        if family == "CubeMarsServo":
+            in_servo_mode(joint, kind, target, wave)
+        elif kind == "torque":
+            joint(
+                torque_command=TorqueLimiter(limit=limit, slew=2.0 * limit / rise)(
+                    TimeTable(**wave, unit="N·m", name="target")()
+                )
+            )
+        elif kind == "velocity":
+            joint(velocity_command=TimeTable(**wave, unit="rad/s", name="target")(), damping_command=damping)
+        else:
+            reach = joint.command_limits()["position_command"].high
+            way = Approach(target=target, speed=speed, name="target")(joint.position)
+            joint(
+                position_command=Saturation(lower=-reach, upper=reach)(way),
+                stiffness_command=stiffness,
+                damping_command=damping,
+            )
+        too_fast = Or()(Compare(">")(joint.velocity, fastest), Compare("<")(joint.velocity, -fastest))
+        EmergencyStop(name="too_fast")(too_fast)
+        CsvRecorder()
+    return diagram
+
+
+def servo_settings(kind, target, speed, rise):
+    """Parameters of a CubeMarsServo: the drive's own loop, no faster than it has to be."""
+    if kind == "velocity":
+        return {"mode": "velocity", "velocity_limit": max(abs(target), 1e-3)}
+    if kind == "position":
+        return {"mode": "position_velocity", "velocity_limit": speed, "acceleration": speed / rise}
+    return {"mode": "current"}
+
+
+def in_servo_mode(joint, kind, target, wave):
+    """Command the drive's own loop. A torque is a current, by the model's constant."""
+    if kind == "torque":
+        wave["values"] = [value / joint.scales[2] for value in wave["values"]]
+        most = joint.command_limits()["current_command"].high
+        joint(current_command=Saturation(lower=-most, upper=most)(TimeTable(**wave, unit="A", name="target")()))
+    elif kind == "velocity":
+        joint(velocity_command=TimeTable(**wave, unit="rad/s", name="target")())
+    else:
+        joint(position_command=target)

@@ -1,0 +1,90 @@
+"""Changing a device's entry in a rig file, with the rest of the file as it was, remarks included."""
+
+import os
+import re
+import tempfile
+from pathlib import Path
+
+from runtime.base.errors import BadInput
+from runtime.commissioning.bus import plain, quoted
+from runtime.rig.file import parse, text_of
+
+HEADER = re.compile(r"^\s*\[")
+
+
+def changed(path, text, device, values):
+    """The text of a rig file in which a device has other values. BadInput where it cannot be done without breaking
+    something.
+
+    values : {parameter: number, bool, text or list}
+    """
+    lines = text.split("\n")
+    start = next((place for place, line in enumerate(lines) if header_of(line) == device), None)
+    if start is None:
+        while lines and not lines[-1].strip():
+            lines.pop()
+        lines += [""] * bool(lines) + [
+            f"[device.{quoted(device)}]",
+            *(f"{name} = {plain(value)}" for name, value in values.items()),
+            "",
+        ]
+    else:
+        end = next((place for place in range(start + 1, len(lines)) if HEADER.match(lines[place])), len(lines))
+        last = max(
+            place for place in range(start, end) if lines[place].strip() and not lines[place].lstrip().startswith("#")
+        )
+        new = []
+        for name, value in values.items():
+            pattern = re.compile(rf"^(\s*{re.escape(name)}\s*=\s*)([^#]*?)(\s*(?:#.*)?)$")
+            place = next((place for place in range(start + 1, end) if pattern.match(lines[place])), None)
+            if place is None:
+                new.append(f"{name} = {plain(value)}")
+            else:
+                match = pattern.match(lines[place])
+                lines[place] = f"{match[1]}{plain(value)}{match[3]}"
+        lines[last + 1 : last + 1] = new
+    result = "\n".join(lines)
+    check(path, text, result, device, values)
+    return result
+
+
+def header_of(line):
+    """The device that a line begins the table of, None for another line."""
+    match = re.fullmatch(r"""\s*\[\s*device\s*\.\s*(?:"([^"\\]*)"|'([^']*)'|([\w-]+))\s*\]\s*(?:#.*)?""", line)
+    return next((name for name in match.groups() if name is not None), None) if match else None
+
+
+def check(path, before, after, device, values):
+    """BadInput where the change would break the file, or anything else in it."""
+    old = parse(path, before)
+    refusal = (
+        f"{path}: [device.{quoted(device)}] is written in a way that cannot be changed from here; nothing was "
+        "written. Write it yourself: "
+    )
+    wanted = ", ".join(f"{name} = {plain(value)}" for name, value in values.items())
+    try:
+        new = parse(path, after)
+    except BadInput:
+        raise BadInput(refusal + wanted) from None
+    expected = dict(old.devices)
+    expected[device] = {**old.devices.get(device, {}), **values}
+    if new.buses != old.buses or new.devices != expected:
+        raise BadInput(refusal + wanted)
+
+
+def write(path, before, text):
+    """Put a text in place of a file at once, unless somebody has changed it in between. BadInput"""
+    path = Path(path)
+    if text_of(path) != before:
+        raise BadInput(f"{path} was changed by somebody else meanwhile; nothing was written")
+    real = Path(os.path.realpath(path))
+    try:
+        descriptor, name = tempfile.mkstemp(dir=real.parent, prefix=f".{real.name}.")
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(name, os.stat(real).st_mode & 0o7777)
+        os.replace(name, real)
+    except OSError as error:
+        raise BadInput(f"{path} cannot be written: {error.strerror}") from None

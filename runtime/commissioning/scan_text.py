@@ -1,0 +1,136 @@
+"""A scan for people, and as a rig file to begin with."""
+
+from blocks.actuators.cubemars import asking as cubemars
+from blocks.actuators.robstride import asking as robstride
+from runtime.commissioning import openimu
+from runtime.commissioning.bus import entry, in_candump
+from runtime.console.styles import count
+from runtime.rig.file import I2C
+
+BLOCKS = {
+    cubemars.MIT: "CubeMars",
+    cubemars.V3: "CubeMarsV3",
+    cubemars.SERVO: "CubeMarsServo",
+    cubemars.ROBSTRIDE_MIT: "RobStrideMIT",
+    robstride.ROBSTRIDE: "RobStride",
+    robstride.CYBERGEAR: "RobStride",
+    robstride.EITHER: "RobStride",
+}
+
+
+def text(report, verbose=False):
+    """Lines. report : runtime.commissioning.scan.Report"""
+    if report.interface == I2C:
+        return chips(report)
+    lines = [f"bus {report.bus}  {report.interface} {report.channel} at {report.bitrate} bit/s"]
+    lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
+    for node in report.nodes:
+        sends = ", ".join(f"{what} {rate:.0f} Hz" for what, rate in node.sends.items()) or "sends nothing by itself"
+        who = (
+            f"  manufacturer {node.manufacturer}, function {node.function}, NAME {node.unique}"
+            if node.manufacturer is not None
+            else ""
+        )
+        lines.append(
+            f"  address {node.address:<4} {node.family}  {sends}{who}"
+            + (f"  firmware {node.firmware}" if node.firmware else "")
+        )
+    for drive in report.drives:
+        lines += [f"  id {drive.can_id}: {note}" for note in drive.notes]
+        lines += [f"  ! id {drive.can_id}: {remark}" for remark in drive.remarks]
+    lines += [
+        f"  ! {remark}" for remark in [*(remark for node in report.nodes for remark in node.remarks), *report.remarks]
+    ]
+    if report.others:
+        lines.append(f"  also heard: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
+    return lines + sent(report, verbose)
+
+
+def chips(report):
+    lines = [f"bus {report.bus}  {report.interface} {report.channel}"]
+    for chip in report.chips:
+        lines.append(
+            f"  {chip.where:<12}{chip.name or 'a chip that is not known here'}"
+            + (f"  ({chip.how})" if chip.how else "")
+        )
+    return lines + [f"  ! {remark}" for remark in report.remarks]
+
+
+def state(drive):
+    """What a drive says of itself."""
+
+    def number(value, digits, unit):
+        return [] if value is None else [f"{value:.{digits}f} {unit}"]
+
+    words = [
+        *number(drive.position, 3, "rad"),
+        *number(drive.velocity, 2, "rad/s"),
+        *number(drive.torque, 2, "N·m"),
+        *number(drive.current, 2, "A"),
+        *number(drive.temperature, 0, "°C"),
+        *number(drive.voltage, 1, "V"),
+        fault(drive),
+        *([f"firmware {drive.firmware}"] if drive.firmware else []),
+        *([f"unique {drive.unique}"] if drive.unique else []),
+    ]
+    return "  " + ", ".join(words)
+
+
+def fault(drive):
+    return "faults not reported" if drive.fault is None else f"fault: {drive.fault}" if drive.fault else "no fault"
+
+
+def sent(report, verbose):
+    """What was sent, by why, or frame by frame."""
+    if not report.sent:
+        return ["  sent: nothing"]
+    if verbose:
+        return ["  sent:", *(f"    {in_candump(*frame)}  {why}" for *frame, why in report.sent)]
+    groups = {}
+    for *frame, why in report.sent:
+        groups.setdefault(why, []).append(in_candump(*frame))
+    return [
+        f"  sent: {why}, {count(len(frames), 'frame')}"
+        + (f", {frames[0]} to {frames[-1]}" if len(frames) > 1 else f", {frames[0]}")
+        for why, frames in groups.items()
+    ]
+
+
+def rig(reports, buses, when):
+    """The text of a rig file: the buses, and as remarks what was found on them.
+
+    buses : RigBus, in the reports' order; when : in words
+    """
+    lines = [
+        f"# What was found on {when}. A device's path is that of its block in the diagram: take the # away and "
+        "name it.",
+        "",
+    ]
+    for report, bus in zip(reports, buses):
+        lines += [*entry(bus), ""]
+        for drive in report.drives:
+            block = BLOCKS.get(drive.family)
+            lines += [f"# {drive.family}{state(drive)}", *(f"# ! {remark}" for remark in drive.remarks)]
+            settings = [f"# {name} = {value}" for name, value in drive.settings.items()]
+            lines += [
+                f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]',
+                f"# can_id = {drive.can_id}",
+                *settings,
+                "",
+            ]
+        for node in report.nodes:
+            lines += [
+                f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")
+            ]
+            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']
+            lines += (
+                [f"# address = {node.address}", f"# bitrate = {report.bitrate}", ""]
+                if node.family == openimu.OPENIMU
+                else [""]
+            )
+        for chip in report.chips:
+            lines += [f"# {chip.where}: {chip.name or 'a chip that is not known here'}"]
+            if chip.block:
+                where = [f"# mux = {chip.mux:#04x}", f"# channel = {chip.channel}"] if chip.mux else []
+                lines += [f'# [device."{chip.path}"]', f"# address = {chip.address:#04x}", *where, ""]
+    return "\n".join(lines)

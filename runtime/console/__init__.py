@@ -1,0 +1,1 @@
+"""The terminal: styles, keys, progress, confirmation. No content of its own."""

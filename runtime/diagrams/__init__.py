@@ -1,0 +1,1 @@
+"""Diagram files: loading, overrides, plants, the catalogue of blocks, drawings."""

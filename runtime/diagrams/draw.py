@@ -1,0 +1,148 @@
+"""`python -m runtime draw FILE`: a diagram as SVG, PNG, Mermaid text, or a page to explore."""
+
+import os
+import shutil
+import subprocess
+import tempfile
+from importlib.util import find_spec
+from pathlib import Path
+
+from graph.drawing import draw, mermaid, page, svg
+from runtime.base.errors import BadInput
+from runtime.console.styles import count, place
+from runtime.console.terminal import program
+from runtime.diagrams.file import blamed, load
+
+FORMATS = {"svg": ".svg", "png": ".png", "mermaid": ".mmd", "html": ".html"}
+BY_SUFFIX = {suffix: name for name, suffix in FORMATS.items()} | {".htm": "html", ".mermaid": "mermaid"}
+ENOUGH = 12_000  # px, the longer side of a PNG at most
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+
+def draw_file(path, settings=(), rate=None, output=None, form=None, all_ports=False):
+    """Draw a diagram file. Returns (lines for standard output, remarks for standard error). Raises BadInput.
+
+    settings, rate : as in a run
+    output : file to write, "-" for standard output, None for the diagram's name
+    form : a key of FORMATS, None for what the file's name says
+    """
+    _, diagram = load(path, settings)
+    if rate is not None:
+        diagram.rate = rate
+    form, target = choose(form, output, diagram.name)
+    drawing = blamed(path, lambda: draw(diagram, all_ports=all_ports, place=place))
+    wrong = sum(len(box.wrong) for box in drawing.boxes)
+    remarks = [f"{count(wrong, 'error')} drawn in red: {program()} check {path} tells more"] if wrong else []
+    text = {"svg": svg, "png": svg, "mermaid": mermaid, "html": page}[form](drawing)
+    if target is None:
+        return [text.rstrip("\n")], remarks
+    if form == "png":
+        rasterise(text, target)
+    else:
+        save(target, text)
+    size = "" if form in ("mermaid", "html") else f", {drawing.width:.0f} × {drawing.height:.0f} px"
+    return [f"{target}: {count(len(drawing.boxes), 'block')}{size}"], remarks
+
+
+def choose(form, output, name):
+    """(format, Path or None for standard output) from what was asked for."""
+    if output == "-" and form == "png":
+        raise BadInput("a PNG cannot go to standard output: name a file with -o")
+    if output == "-":
+        return form or "svg", None
+    if output is None:
+        return form or "svg", Path(
+            "".join(c if c.isalnum() or c in "-_." else "_" for c in name) + FORMATS[form or "svg"]
+        )
+    suffix = Path(output).suffix.lower()
+    if form is None and suffix and suffix not in BY_SUFFIX:
+        raise BadInput(
+            f"-o {output}: a drawing cannot be written as {suffix}: choose from "
+            f"{', '.join(FORMATS.values())}, or say --format"
+        )
+    form = form or BY_SUFFIX.get(suffix, "svg")
+    return form, Path(output) if suffix else Path(output + FORMATS[form])
+
+
+def save(target, text):
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"cannot write {target}: {error.strerror}") from None
+
+
+def rasterise(text, target, scale=2.0):
+    """Write an SVG as PNG with the first tool there is. BadInput if there is none, or it fails."""
+    tools = (with_cairosvg, with_rsvg, with_inkscape, with_browser)
+    size = [float(text.split(f'{side}="', 1)[1].split('"', 1)[0]) for side in ("width", "height")]
+    scale = min(scale, ENOUGH / max(size))
+    with tempfile.TemporaryDirectory(prefix="tickwork-draw-") as folder:
+        source, picture = Path(folder) / "drawing.svg", Path(folder) / "drawing.png"
+        source.write_text(text, encoding="utf-8")
+        for tool in tools:
+            if tool(source, picture, size, scale, Path(folder)):
+                break
+        else:
+            raise BadInput(
+                "no tool here turns SVG into PNG: `pip install cairosvg`, or `sudo apt install "
+                "librsvg2-bin`, "
+                "or write an SVG and open it in a browser"
+            )
+        if not picture.exists():
+            raise BadInput(
+                f"{tool.__name__.removeprefix('with_')} wrote no PNG: write an SVG instead, with --format svg"
+            )
+        try:
+            shutil.copyfile(picture, target)
+        except OSError as error:
+            raise BadInput(f"cannot write {target}: {error.strerror}") from None
+
+
+# Each tool returns whether it is installed.
+
+
+def with_cairosvg(source, picture, size, scale, folder):
+    if find_spec("cairosvg") is None:
+        return False
+    import cairosvg
+
+    cairosvg.svg2png(url=str(source), write_to=str(picture), scale=scale)
+    return True
+
+
+def with_rsvg(source, picture, size, scale, folder):
+    return call("rsvg-convert", "--zoom", f"{scale:g}", "--output", picture, source)
+
+
+def with_inkscape(source, picture, size, scale, folder):
+    return call("inkscape", f"--export-width={round(size[0] * scale)}", f"--export-filename={picture}", source)
+
+
+def with_browser(source, picture, size, scale, folder):
+    browser = next(filter(shutil.which, BROWSERS), None)
+    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
+    return browser is not None and call(
+        browser,
+        "--headless",
+        *as_root,
+        "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--hide-scrollbars",
+        f"--user-data-dir={folder / 'profile'}",
+        f"--force-device-scale-factor={scale:g}",
+        f"--window-size={round(size[0])},{round(size[1])}",
+        f"--screenshot={picture}",
+        source.as_uri(),
+    )
+
+
+def call(program, *arguments):
+    if shutil.which(program) is None:
+        return False
+    subprocess.run(
+        [program, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=120, check=False
+    )
+    return True

@@ -1,0 +1,284 @@
+"""Diagram files: Python that offers `diagram` or `build(**parameters)`, and may offer `plant(robot, **parameters)`."""
+
+import hashlib
+import importlib.util
+import inspect
+import os
+import re
+import sys
+import traceback
+from dataclasses import dataclass
+from importlib.machinery import SourceFileLoader
+from importlib.util import find_spec
+from pathlib import Path
+
+from graph import Block, Diagram, DiagramError, compile
+from graph.block import suggestion
+from runtime.base.errors import BadInput
+from runtime.base.exception_text import TEXT_LIMIT, bounded, text_of
+from runtime.diagrams.overrides import set_block_parameters, share_out
+from runtime.rig.overrides import override
+
+ROOMS = tuple(str(Path(__file__).parents[2] / room) + os.sep for room in ("blocks", "cext", "graph", "runtime"))
+
+
+@dataclass
+class DiagramFile:
+    """A loaded file: the module, and what was set for its `build` and its `plant`. sha256 : hex digest of the source
+    that was run
+    """
+
+    path: Path
+    module: object
+    build_parameters: dict
+    plant_parameters: dict
+    sha256: str | None = None
+
+    @property
+    def has_plant(self):
+        return self.function("plant") is not None
+
+    def function(self, name):
+        """A function of the file, or None."""
+        found = getattr(self.module, name, None)
+        return found if callable(found) else None
+
+
+def load(path, settings=(), rig=None, sha256=None):
+    """Read a diagram file and build its diagram.
+
+    path : of the file
+    rig : RigFile or None; what it says of devices comes before the settings
+    settings : pairs (name, text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any
+        other one of the parameters of `build` or `plant`
+    sha256 : hex digest of the only source that may be run; None for any
+
+    Returns (DiagramFile, Diagram). Raises BadInput.
+    """
+    path = Path(path)
+    module, found = execute(path, sha256)
+    file = DiagramFile(path, module, {}, {}, found)
+    diagram, build = getattr(file.module, "diagram", None), file.function("build")
+    if build is None and not isinstance(diagram, Diagram):
+        raise BadInput(
+            f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
+        )
+    share_out(file, settings)
+    if build is not None:
+        diagram = call(file, build, **file.build_parameters)
+        if not isinstance(diagram, Diagram):
+            raise BadInput(f"{path}: build() returned {diagram!r}, and must return a Diagram")
+    if not len(diagram):
+        raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
+    if rig is not None:
+        override(rig, diagram)
+    for name, text in settings:
+        if "." in name:
+            set_block_parameters(diagram, name, text)
+    return file, diagram
+
+
+def build_plant(file, robot):
+    """The plant of a diagram file: a Diagram. Raises BadInput."""
+    plant = call(file, file.function("plant"), robot, **file.plant_parameters)
+    if not isinstance(plant, Diagram):
+        raise BadInput(f"{file.path}: plant() returned {plant!r}, and must return a Diagram")
+    return plant
+
+
+def compiled(path, diagram):
+    """The Schedule of a diagram, whose Python blocks have been reset once. DiagramError; BadInput for what their
+    authors' hooks raise.
+    """
+    schedule = blamed(path, compile, diagram)
+    for block in schedule.python_blocks:
+        blamed(path, block.reset)
+    return schedule
+
+
+def blamed(path, function, *arguments):
+    """Call what calls the hooks of blocks; what their authors' code raises becomes BadInput with its own line."""
+    try:
+        return function(*arguments)
+    except DiagramError:
+        raise
+    except Exception as error:
+        if not own_frames(path, error):
+            raise  # ours, and not the user's to mend
+        raise BadInput(exception(path, error)) from error
+
+
+class Source(SourceFileLoader):
+    """Reads the file itself, every time. Bytecode of an edit in the same second would be taken for this one's.
+
+    sha256 : hex digest of the only source that may be run, None for any; then of the one that was read
+    """
+
+    def __init__(self, name, path, sha256=None):
+        super().__init__(name, path)
+        self.sha256 = sha256
+
+    def get_code(self, name):
+        source = self.get_data(self.path)
+        found = hashlib.sha256(source).hexdigest()
+        if self.sha256 not in (None, found):
+            raise BadInput(f"{os.path.relpath(self.path)} has changed while it was read: run the command again")
+        self.sha256 = found
+        if b"\0" in source:
+            raise BadInput(f"{os.path.relpath(self.path)} is not text: a diagram file is Python")
+        return self.source_to_code(source, self.path)
+
+
+def execute(path, sha256=None):
+    """Run the file as a module. BadInput, with the line, for everything that can be wrong with it.
+
+    sha256 : hex digest of the only source that may be run, None for any
+
+    Returns (module, hex digest of the source that was run).
+
+    It can import what lies beside it. Its folder comes last on the path, so that nothing in it takes the place of a
+    library.
+    """
+    if path.is_dir():
+        example = min(path.glob("*.py"), default=path / "knee_exo.py")
+        raise BadInput(f"{path} is a folder: name a diagram file in it, such as {example}")
+    if not path.exists():
+        raise BadInput(f"there is no file {path}" + near_miss(path))
+    if path.suffix != ".py":
+        raise BadInput(f"{path} is not a Python file: its name must end in .py")
+    folder = os.path.dirname(os.path.realpath(path))
+    if folder not in sys.path:
+        sys.path.append(folder)
+    location = os.path.abspath(path)
+    source = Source(path.stem, location, sha256)
+    spec = importlib.util.spec_from_file_location(path.stem, location, loader=source)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules.setdefault(path.stem, module)
+    guarded(path, source.exec_module, module)
+    return module, source.sha256
+
+
+def near_miss(path):
+    """A file of nearly that name."""
+    hint = suggestion(path.name, [file.name for file in path.parent.glob("*.py")]) if path.parent.is_dir() else ""
+    return f": {hint}" if hint else ""
+
+
+def call(file, function, /, *arguments, **named):
+    """Call `build` or `plant`; what goes wrong becomes BadInput."""
+    try:
+        inspect.signature(function).bind(*arguments, **named)
+    except TypeError as error:
+        code = getattr(function, "__code__", None)
+        place = f"{code.co_filename}:{code.co_firstlineno}" if code else file.path
+        hint = (
+            "give it a default, or a value with --set NAME=VALUE"
+            if "missing" in str(error)
+            else "a plant is made as plant(robot)"
+        )
+        raise BadInput(f"{place}: {function.__name__}() cannot be called: {error}; {hint}") from None
+    return guarded(file.path, function, *arguments, **named)
+
+
+def guarded(path, function, /, *arguments, **named):
+    """Call the user's code; whatever it raises becomes BadInput with the user's own line."""
+    try:
+        return function(*arguments, **named)
+    except BadInput:
+        raise
+    except DiagramError as error:
+        refused = BadInput("\n".join(map(str, error.diagnostics)))
+        refused.diagnostics = tuple(error.diagnostics)
+        raise refused from None
+    except SyntaxError as error:
+        raise BadInput(syntax_error(error)) from None
+    except PermissionError as error:
+        if error.filename == os.path.abspath(path):
+            raise BadInput(f"cannot read {path}: {error.strerror}") from None
+        raise BadInput(exception(path, error)) from error
+    except SystemExit as error:
+        raise BadInput(exception(path, error)) from None
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # user code may derive exceptions from BaseException
+        raise BadInput(exception(path, error)) from error
+
+
+def syntax_error(error):
+    """Python's own words with the line and the place in it."""
+    said = f"{error.filename}:{error.lineno}: syntax error: {error.msg}"
+    if not error.text or not error.text.strip():
+        return said
+    line = error.text.rstrip()
+    text = line.lstrip()
+    caret = (error.offset or 0) - 1 - (len(line) - len(text))
+    return f"{said}\n    {text}" + (f"\n    {' ' * caret}^" if 0 <= caret <= len(text) else "")
+
+
+def exception(path, error):
+    """Where in the user's own code an exception came from, and what it says."""
+    frames = own_frames(path, error) or traceback.extract_tb(error.__traceback__)
+    hint = (
+        import_hint(path, error)
+        if isinstance(error, ImportError)
+        else port_hint(error)
+        if isinstance(error, AttributeError)
+        else ""
+    )
+    line = f"\n    {frames[-1].line}" if frames[-1].line else ""
+    return f"{frames[-1].filename}:{frames[-1].lineno}: {words(error)}" + (f"; {hint}" if hint else "") + line
+
+
+def own_frames(path, error):
+    """The part of a traceback that lies in the user's code, not in Tickwork or a library: in the diagram file's folder,
+    if any does.
+    """
+    folder = os.path.dirname(os.path.abspath(path)) + os.sep
+    own = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith((*ROOMS, "<frozen", "cext/")) and "site-packages" not in frame.filename
+    ]
+    return [frame for frame in own if frame.filename.startswith(folder)] or own
+
+
+def words(error, limit=TEXT_LIMIT):
+    """An exception's name, and what it says; the text of a KeyError without quotation marks around it. limit : s for
+    its text
+    """
+
+    def text():
+        return (
+            str(error.args[0])
+            if isinstance(error, KeyError) and error.args and " " in str(error.args[0])
+            else str(error)
+        )
+
+    said = bounded(text, limit)
+    return type(error).__name__ + (f": {said}" if said else "")
+
+
+def import_hint(path, error):
+    """The cure for an import that failed: the name meant, or the neighbour that a library hides."""
+    module = sys.modules.get(error.name or "")
+    neighbour = path.parent / f"{(error.name or '').partition('.')[0]}.py"
+    file = getattr(module, "__file__", None) or ""
+    if module is not None and neighbour.exists() and os.path.realpath(file) != os.path.realpath(neighbour):
+        return f"{neighbour.name} beside {path.name} bears the name of a library: call it something else"
+    top = (error.name or "").partition(".")[0]
+    if isinstance(error, ModuleNotFoundError) and top and find_spec(top) is None:
+        return f"if it is a library of blocks: pip install {top.replace('_', '-')}"
+    wanted = re.match(r"cannot import name '(\w+)'", text_of(error))
+    return (
+        suggestion(wanted[1], [name for name in vars(module) if not name.startswith("_")])
+        if wanted and module is not None
+        else ""
+    )
+
+
+def port_hint(error):
+    """The port or parameter meant, where a block has none of that name."""
+    block = error.obj
+    return (
+        suggestion(error.name, [*block.outputs, *block.inputs, *block.parameters]) if isinstance(block, Block) else ""
+    )

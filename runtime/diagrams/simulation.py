@@ -1,0 +1,83 @@
+"""What stands behind a robot when there is no rig: a plant on in-memory buses."""
+
+from contextlib import ExitStack
+
+from cext.bus.memory_bus import MemoryBus
+from cext.bus.timed_bus import TimedBus
+from cext.schedule.program import Program
+from graph import Actuator, Device, Diagram, subsystem
+from runtime.base.errors import BadInput
+from runtime.diagrams.file import build_plant, compiled
+
+
+class Simulation:
+    """The plant of a robot, compiled, and the buses between the two.
+
+    file : DiagramFile or None; without a `plant` in it, every device is emulated, each actuator on a free inertia
+    robot : Diagram
+    schedule : the robot's Schedule
+    bitrate : bit/s that the buses have, each; None, and frames take no time
+
+    plant : the plant's Schedule, None for a robot without devices
+    program : the plant's Program, likewise
+    """
+
+    def __init__(self, file, robot, schedule, bitrate=None):
+        self.given = file is not None and file.has_plant
+        self.diagram, self.plant = plant_of(file, robot)
+        self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
+        self.buses = {
+            name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate)
+            for name, medium in zip(schedule.buses, schedule.media)
+        }
+        self.program = None
+        if self.plant is not None:
+            plant = self.plant
+            strangers = [name for name in plant.buses if name not in self.buses]
+            if strangers:
+                known = ", ".join(self.buses) or "none"
+                raise BadInput(
+                    f"the plant emulates a device on bus {strangers[0]!r}, and the robot's buses are {known}"
+                )
+            self.program = Program(plant, [self.buses[name].device for name in plant.buses])
+
+    def ends(self):
+        """The robot's end of each bus, in the schedule's order."""
+        return [bus.host for bus in self.buses.values()]
+
+
+def plant_of(file, robot):
+    """(Diagram, Schedule) of what a robot is attached to; None twice for a robot without devices. file : as above"""
+    given = file is not None and file.has_plant
+    diagram = build_plant(file, robot) if given else default_plant(robot)
+    return (None, None) if diagram is None else (diagram, compiled(file.path if given else robot.name, diagram))
+
+
+def substeps(robot, plant):
+    ratio = plant.rate / robot.rate
+    if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
+        raise BadInput(
+            f"the plant runs at {plant.rate:g} Hz, which is not a whole multiple of the robot's {robot.rate:g} Hz: "
+            f"make it `rate=5 * robot.rate`"
+        )
+    return round(ratio)
+
+
+def default_plant(robot):
+    """Every device emulated, each actuator on a free inertia; None for a robot without devices."""
+    devices = [block for block in robot if isinstance(block, Device)]
+    if not devices:
+        return None
+    from blocks.models import Limb
+
+    with Diagram(f"{robot.name}_plant", rate=5 * robot.rate) as plant:
+        for device in devices:
+            with ExitStack() as inside:
+                for name in device.path.split("/"):
+                    inside.enter_context(subsystem(name))
+                emulated = device.emulator()
+                if isinstance(device, Actuator):
+                    limb = Limb(inertia=0.1, damping=0.1, stiffness=0.0, reflex=0.0)
+                    limb(torque=emulated.torque)
+                    emulated(position=limb.position, velocity=limb.velocity)
+    return plant

@@ -1,0 +1,91 @@
+"""MATLAB: `trial.left.knee.position` is a column, `trial.time` its time in s, `trial.units.left.knee.position` its
+unit.
+
+Names that MATLAB would not take are made legal, and kept apart; `trial.paths` has what they were. Vectors are (ticks,
+elements).
+"""
+
+import re
+
+from runtime.base.errors import BadInput
+from runtime.base.optional_dependencies import need
+from runtime.recording.ascii_units import ascii_name
+
+VARIABLE = "trial"
+OWN = ("time", "tick", "units", "paths", "fields", "rate")
+LONGEST = 63  # characters of a name
+KEYWORDS = frozenset(
+    "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return "
+    "spmd switch try while".split()
+)
+LARGEST = 2**31 - 1  # bytes of a variable in this format
+
+
+def check(trial, kind):
+    need("scipy.io", "a MATLAB file")
+    if trial.rows.nbytes > LARGEST:
+        raise BadInput(
+            f"{trial.path} has {trial.rows.nbytes} bytes of samples, and a .mat file of this kind holds 2 "
+            "GiB: convert it to Parquet, which MATLAB reads"
+        )
+
+
+def write(trial, path, progress):
+    values, units, paths, fields = Struct(OWN), Struct(OWN), Struct(OWN), Struct()
+    for name, value in trial.fields.items():
+        fields.put([name], value)
+    for name in trial.names:
+        for tree, leaf in ((values, trial[name]), (units, ascii_name(trial.unit(name))), (paths, name)):
+            tree.put(re.split(r"[/.]", name), leaf)
+    made = {
+        **values.content,
+        "time": trial.time,
+        "tick": trial.tick,
+        "rate": trial.about["rate"],
+        "units": units.content,
+        "paths": paths.content,
+        "fields": fields.content,
+    }
+    need("scipy.io", "a MATLAB file").savemat(path, {VARIABLE: filled(made)}, long_field_names=True, oned_as="column")
+
+
+class Struct:
+    """Nested dicts with legal names. taken : names that its outermost level may not have"""
+
+    def __init__(self, taken=()):
+        self.content, self.taken = {}, set(taken)
+        self.names, self.inside = {}, {}  # of what was put in: {(name, is a leaf): legal name}, {legal name: Struct}
+
+    def put(self, names, leaf):
+        """names : from the outermost to the signal's own"""
+        first, *rest = names
+        key = first, not rest
+        name = self.names.get(key)
+        if name is None or not rest:
+            name = self.names[key] = legal(first, self.taken)
+            self.taken.add(name)
+        if not rest:
+            self.content[name] = leaf
+            return
+        inner = self.inside.get(name)
+        if inner is None:
+            inner = self.inside[name] = Struct()
+            self.content[name] = inner.content
+        inner.put(rest, leaf)
+
+
+def legal(name, taken):
+    """A name that MATLAB takes and that is free."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:LONGEST]
+    if not name or not name[0].isalpha() or name in KEYWORDS:
+        name = f"x{name}"[:LONGEST]
+    chosen, number = name, 1
+    while chosen in taken:
+        number += 1
+        chosen = f"{name[: LONGEST - len(str(number)) - 1]}_{number}"
+    return chosen
+
+
+def filled(content):
+    """A struct without fields cannot be written: nothing instead."""
+    return {name: (filled(value) or []) if isinstance(value, dict) else value for name, value in content.items()}

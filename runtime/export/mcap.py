@@ -1,0 +1,118 @@
+"""MCAP, finished: what a recorder that was killed has left, and the parts in which others went on, as one file with an
+index.
+
+Every message stands there as it was recorded. Of a recording that was finished, and not damaged, it is a copy to the
+byte.
+"""
+
+import io
+import json
+import os
+
+from runtime.recording import messages
+from runtime.recording.chunks import Expander, compressed
+from runtime.recording.files import WholeFile
+from runtime.recording.mcap_file import HEAD, MESSAGE, McapFile
+from runtime.recording.reader import DAMAGE, LIBRARY, MAGIC
+from runtime.recording.repair import A_CHUNK, A_MESSAGE, ATTACHMENT, CHANNEL, DATA_END, SCHEMA, read, walk
+
+FLUSH = 1 << 20  # bytes that wait in memory
+
+
+def check(trial, kind):
+    pass
+
+
+def write(trial, path, progress):
+    file = WholeFile(path, os.open(path, os.O_WRONLY | os.O_CLOEXEC))
+    try:
+        copy = Copy(trial, file)
+        for number in range(len(trial.parts)):
+            copy.part(number, lambda share: progress((number + share) / len(trial.parts)))
+        copy.writer.finish()
+    finally:
+        file.close()
+
+
+class Copy:
+    """What a Trial was read from, in one McapFile."""
+
+    def __init__(self, trial, file):
+        self.trial, self.writer = trial, McapFile(file)
+        self.writer.begin(LIBRARY)
+        self.numbers = {}  # {topic: number of its channel}
+
+    def part(self, number, progress):
+        from mcap.exceptions import McapError
+
+        path, seams = self.trial.parts[number], self.trial.seams
+        self.seam, self.following = (
+            seams[number - 1] if number else None,
+            seams[number] if number < len(seams) else None,
+        )
+        self.rows = self.seam.rows if self.seam else 0
+        schemas, topics = {}, {}  # of the part: {number: ...}
+        size = path.stat().st_size
+        self.expander = Expander(size)
+        with open(path, "rb", buffering=0) as stream:
+            stream.seek(len(MAGIC))
+            for at, kind, data in walk(stream, len(MAGIC)):
+                try:
+                    self.record(kind, data, schemas, topics)
+                except (McapError, *DAMAGE):  # as our reader has told
+                    return
+                if kind == DATA_END:
+                    return
+                if self.writer.file.waiting > FLUSH:
+                    self.writer.file.flush()
+                    progress(at / size)
+
+    def record(self, kind, data, schemas, topics):
+        body = data[HEAD.size :]
+        if kind == A_CHUNK and compressed(data):
+            for _, inside, record in walk(io.BytesIO(self.expander.expand(read("Chunk", body))), 0):
+                if inside in (SCHEMA, CHANNEL, A_MESSAGE):
+                    self.record(inside, record, schemas, topics)
+        elif kind == A_MESSAGE:
+            self.message(topics[MESSAGE.unpack_from(data)[2]], data)
+        elif kind == SCHEMA:
+            schema = read("Schema", body)
+            schemas[schema.id] = schema
+        elif kind == CHANNEL:
+            channel = read("Channel", body)
+            topics[channel.id] = channel.topic
+            if channel.topic not in self.numbers:
+                schema = schemas[channel.schema_id]
+                self.numbers[channel.topic] = self.writer.channel(channel.topic, schema.data, schema.name)
+        elif kind == ATTACHMENT:
+            self.attachment(read("Attachment", body))
+
+    def attachment(self, attachment):
+        """What was known before comes from the first part, the end from the last."""
+        if self.seam and attachment.name != "end.json" or self.following and attachment.name == "end.json":
+            return
+        data = attachment.data
+        if attachment.name == "about.json" and json.loads(data) != self.trial.about:  # its first part was empty
+            data = json.dumps(self.trial.about, ensure_ascii=False).encode()
+        self.writer.attach(attachment.name, attachment.media_type, data)
+
+    def message(self, topic, data):
+        """A message, if it counts; its drain of the buses counted on from the part before."""
+        _, _, _, sequence, log_time, publish_time = MESSAGE.unpack_from(data)
+        body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
+        if topic.startswith(messages.BUS):
+            if self.following and (
+                self.rows > limit or self.following.since is not None and log_time >= self.following.since
+            ):
+                return
+            if self.seam:
+                sequence, publish_time = sequence + self.seam.drains, publish_time if sequence else self.seam.drained
+        elif topic == messages.EVENTS:
+            if self.seam and messages.read(messages.EVENT, body)["event"] == "begin":
+                return
+        else:
+            over = limit is not None and self.rows >= limit
+            self.rows += topic == messages.ROW_END
+            if over:
+                return
+        self.writer.message(self.numbers[topic], log_time, body, publish_time, sequence)

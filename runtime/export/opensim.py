@@ -1,0 +1,137 @@
+"""OpenSim: .sto with every signal, .mot with the joint angles alone, in rad.
+
+Both are text: a header, then `time` and a column a number, named by its path, or as --names has it, between tabs. Rows
+are evenly spaced, as OpenSim's filters and tools require. Units stand in the header. OpenSim's older reader
+parts names at spaces, too, and takes a line with `=` in the header for a setting: names have neither here. (OpenSim's
+documentation, Storage (.sto) Files)
+"""
+
+import copy
+import re
+
+import numpy as np
+
+from runtime.base.errors import BadInput
+from runtime.base.suggestions import suggestion
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python 3.10
+    import tomli as tomllib
+
+CHUNK = 1000  # rows
+EXAMPLE = '"left/knee.position" = "knee_angle_l"'
+
+
+def read_names(path):
+    """{signal: coordinate} of a TOML file with lines such as "left/knee.position" = "knee_angle_l". BadInput"""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BadInput(f"--names {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise BadInput(f"--names {path}: it is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(f"--names {path}: it is not TOML: {error}; write {EXAMPLE}") from None
+    if not content:
+        raise BadInput(f"--names {path}: it names no signal; write {EXAMPLE}")
+    taken = {"time": "the time"}
+    for signal, name in content.items():
+        if not isinstance(name, str):
+            raise BadInput(f"--names {path}: {signal!r} has no name of a coordinate; write {EXAMPLE}, both in quotes")
+        if not name.isprintable() or not re.fullmatch(r"[^\s=]+", name):
+            raise BadInput(
+                f"--names {path}: {signal!r}: {name!r} is not a name of a column: it needs letters, and "
+                "no space, = or control character"
+            )
+        if name in taken:
+            raise BadInput(f"--names {path}: {signal!r}: {name!r} is already the name of {taken[name]}")
+        taken[name] = repr(signal)
+    return content
+
+
+def named(trial, names, path):
+    """A Trial like this one, whose signals have the names of coordinates. names : as of `read_names`, which read them
+    from `path`. BadInput
+    """
+    for signal in names:
+        if signal not in trial.signals:
+            hint = suggestion(signal, trial.signals)
+            raise BadInput(
+                f"--names {path}: {trial.path.name} has no signal {signal!r}" + (f": {hint}" if hint else "")
+            )
+    made = copy.copy(trial)
+    made.signals = {
+        signal: entry | ({"coordinate": names[signal]} if signal in names else {})
+        for signal, entry in trial.signals.items()
+    }
+    return made
+
+
+def missed(trial):
+    """How many ticks are missing between the first and the last."""
+    return int(trial.tick[-1] - trial.tick[0]) + 1 - len(trial) if len(trial) else 0
+
+
+def check(trial, kind):
+    if kind == "mot" and not coordinates(trial):
+        raise BadInput(
+            f"{trial.path} has no joint angle: .mot holds signals called `position` or `angle`, in rad, "
+            "or those that --names names; "
+            ".sto holds all"
+        )
+    for path in coordinates(trial) if kind == "mot" else ():
+        if trial.unit(path) not in ("rad", "m"):
+            raise BadInput(
+                f"{path} is in {trial.unit(path)}: .mot holds coordinates, in rad or m; .sto holds all signals"
+            )
+
+
+def coordinates(trial):
+    """Signals of a .mot file: those that were named, else every joint angle."""
+    return [path for path, signal in trial.signals.items() if "coordinate" in signal] or [
+        path
+        for path, signal in trial.signals.items()
+        if signal["unit"] == "rad" and path.rpartition(".")[2] in ("position", "angle")
+    ]
+
+
+def write(trial, path, progress):
+    """Rows that are missing are filled in, as Trial.resample does it."""
+    if missed(trial):
+        trial = trial.resample(trial.about["rate"])
+    paths = coordinates(trial) if path.endswith(".mot") else list(trial.signals)
+    places = [trial.places[name] for name in paths]
+    whole = np.array([trial.signals[name]["dtype"] != "float" for name in paths])
+    units = "\t".join(trial.signals[name]["unit"] for name in paths)
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        file.write(
+            f"{trial.about['name'].replace('=', '_')}\nversion=1\nnRows={len(trial)}\nnColumns={1 + len(paths)}\ninDegrees=no\nDataType=double\n"
+            f"units=s\t{units}\nendheader\n"
+        )
+        file.write("\t".join(["time", *labels(trial.signals[path].get("coordinate", path) for path in paths)]) + "\n")
+        for first in range(0, len(trial), CHUNK):
+            rows = slice(first, first + CHUNK)
+            for time, values in zip(trial.time[rows].tolist(), trial.rows[rows, places].tolist()):
+                file.write(
+                    "\t".join([repr(time), *(text(value, is_whole) for value, is_whole in zip(values, whole))]) + "\n"
+                )
+            progress(first / len(trial))
+
+
+def labels(names):
+    """Names of columns: without a space, each once."""
+    made = {}
+    for given in names:
+        name = chosen = re.sub(r"\s", "_", given)
+        number = 1
+        while chosen in made:
+            number += 1
+            chosen = f"{name}_{number}"
+        made[chosen] = given
+    return list(made)
+
+
+def text(value, whole):
+    """The fewest digits that read back as the same number."""
+    return str(int(value)) if whole and np.isfinite(value) else repr(value)

@@ -1,0 +1,1 @@
+"""The computer: processors, real-time set-up, CAN interfaces and ports."""

@@ -1,0 +1,129 @@
+"""CAN interfaces: up, at the right bitrate, healthy, and with room for the frames of a tick."""
+
+import json
+
+from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding, Wants
+from runtime.machine.probe import JETSON, PI
+
+ARPHRD_CAN = "280"
+SHORTEST_QUEUE = 64  # frames
+STATES = {
+    "ERROR-WARNING": (WORSE, "frames are lost or not acknowledged"),
+    "ERROR-PASSIVE": (BAD, "no frame is acknowledged: a wire, a terminator, the bitrate, or drives without power"),
+    "BUS-OFF": (BAD, "it has withdrawn from the bus after too many errors: a wire, a terminator, or the bitrate"),
+}
+
+
+def can_interfaces(machine, wants):
+    names = [name.split("/")[-2] for name in machine.glob("sys/class/net/*/type") if machine.read(name) == ARPHRD_CAN]
+    if not names:
+        return none(machine)
+    try:
+        links = {link.get("ifname"): link for link in json.loads(machine.output("ip", "-details", "-json", "link"))}
+    except ValueError:
+        links = {}
+    return [finding for name in names for finding in interface(machine, wants, name, links.get(name))]
+
+
+def none(machine):
+    why = "a robot is moved over CAN"
+    if machine.kind == PI:
+        return Finding(
+            "CAN",
+            WORSE,
+            "no interface",
+            why,
+            "the overlay of your HAT in config.txt, as in dtoverlay=mcp251xfd,spi0-0,interrupt=25, or a USB adapter",
+            "overlay",
+        )
+    if machine.kind == JETSON:
+        return Finding(
+            "CAN",
+            WORSE,
+            "no interface",
+            why,
+            "sudo modprobe mttcan, and a transceiver at the CAN pins; or a USB adapter",
+            "modules",
+        )
+    return Finding("CAN", OK, "no interface, and a simulation needs none")
+
+
+def interface(machine, wants, name, link):
+    """Findings about one interface: one for each trouble, or one that all is well."""
+    driver = machine.target(f"/sys/class/net/{name}/device/driver")
+    queue = int(machine.read(f"/sys/class/net/{name}/tx_queue_len") or 0)
+    up = machine.read(f"/sys/class/net/{name}/operstate") != "down"
+    about = (link or {}).get("linkinfo") or {}
+    if about.get("info_kind") in ("vcan", "vxcan"):
+        return [Finding(name, OK, "virtual")]
+    cure = bring_up(name, wants.bitrate, wants.restart, wants.queue)
+    if not up:
+        return [Finding(name, BAD, "is down", "nothing is sent or received", cure, "can", name)]
+    troubles = []
+
+    def trouble(verdict, found, why, cure, part="can"):
+        troubles.append(Finding(name, verdict, found, why, cure, part, name))
+
+    down_first = f"sudo ip link set {name} down && {cure}"
+    data = about.get("info_data") or {}
+    bitrate = (data.get("bittiming") or {}).get("bitrate")
+    state, restart = data.get("state", ""), data.get("restart_ms")
+    if bitrate is None:
+        trouble(
+            UNKNOWN,
+            "its bitrate cannot be told",
+            "at another bitrate than the drives' no frame gets through",
+            f"look at: ip -details link show {name}" if link else "sudo apt install iproute2",
+            "",
+        )
+    elif bitrate != wants.bitrate:
+        trouble(
+            BAD,
+            f"{speed(bitrate)}, not {speed(wants.bitrate)}",
+            "at another bitrate than the drives' no frame gets through",
+            f"{down_first} (wanted so? --bitrate {bitrate})",
+        )
+    if state in STATES:
+        verdict, why = STATES[state]
+        errors = data.get("berr_counter") or {}
+        count = f" ({errors['tx']} errors sending, {errors['rx']} receiving)" if {"tx", "rx"} <= errors.keys() else ""
+        trouble(verdict, state + count, why, "120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all", "")
+    if restart == 0:
+        trouble(
+            WORSE,
+            "does not restart by itself",
+            "once withdrawn from the bus it stays so, until somebody takes it down and up again",
+            down_first,
+        )
+    if queue < SHORTEST_QUEUE:
+        trouble(
+            WORSE,
+            f"room for {queue} frames",
+            "the commands of many drives in one tick do not fit, and the last are refused",
+            f"sudo ip link set {name} txqueuelen {wants.queue}",
+        )
+    if driver == "mcp251x":
+        trouble(
+            WORSE,
+            "an MCP2515, which holds two frames",
+            "answers of several drives at 1 Mbit/s overrun it, and are lost",
+            "an adapter with an MCP2518FD, or over USB (candleLight)",
+            "",
+        )
+    words = [speed(bitrate) if bitrate else "", state, f"room for {queue} frames", driver]
+    return troubles or [Finding(name, OK, ", ".join(word for word in words if word))]
+
+
+def bring_up(name, bitrate, restart=Wants.restart, queue=Wants.queue):
+    """The commands that take an interface up."""
+    return (
+        f"sudo ip link set {name} type can bitrate {bitrate} restart-ms {restart} && "
+        f"sudo ip link set {name} txqueuelen {queue} up"
+    )
+
+
+def speed(bitrate):
+    return f"{bitrate / 1e6:g} Mbit/s" if bitrate >= 1_000_000 else f"{bitrate / 1e3:g} kbit/s"
+
+
+CHECKS = (can_interfaces,)

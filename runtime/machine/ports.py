@@ -1,0 +1,96 @@
+"""Serial ports and I2C buses: there, permitted, and not slowed down."""
+
+from runtime.machine.finding import BAD, OK, WORSE, Finding
+from runtime.machine.probe import PI
+
+SLOWEST_I2C = 400_000  # Hz, that IMUs expect
+SERIAL = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
+
+
+def serial_ports(machine, wants):
+    ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # those are consoles
+    if not ports:
+        return Finding("serial ports", OK, "none")
+    return permission(machine, "serial ports", ports, "serial")
+
+
+def serial_latency(machine, wants):
+    """Only FTDI chips have the timer; it is in ms."""
+    timers = {
+        name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")
+    }
+    slow = {port: timer for port, timer in timers.items() if timer.isdigit() and int(timer) > 1}
+    if not timers:
+        return None
+    if not slow:
+        return Finding("serial latency", OK, f"1 ms on {', '.join(timers)}")
+    port = next(iter(slow))
+    return Finding(
+        "serial latency",
+        WORSE,
+        ", ".join(f"{timer} ms on {port}" for port, timer in slow.items()),
+        "an FTDI chip keeps what it has received for so long before it hands it over",
+        f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port}/latency_timer",
+        "ftdi",
+    )
+
+
+def modem_manager(machine, wants):
+    if not machine.devices("ttyACM*", "ttyUSB*") or not machine.runs("ModemManager"):
+        return None
+    return Finding(
+        "modem manager",
+        WORSE,
+        "ModemManager runs",
+        "it opens every new serial port and writes modem commands to it",
+        "sudo systemctl disable --now ModemManager, if no modem is needed",
+        "modems",
+    )
+
+
+def i2c_buses(machine, wants):
+    buses = machine.devices("i2c-*")
+    if not buses:
+        return Finding("I2C", OK, "none" + ("; `sudo raspi-config` turns it on" if machine.kind == PI else ""))
+    return permission(machine, "I2C", buses, "i2c")
+
+
+def i2c_speed(machine, wants):
+    """The device tree has the clock as four bytes, the highest first. Only on a Pi is it known which bus is on the
+    header: 1.
+    """
+    clock = machine.raw("/sys/class/i2c-adapter/i2c-1/of_node/clock-frequency")
+    if machine.kind != PI or len(clock) != 4:
+        return None
+    rate = int.from_bytes(clock, "big")
+    if rate >= SLOWEST_I2C:
+        return Finding("I2C speed", OK, f"{rate / 1e3:g} kHz")
+    return Finding(
+        "I2C speed",
+        WORSE,
+        f"{rate / 1e3:g} kHz",
+        "a sample of an IMU takes four times as long as it could",
+        "dtparam=i2c_arm_baudrate=400000 in config.txt",
+        "i2c speed",
+    )
+
+
+def permission(machine, name, devices, part):
+    """Finding about devices that this user may use, or may not."""
+    refused = [device for device in devices if not device.usable]
+    if not refused:
+        return Finding(name, OK, ", ".join(device.name for device in devices))
+    group = refused[0].group
+    names = ", ".join(device.name for device in refused)
+    if machine.user in (machine.members(group) or []):
+        cure = "log in again: the groups of this session are older than the membership"
+        part = ""
+    elif group == "root":
+        cure = f"a udev rule that gives it to a group, and {machine.user} in that group"
+    else:
+        cure = f"sudo usermod -aG {group} {machine.user}, then log in again"
+    found = f"{machine.user} may not use {names} of group {group}"
+    return Finding(name, BAD, found, "what is connected there cannot be opened", cure, part, group)
+
+
+CHECKS = (serial_ports, serial_latency, modem_manager, i2c_buses, i2c_speed)

@@ -1,0 +1,319 @@
+"""What the system grants a loop that must not wait, for the length of a run.
+
+    realtime = Realtime("try")
+    realtime.obtain()           # RealtimeRefused where "require" does not get everything
+    ...                         # the loop, on this thread
+    realtime.release()          # all is as before
+
+The timer slack and the slice are set in every mode, as they need no privilege; the garbage collector is the executor's.
+
+A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes
+an ordinary one and goes on; `spun` tells it.
+"""
+
+import os
+import resource
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass
+
+from cext.clock import realtime as native
+from runtime.base.system import (
+    CAP_IPC_LOCK,
+    CAP_SYS_NICE,
+    capable,
+    exhausted_group,
+    isolated_processors,
+    memory_sizes,
+    stack_limit,
+    user,
+)
+from runtime.console.terminal import program
+from runtime.machine.processor import Processor, fastest_first
+
+MODES = ("off", "try", "require")
+PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
+HIGHEST = 98
+SPIN = 0.5  # s
+SLICE = 100_000  # ns, the least that Linux knows: longer than a tick of ours computes
+STACK = 512 << 10  # bytes of stack that are there from the beginning
+HEADROOM = 64 << 20  # bytes that a process whose locked memory is limited may still grow by
+GROUP = "realtime"  # who may have what a loop needs, after `doctor --script`
+LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
+IDLE_DEVICE = "/dev/cpu_dma_latency"
+RISK = (
+    "caution: the loop has no real-time priority. Other processes can delay it: ticks are then lost, commands arrive "
+    "late, and the run may "
+    "stop the motors in mid-movement as if a drive were silent"
+)
+
+
+class RealtimeRefused(Exception):
+    """`require` did not get everything. The text has a line for each refusal, and for each its cure."""
+
+
+@dataclass(eq=False)
+class Refusal(Exception):
+    """name : what was not granted; why : in one line; cure : what grants it, in one line"""
+
+    name: str
+    why: str
+    cure: str
+
+
+class Realtime:
+    """
+    Parameters
+    ----------
+    mode : "off", "try" or "require"
+    priority : of SCHED_FIFO, 1 to 98
+    cpu : number of the processor to stay on; None for the last isolated one or, where none is isolated and the priority
+        was granted, the last of the fastest
+
+    granted, refused : list of names; list of Refusal
+    processor : number of the one that the loop stays on, None where it may move
+    others : processors for everything else of the run, so that one is free whenever the loop is due; empty where there
+        is only one
+    spun : whether the thread lost its priority because it did not sleep; known after `release`
+    """
+
+    def __init__(self, mode="off", priority=PRIORITY, cpu=None):
+        if mode not in MODES or not 1 <= priority <= HIGHEST:
+            raise ValueError(
+                f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}"
+            )
+        self.mode, self.priority, self.cpu = mode, priority, cpu
+        self.granted, self.refused = [], []
+        self.processor, self.others = None, set()
+        self.spun = False
+        self._undo = ExitStack()
+
+    def __enter__(self):
+        self.obtain()
+        return self
+
+    def __exit__(self, *exception):
+        self.release()
+
+    def obtain(self):
+        """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing
+        held.
+        """
+        slack = native.timer_slack()
+        native.set_timer_slack(1)
+        self._undo.callback(native.set_timer_slack, slack)
+        self._wake_soon()
+        self._permitted = fastest_first(os.sched_getaffinity(0))
+        self.others = set(self._permitted[1:])
+        if self.mode == "off":
+            return
+        self.granted.append("timer slack 1 ns")
+        try:
+            for step in (self._lock_memory, self._stay_awake, self._take_priority, self._stay_on_one_processor):
+                try:
+                    name = step()
+                except Refusal as refusal:
+                    self.refused.append(refusal)
+                else:
+                    self.granted += [name] if name else []
+        except BaseException:
+            self.release()
+            raise
+        if self.refused and self.mode == "require":
+            self.release()
+            raise RealtimeRefused(
+                "\n".join([f"--realtime require: not granted: {self._names()}; nothing was armed", *self._cures()])
+            )
+
+    def release(self):
+        """Give everything back. Again: nothing."""
+        self._undo.close()
+
+    def lines(self):
+        """What a person should know before the run, or nothing."""
+        if self.mode == "off":
+            return []
+        if not self.refused:
+            return [f"realtime: {', '.join(self.granted)}"]
+        return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._cures()]
+
+    def risk(self):
+        """Lines for the operator of a rig: what a run without real-time priority risks; none where it was granted."""
+        return [] if any(name.startswith("SCHED_FIFO") for name in self.granted) else [RISK]
+
+    def summary(self):
+        """One line for after the run."""
+        lost = f"; LOST its priority: {SPIN:g} s without a sleep" if self.spun else ""
+        return ", ".join(self.granted) + (f"; NOT granted: {self._names()}" if self.refused else "") + lost
+
+    def metadata(self):
+        """For the recording."""
+        return {
+            "mode": self.mode,
+            "granted": list(self.granted),
+            "refused": {refusal.name: refusal.why for refusal in self.refused},
+        }
+
+    def _names(self):
+        return ", ".join(refusal.name for refusal in self.refused)
+
+    def _cures(self):
+        for refusal in self.refused:
+            yield f"  {refusal.name}: {refusal.why}"
+            yield f"      {refusal.cure}"
+        yield f"  all of it as a script, to be read and run: {program()} doctor --script"
+
+    def _wake_soon(self):
+        """Among ordinary threads, take the processor as soon as the tick is due: from the recorder, for one."""
+        with suppress(OSError):  # where a sandbox forbids the call, all is as it was
+            native.set_slice(SLICE)
+            self._undo.callback(native.set_slice, 0)
+
+    def _lock_memory(self):
+        size, free = memory_sizes()
+        wanted, name = size + HEADROOM, "locked memory"
+        if not capable(CAP_IPC_LOCK) and not self._raised(resource.RLIMIT_MEMLOCK, wanted):
+            limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+            raise Refusal(
+                name,
+                f"the memlock limit of {user()} is {mebibytes(limit)}, and {mebibytes(wanted)} are needed",
+                limit_cure("memlock", "unlimited"),
+            )
+        try:
+            native.lock_memory(as_touched=size > free // 2)
+        except OSError as error:
+            raise Refusal(name, error.strerror, limit_cure("memlock", "unlimited")) from None
+        self._undo.callback(native.unlock_memory)
+        native.prefault_stack(min(STACK, stack_limit() // 8))
+        return "memory locked"
+
+    def _stay_awake(self):
+        """While the device is open with a 0 in it, processors do not sleep so deep that they are late. It needs no
+        closing word.
+        """
+        name = "awake processors"
+        try:
+            device = os.open(IDLE_DEVICE, os.O_WRONLY)
+            self._undo.callback(os.close, device)
+            os.write(device, bytes(4))
+        except FileNotFoundError:
+            if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):
+                return None  # there is no sleep to be kept from
+            raise Refusal(
+                name, f"there is no {IDLE_DEVICE}", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM"
+            ) from None
+        except OSError as error:
+            raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
+        return "processors awake"
+
+    def _stay_on_one_processor(self):
+        before, isolated = set(self._permitted), isolated_processors()
+        choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
+        # an ordinary loop finds one sooner if it may move
+        if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:
+            choice = self._permitted
+        if not choice:
+            return None
+        with ExitStack() as guard:
+            cpu = guard.enter_context(closing(Processor(choice))).number
+            try:
+                os.sched_setaffinity(0, {cpu})
+            except OSError:
+                raise Refusal(
+                    f"processor {cpu}",
+                    f"this process may not run there: it may run on {numbers(before)}",
+                    "start it without `taskset`, or put the processor into the cpuset of its control group",
+                ) from None
+            guard.callback(os.sched_setaffinity, 0, before)
+            self._undo.push(guard.pop_all())
+        self.processor, self.others = cpu, before - {cpu}
+        return f"processor {cpu}" + (" (isolated)" if cpu in isolated else "")
+
+    def _take_priority(self):
+        name = f"SCHED_FIFO {self.priority}"
+        permitted = capable(CAP_SYS_NICE) or self._raised(resource.RLIMIT_RTPRIO, self.priority)
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+        with ExitStack() as guard:
+            self._guard_against_spinning(guard)
+            try:
+                os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(self.priority))
+            except OSError as error:
+                raise self._why_no_priority(name, permitted, error) from None
+            guard.callback(restore_scheduler, *before)
+            self._undo.push(guard.pop_all())
+        return name
+
+    def _guard_against_spinning(self, guard):
+        """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as
+        it is.
+        """
+        before = resource.getrlimit(resource.RLIMIT_RTTIME)
+        native.watch_for_spinning()
+        guard.callback(self._stop_watching)
+        soft = int(SPIN * 1e6)
+        if before[1] != resource.RLIM_INFINITY:
+            soft = min(soft, before[1] // 2)
+        resource.setrlimit(resource.RLIMIT_RTTIME, (soft, before[1]))
+        guard.callback(resource.setrlimit, resource.RLIMIT_RTTIME, before)
+
+    def _stop_watching(self):
+        self.spun = native.stop_watching()
+
+    def _why_no_priority(self, name, permitted, error):
+        if not permitted:
+            limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+            return Refusal(
+                name, f"the rtprio limit of {user()} is {limit}", limit_cure("rtprio", max(90, self.priority))
+            )
+        file = exhausted_group()
+        if file:
+            return Refusal(
+                name,
+                f"its control group has no real-time budget: {file} is 0",
+                f"echo 800000 | sudo tee {file}, or let groups alone: sudo sysctl -w kernel.sched_rt_runtime_us=-1",
+            )
+        return Refusal(
+            name,
+            f"{error.strerror}, though its limits permit it: a container, or a control group with no real-time budget",
+            "docker run --cap-add sys_nice --ulimit rtprio=90; without a container: sudo sysctl -w "
+            "kernel.sched_rt_runtime_us=-1",
+        )
+
+    def _raised(self, which, wanted):
+        """Whether the limit is `wanted` or more, after raising it as far as it goes without privilege."""
+        soft, hard = resource.getrlimit(which)
+        if beyond(soft, wanted):
+            return True
+        if not beyond(hard, wanted):
+            return False
+        resource.setrlimit(which, (hard, hard))
+        self._undo.callback(resource.setrlimit, which, (soft, hard))
+        return True
+
+
+def restore_scheduler(policy, parameters):
+    """Without privilege the flag that children are ordinary cannot be taken away again; it then stays."""
+    try:
+        os.sched_setscheduler(0, policy, parameters)
+    except PermissionError:
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+
+
+def limit_cure(item, value):
+    return f"put `{user()} - {item} {value}` into {LIMITS_FILE} and log in again"
+
+
+def idle_cure():
+    rule = f'KERNEL=="cpu_dma_latency", GROUP="{GROUP}", MODE="0660"'
+    return f"sudo groupadd -f {GROUP} && sudo usermod -aG {GROUP} {user()}, and the udev rule {rule}"
+
+
+def beyond(limit, wanted):
+    return limit == resource.RLIM_INFINITY or limit >= wanted
+
+
+def numbers(found):
+    return ", ".join(map(str, sorted(found)))
+
+
+def mebibytes(size):
+    return "unlimited" if size == resource.RLIM_INFINITY else f"{size >> 20} MiB"

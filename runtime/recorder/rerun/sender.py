@@ -1,0 +1,190 @@
+"""The recorder's end of Rerun: rows and events go to a process of its own, over a socket that is never waited for.
+
+What that process does not take waits here, up to 64 MB; then batches are left out and counted. In virtual time the run
+waits instead. Each part of a recording has a process and a Rerun recording of its own.
+"""
+
+import json
+import os
+import select
+import socket
+import time
+from array import array
+from collections import deque
+from dataclasses import asdict
+from importlib.util import find_spec
+
+from runtime.base.child_process import ChildProcess
+from runtime.base.optional_dependencies import need
+from runtime.recorder.rerun.process import EVENT, HEAD, PLAN, QUIT, ROWS
+from runtime.recorder.rerun.target import parse
+from runtime.recorder.service import Service
+from runtime.recording.files import INCOMPLETE, create
+
+BATCH = 0.05  # s of rows that go together
+MOST_ROWS = 2000  # in a batch
+HELD = 64 << 20  # bytes that may wait
+READY = 25.0  # s for Rerun to be imported and a viewer to be started
+END = 20.0  # s for what is left at the end
+STUCK = 20.0  # s in virtual time without anything being taken
+BUFFER = 1 << 20  # bytes of the socket
+
+
+class RerunError(OSError):
+    """Rerun cannot be fed. The text says why, in one line."""
+
+    def __init__(self, text):
+        super().__init__(0, text)
+
+
+class Feeder(ChildProcess):
+    """runtime.recorder.rerun.process, started. descriptor : its end of the socket"""
+
+    def __init__(self, descriptor):
+        super().__init__("runtime.recorder.rerun.process", (descriptor,), (descriptor,))
+
+    def answer(self, timeout):
+        """The next of its answers; {"gone": ...} where it has ended without, None where there is none within s."""
+        try:
+            answer = self._answer(timeout)
+        except TimeoutError:
+            return None
+        return {"gone": "its process died"} if answer is None else answer
+
+    def end(self):
+        os.close(self._answers)
+        self._child.stdin.close()
+        if self._child.poll() is None:
+            self._child.kill()
+        self._child.wait()
+
+
+class RerunSender(Service):
+    """Serves blocks.sinks.Rerun."""
+
+    elsewhere = True
+
+    def open(self):
+        parameters = self.sink["parameters"]
+        target = parse(parameters["target"], parameters["port"])
+        if find_spec("rerun") is None:
+            need("rerun", "--rerun")
+        path = None
+        if target.kind == "file":
+            path, descriptor = create(target.place.removesuffix(".rrd"), ".rrd")
+            os.close(descriptor)
+            self.files[path] = ""
+        self.rows = self.lost = 0
+        self.batch = array("d")
+        self.sent = time.monotonic()
+        self.waiting, self.held = deque(), 0
+        self.socket, theirs = socket.socketpair()
+        self.socket.setblocking(False)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        self.poll = select.poll()
+        self.poll.register(self.socket, select.POLLOUT)
+        self.child = None
+        with theirs:
+            self.child = Feeder(theirs.fileno())
+        plan = {
+            "name": self.plan["name"],
+            "stem": self.plan["stem"],
+            "rate": self.plan["rate"],
+            "signals": self.sink["columns"],
+            "limits": self.plan.get("limits", {}),
+            "target": asdict(target),
+            "path": path,
+            "web_port": parameters["web_port"],
+            "part": self.plan.get("part", 1),
+        }
+        self.put(PLAN, json.dumps(plan).encode())
+        self.drain(READY)
+        answer = self.child.answer(READY) or {"error": f"it was not ready within {READY:g} s"}
+        if "ready" not in answer:
+            self.end()
+            raise RerunError(answer.get("error") or answer.get("gone"))
+        self.greeting = answer["ready"]
+
+    def row(self, tick, time_, values):
+        batch = self.batch
+        batch.append(tick)
+        batch.append(time_)
+        batch.extend(values)
+        self.rows += 1
+        now = time.monotonic()
+        if now - self.sent > BATCH or len(batch) > MOST_ROWS * (2 + len(values)):
+            self.hand_over(now)
+
+    def event(self, event):
+        self.hand_over(time.monotonic())
+        self.put(EVENT, json.dumps(event).encode())
+
+    def flush(self):
+        if self.greeting:
+            self.say(f"tickwork: {self.greeting}")
+            self.greeting = ""
+        self.hand_over(time.monotonic())
+        answer = self.child.answer(0.0)
+        if answer is not None:
+            raise RerunError(answer.get("gone", "it has ended"))
+
+    def hand_over(self, now):
+        self.sent = now
+        if self.batch:
+            self.put(ROWS, self.batch.tobytes())
+            self.batch = array("d")
+        self.drain(STUCK if self.plan["virtual"] else 0.0)
+
+    def put(self, kind, content):
+        if self.held > HELD and kind == ROWS:
+            self.lost += len(content) // (8 * (2 + len(self.sink["columns"])))
+            return
+        self.waiting.append(memoryview(HEAD.pack(len(content), kind) + content))
+        self.held += len(content)
+
+    def drain(self, patience):
+        """Send what waits: what is taken at once, or all of it, unless nothing is taken for s."""
+        while self.waiting:
+            try:
+                taken = self.socket.send(self.waiting[0])
+            except BlockingIOError:
+                if patience == 0.0 or not self.poll.poll(patience * 1e3):
+                    return
+                continue
+            except OSError:
+                answer = self.child.answer(1.0) or {}
+                raise RerunError(answer.get("gone") or answer.get("error") or "its process died") from None
+            self.held -= taken
+            if taken == len(self.waiting[0]):
+                self.waiting.popleft()
+            else:
+                self.waiting[0] = self.waiting[0][taken:]
+
+    def close(self):
+        if self.child is None:
+            return {}
+        shown, problem = 0, None
+        try:
+            self.hand_over(time.monotonic())
+            self.put(QUIT, b"")
+            self.drain(END)
+            answer = self.child.answer(END) or {"gone": f"it had not shown all after {END:g} s"}
+            done = answer.get("done", {"problem": answer.get("gone")})
+            shown, problem = done.get("rows"), done["problem"]
+        except RerunError as error:
+            problem = error.strerror
+        self.end()
+        result = {"rows": self.rows, "lost": self.lost}
+        if self.lost:
+            slow = f"{self.lost} of {self.rows} rows were not shown, as Rerun was too slow"
+            problem = f"{slow}; {problem}" if problem else slow
+        for path in self.files:
+            self.files[path] = (
+                f"{shown} ticks of {len(self.sink['columns'])} signals, for Rerun" if problem is None else INCOMPLETE
+            )
+        return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
+
+    def end(self):
+        self.socket.close()
+        child, self.child = self.child, None
+        child.end()

@@ -1,0 +1,220 @@
+"""Rows and events as Rerun takes them: a vector a subsystem in columns, limits, limbs, sensors, and texts."""
+
+import numpy as np
+import rerun as rr
+
+from runtime.recorder.rerun.blueprint import EVENTS, SPACE
+from runtime.recorder.rerun.scene import JOINTS, SEGMENTS
+
+FRAMES = 50.0  # poses of the limbs a second, for which an eye is enough
+HIP_HEIGHT, APART = 0.95, 0.25  # m
+LENGTHS = {"thigh": 0.42, "shank": 0.43, "foot": 0.18}  # m, of an average adult
+FORWARD = {"hip": -1.0, "knee": 1.0, "ankle": -1.0}  # of a flexion, about the y axis; x is forward, z up
+AXIS, HEEL = 0.15, 0.05  # m
+OUT, BEHIND = 0.12, -0.35  # m that a sensor stands beside its leg; behind both, where it has none
+# joint torque: none, least, most
+GREY, LOW, HIGH = np.array([150, 150, 150]), np.array([0, 114, 178]), np.array([213, 94, 0])
+LIMIT_COLOUR = (150, 150, 150)
+LEVELS = {"fault": "ERROR", "end": "INFO", "warning": "WARN", "mark": "INFO", "set": "INFO"}
+
+
+class Stream:
+    """
+    recording : rerun.RecordingStream
+    scene : Scene
+    rate : Hz
+    """
+
+    def __init__(self, recording, scene, rate):
+        self.recording, self.scene, self.rate = recording, scene, rate
+        self.every = max(1, round(rate / FRAMES))
+        self.faults = {}  # place: code
+        self.begun = False
+        self.statics()
+
+    def log(self, path, what, **how):
+        self.recording.log(path, what, **how)
+
+    def statics(self):
+        for plot in self.scene.plots:
+            self.log(
+                list(plot.entity),
+                rr.SeriesLines(names=plot.labels, visible_series=plot.shown, colors=plot.colours),
+                static=True,
+            )
+            if plot.limits:
+                names = [label for label, _ in plot.limits]
+                self.log(
+                    [*plot.entity, "limits"],
+                    rr.SeriesLines(names=names, colors=[LIMIT_COLOUR] * len(names), widths=[1.0] * len(names)),
+                    static=True,
+                )
+        if self.scene.limbs or self.scene.sensors:
+            self.log(list(SPACE), rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for limb in self.scene.limbs:
+            self.log(hip_of(limb), rr.Transform3D(translation=[0.0, side(limb), HIP_HEIGHT]), static=True)
+            for segment in SEGMENTS:
+                strip = (
+                    [[-HEEL, 0, 0], [LENGTHS["foot"], 0, 0]]
+                    if segment == "foot"
+                    else [[0, 0, 0], [0, 0, -LENGTHS[segment]]]
+                )
+                self.log(
+                    [*entity(limb, segment), "bone"],
+                    rr.LineStrips3D([strip], radii=0.025, colors=[200, 200, 205]),
+                    static=True,
+                )
+        for sensor in self.scene.sensors:
+            axes = [[AXIS, 0, 0], [0, AXIS, 0], [0, 0, AXIS]]
+            colours = [[220, 60, 60], [60, 180, 75], [60, 100, 220]]
+            self.log(axes_of(sensor), rr.Arrows3D(vectors=axes, colors=colours, radii=0.006), static=True)
+
+    def rows(self, ticks, times, values):
+        """ticks : (n,) whole numbers; times : s; values : (n, signals)"""
+        if not len(ticks):
+            return
+        times, seconds = nanoseconds(times), times
+        index = [rr.TimeColumn("time", duration=times), rr.TimeColumn("tick", sequence=ticks)]
+        for plot in self.scene.plots:
+            size = len(plot.columns)
+            columns = rr.Scalars.columns(scalars=np.ascontiguousarray(values[:, plot.columns]).ravel()).partition(
+                [size] * len(ticks)
+            )
+            self.send(plot.entity, index, columns)
+            if plot.limits:
+                ends = [0, len(ticks) - 1] if not self.begun and len(ticks) > 1 else [len(ticks) - 1]
+                lines = np.tile([value for _, value in plot.limits], len(ends))
+                when = [rr.TimeColumn("time", duration=times[ends]), rr.TimeColumn("tick", sequence=ticks[ends])]
+                self.send(
+                    [*plot.entity, "limits"],
+                    when,
+                    rr.Scalars.columns(scalars=lines).partition([len(plot.limits)] * len(ends)),
+                )
+        chosen = np.flatnonzero(ticks % self.every == 0)
+        if len(chosen):
+            when = [rr.TimeColumn("time", duration=times[chosen]), rr.TimeColumn("tick", sequence=ticks[chosen])]
+            self.pose(when, values[chosen])
+        self.tell_faults(ticks, seconds, values)
+        self.begun = True
+
+    def send(self, path, index, columns):
+        rr.send_columns(rr.new_entity_path(list(path)), index, columns, recording=self.recording)
+
+    def pose(self, index, values):
+        for limb in self.scene.limbs:
+            for joint, segment, above in zip(JOINTS, SEGMENTS, ("", *SEGMENTS)):
+                known = limb.joints.get(joint)
+                angle = np.nan_to_num(values[:, known.position]) if known is not None else np.zeros(len(values))
+                at = np.tile([0.0, 0.0, -LENGTHS[above] if above else 0.0], (len(values), 1))
+                half = 0.5 * FORWARD[joint] * angle
+                turn = np.column_stack((np.zeros_like(half), np.sin(half), np.zeros_like(half), np.cos(half)))
+                self.send(entity(limb, segment), index, rr.Transform3D.columns(translation=at, quaternion=turn))
+                if known is not None and known.torque is not None:
+                    colours = colour(values[:, known.torque] / known.limit)
+                    where = np.zeros((len(values), 3))
+                    self.send(
+                        [*entity(limb, segment), joint],
+                        index,
+                        rr.Points3D.columns(positions=where, colors=colours, radii=np.full(len(values), 0.045)),
+                    )
+        for sensor in self.scene.sensors:
+            w, x, y, z = values[:, sensor.columns].T
+            at = place_of(sensor, self.scene, values)
+            self.send(
+                axes_of(sensor), index, rr.Transform3D.columns(translation=at, quaternion=np.column_stack((x, y, z, w)))
+            )
+
+    def tell_faults(self, ticks, times, values):
+        """Where a device's fault code has changed."""
+        for place in self.scene.faults:
+            codes = values[:, place]
+            before = np.concatenate(([self.faults.get(place, 0.0)], codes[:-1]))
+            for row in np.flatnonzero((codes != before) & ~np.isnan(codes)):
+                text = f"{self.scene.signals[place]['path']}: {codes[row]:g}" + (
+                    "" if codes[row] else ", as it should be"
+                )
+                self.text(int(ticks[row]), float(times[row]), text, "ERROR" if codes[row] else "INFO")
+            self.faults[place] = codes[-1]
+
+    def event(self, event):
+        """What of the recording's events a person wants to read. event : dict"""
+        kind = event.get("event")
+        words = told(event)
+        if words:
+            tick = max(0, event.get("tick") or 0)
+            level = "ERROR" if kind == "end" and event.get("status") != "ok" else LEVELS.get(kind, "INFO")
+            self.text(tick, tick / self.rate, words, level)
+
+    def text(self, tick, time, text, level):
+        self.recording.set_time("time", duration=nanoseconds(time))
+        self.recording.set_time("tick", sequence=int(tick))
+        self.log(list(EVENTS), rr.TextLog(text, level=level))
+
+
+def nanoseconds(times):
+    """Of s, the nearest: Rerun itself would take the next below, which puts a tick of 1.005 s before one of 1.005 s."""
+    return np.round(np.asarray(times) * 1e9).astype("timedelta64[ns]")
+
+
+def told(event):
+    """An event in words, "" for one that is not told."""
+    kind = event.get("event")
+    if kind in ("fault", "end"):
+        culprit = f" at {event['culprit']}" if event.get("culprit") else ""
+        return f"{kind}: {event.get('status')}{culprit}, tick {event.get('tick')}"
+    if kind == "warning":
+        return f"{event['device']}: {event['what']}"
+    if kind == "mark":
+        return f"mark {event['number']}"
+    return f"{event['path']} set to {event['value']:g}" if kind == "set" else ""
+
+
+def colour(share):
+    """Colours of joint torques, as shares of the limit: (n, 3)."""
+    share = np.clip(np.nan_to_num(share), -1.0, 1.0)[:, None]
+    return (GREY + np.abs(share) * (np.where(share < 0.0, LOW, HIGH) - GREY)).astype(np.uint8)
+
+
+def hip_of(limb):
+    return [*SPACE, limb.side]
+
+
+def entity(limb, segment):
+    """Names of a segment: each hangs on the one above."""
+    return [*hip_of(limb), *SEGMENTS[: SEGMENTS.index(segment) + 1]]
+
+
+def axes_of(sensor):
+    return [*SPACE, "sensors", sensor.path]
+
+
+def side(limb):
+    """m to the left of the middle."""
+    return -APART / 2 if "right" in limb.side else APART / 2 + max(0, limb.place - 1) * APART
+
+
+def place_of(sensor, scene, values):
+    """m: beside the middle of the segment that it sits on, as the leg moves; in a row behind where the names do not
+    tell. (n, 3)
+    """
+    limb = scene.limb_of(sensor)
+    if limb is None:
+        row = [other for other in scene.sensors if scene.limb_of(other) is None]
+        return np.tile([BEHIND, APART * (row.index(sensor) - 0.5 * (len(row) - 1)), HIP_HEIGHT], (len(values), 1))
+    at = np.tile([0.0, side(limb) + np.sign(side(limb)) * OUT, HIP_HEIGHT], (len(values), 1))
+    angle = np.zeros(len(values))
+    for joint, segment in zip(JOINTS, SEGMENTS):
+        if joint in limb.joints:
+            angle = angle + FORWARD[joint] * np.nan_to_num(values[:, limb.joints[joint].position])
+        down = 0.0 if segment == "foot" else -LENGTHS[segment]
+        ahead = LENGTHS[segment] if segment == "foot" else 0.0
+        bone = np.column_stack(
+            (
+                down * np.sin(angle) + ahead * np.cos(angle),
+                np.zeros_like(angle),
+                down * np.cos(angle) - ahead * np.sin(angle),
+            )
+        )
+        if segment == sensor.segment:
+            return at + 0.5 * bone
+        at = at + bone

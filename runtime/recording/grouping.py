@@ -1,0 +1,32 @@
+"""Which signals a person wants to see together: those of a subsystem, a plot a unit; counts and states apart from what
+is measured.
+"""
+
+from runtime.recording.messages import split
+
+PLOTS, CURVES = 6, 12  # of a subsystem; of a plot
+FIRST = ("rad", "N·m", "rad/s", "m/s²", "A", "1")  # units that come first, in this order
+PLAIN = ("1", "any")
+
+
+def by_unit(name, signals):
+    """{subsystem: [(title of a plot, [path])]}, in the order of the signals.
+
+    name : of the diagram, for what is in no subsystem; signals : [{"path", "unit", "dtype"}]
+    """
+    found = {}
+    for signal in signals:
+        folder, _, _ = split(signal["path"])
+        whole = signal["dtype"] != "float"
+        found.setdefault(folder or name, {}).setdefault((whole, signal["unit"]), []).append(signal["path"])
+    groups = {}
+    for title, units in found.items():
+        order = sorted(units, key=lambda kind: (kind[0], FIRST.index(kind[1]) if kind[1] in FIRST else len(FIRST)))
+        groups[title] = [(heading(title, *kind), units[kind][:CURVES]) for kind in order[:PLOTS]]
+    return groups
+
+
+def heading(title, whole, unit):
+    if unit not in PLAIN:
+        return f"{title} [{unit}]"
+    return f"{title}, counts and states" if whole else title

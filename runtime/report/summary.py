@@ -1,0 +1,215 @@
+"""The end of a run, in words and numbers."""
+
+import shlex
+import signal
+
+from blocks.sinks import PlotJuggler
+from graph import Device
+from runtime.analysis.average_stride import left_out_text, signals_texts
+from runtime.base.errors import FAULT, OK
+from runtime.console.styles import count
+from runtime.recording.files import DELETED, INCOMPLETE
+from runtime.report.failure_coverage import nothing_stops, unstopped
+from runtime.report.held_exceptions import text as held_text
+from runtime.report.timing import spread, timing
+
+SPOILT = {  # kinds of frames that are no replies
+    "foreign": "foreign",
+    "malformed": "malformed",
+    "corrupt": "corrupt",
+    "echoes": "of this machine",
+    "errors": "about errors",
+    "overflows": "about frames lost",
+    "refused": "not sent as the queue was full",
+}
+
+
+def exit_code(outcome):
+    """0, 3 after a fault, or 128 + the number of the signal that ended the run."""
+    if outcome.faulted:
+        return FAULT
+    return 128 + outcome.signal if outcome.signal else OK
+
+
+def stopped(outcome):
+    """What a signal or a key did, or None."""
+    if outcome.stopped:
+        return "stopped by the space bar"
+    if not outcome.signal:
+        return None
+    name = signal.Signals(outcome.signal).name
+    return f"stopped by {name}" + (" (Ctrl-C)" if name == "SIGINT" else "")
+
+
+def summary(result):
+    """Lines for standard output."""
+    schedule, statistics = result.schedule, result.statistics
+    passed = statistics["ticks"] + statistics["missed"]
+    how = (
+        "no devices"
+        if not schedule.devices
+        else "simulated"
+        if result.rig is None
+        else f"on the rig {result.request.rig}"
+    )
+    how += ", in virtual time" if result.request.fast else ""
+    rows = [f"{schedule.name}: {passed / schedule.rate:g} s at {schedule.rate:g} Hz, {how}"]
+
+    def row(label, text):
+        rows.append(f"  {label:<12}{text}")
+
+    if schedule.devices and result.rig is None and not result.simulation.given:
+        row("plant", "the file has none: every device is emulated, each actuator turns a free inertia")
+    row("ticks", ticks_text(statistics, result.ticks))
+    for label, text in timing(result, passed):
+        row(label, text)
+    if result.realtime.mode != "off":
+        row("realtime", result.realtime.summary())
+    if schedule.buses:
+        row("buses", buses_text(schedule.buses, statistics["frames"]))
+    events = [event["event"] for event in result.recording.get("events", [])]
+    if "set" in events or "mark" in events:
+        row(
+            "changes",
+            f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}",
+        )
+    for index, (path, found) in enumerate(result.control.latencies.items()):
+        if found["count"]:
+            row("" if index else "answers", f"{path} after {spread(found)}")
+    for index, words in enumerate(result.rig.sensors() if result.rig is not None else ()):
+        row("" if index else "sensors", words)
+    for entry in result.control.watched:
+        if words := watch_text(entry, schedule.rate):
+            row("watch", words)
+    for entry in result.held:
+        row("held", held_text(entry, schedule.rate))
+    for stride in result.recording.get("strides", []):
+        row(stride["title"], stride_text(stride))
+        for line in stride_details(stride):
+            row("", line)
+    if result.outcome.faults:
+        row(
+            "faults",
+            "; ".join(
+                f"{fault.status} at {fault.culprit or schedule.name}, tick {fault.tick}"
+                for fault in result.outcome.faults
+            )
+            + ", survived",
+        )
+    if schedule.devices:
+        row("safe stop", stop_text(result.outcome, schedule))
+    if result.rig is not None and (left := left_over(result.diagram)):
+        row("caution", left)
+    for index, file in enumerate(result.recording.get("files", [])):
+        row("" if index else "files", f"{file['path']}{' ' * 2 * bool(file.get('note'))}{note(file)}")
+    for problem in result.recording.get("problems", []):
+        row("recorder", problem)
+    return rows
+
+
+def ticks_text(statistics, asked):
+    of = f" of {asked}" if asked >= 0 else ""
+    return f"{statistics['ticks']}{of} done, {statistics['missed']} missed; {statistics['dropped']} records dropped"
+
+
+def buses_text(buses, frames):
+    spoilt = ", ".join(f"{frames[kind]} {words}" for kind, words in SPOILT.items() if frames.get(kind))
+    return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (
+        f" ({spoilt})" if spoilt else ""
+    )
+
+
+def watch_text(entry, rate):
+    """What the watch has told of one actuator, with how long it was so; "" where that is nothing."""
+    told = [
+        f"{words} for {entry[key] / rate:.3g} s"
+        for key, words in (
+            ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"),
+            ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
+            ("derated_ticks", "its limit lowered by temperature"),
+            ("acceleration_ticks", "stiffness and damping taken away by its acceleration"),
+        )
+        if entry[key]
+    ]
+    return f"{entry['device']}: {'; '.join(told)}" if told else ""
+
+
+def stride_text(stride):
+    peak = f"peak torque {stride['peak_torque']:.1f} N·m"
+    left_out = f" ({stride['left_out']} left out)" if stride["left_out"] else ""
+    if not stride["strides"]:
+        return f"no whole stride{left_out}; {peak}"
+    return (
+        f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; "
+        f"{peak}; "
+        f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J"
+    )
+
+
+def stride_details(stride):
+    """Which signals the figures of a stride are of, and what is in none of the strides."""
+    if stride["left_out"]:
+        yield f"left out: {left_out_text(stride)}"
+    unused = (("standing", "without walking"), ("unfinished", "of walking outside whole strides"))
+    told = [f"{stride['unused'][key]:.1f} s {words}" for key, words in unused if stride["unused"][key] >= 0.05]
+    yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(told)}"] if told else [])])
+
+
+def stop_text(outcome, schedule):
+    told = [device.name for device in schedule.devices if device.zero or device.disable]
+    if outcome.unconfirmed:
+        return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
+    return f"zero torque, then disable: confirmed by {', '.join(told) or 'nobody, as nothing moves'}"
+
+
+def left_over(diagram):
+    """Return which drives only the run and its guardian can stop, in words; "" for none."""
+    devices = [block for block in diagram if isinstance(block, Device)]
+    alone = unstopped(devices, devices)
+    return f"{nothing_stops(alone)}, the run and its guardian: docs/rigs.md has what does" if alone else ""
+
+
+def note(file):
+    return f"({file['note']})" if file.get("note") else ""
+
+
+def hints(result, program):
+    """Three things to try next. program : how the person starts us"""
+    name = shlex.quote(str(result.request.file))
+    on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
+    start = f"{program} {name}{on_rig}"
+    paths = [
+        file["path"] for file in result.recording.get("files", []) if file.get("note") not in (INCOMPLETE, DELETED)
+    ]
+    strides = result.recording.get("strides", [])
+    picture = next((path for path in paths if path.endswith(".png")), None)
+    log = next((path for path in paths if path.endswith(".mcap")), None)
+    tries = []
+    if strides and not any(stride["strides"] for stride in strides):
+        tries.append(f"walk longer, to see whole strides: {start} --duration 20")
+    if picture:
+        tries.append(f"look at the average stride: {picture}")
+    elif log:
+        tries.append(f"draw the recording: {program} plot {shlex.quote(log)}")
+    change = other_value(result.diagram)
+    if change:
+        tries.append(f"change a parameter: {start} --duration 10 --set {change}")
+    if not result.request.fast and result.rig is None:
+        tries.append(f"a minute in virtual time: {start} --duration 60 --fast")
+    if any(isinstance(sink.block, PlotJuggler) for sink in result.schedule.sinks):
+        tries.append("watch it live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
+    tries.append(f"see what was proved: {program} check {name}{on_rig}")
+    tries.append(f"measure this machine: {program} bench")
+    return ["try next", *(f"  {line}" for line in tries[:3])]
+
+
+def other_value(diagram):
+    """'left/profile.scale=0.5': a live parameter, and a value it may take that it has not. None without one."""
+    for block in diagram:
+        for name in block.parameters:
+            bounds = block.live(name)
+            if bounds:
+                value = getattr(block, name)
+                half = value / 2 if bounds.min <= value / 2 <= bounds.max and value else (bounds.min + bounds.max) / 2
+                return f"{block.path}.{name}={half:g}"
+    return None

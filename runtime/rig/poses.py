@@ -1,0 +1,151 @@
+"""Does every joint stand where its drive reads? The reading may be off by turns of the motor since the power was
+switched on.
+
+A joint is armed where its reading lies in its range, no other reading a motor turn away does, or something else
+decides: a known pose of its rig, a pose that the operator states, a reference that measures the same angle.
+"""
+
+import math
+import re
+
+from graph import Actuator, Device
+from graph.block import suggestion
+from graph.diagram import Signal
+from runtime.base.errors import BadInput
+
+MARGIN, LEAST_MARGIN = 0.01, 0.02  # share of a range, and rad: how far outside of it a joint may stand
+# rad, of a stated pose where no power cycle shifts the reading; else a quarter of what it can shift
+STATED_TOLERANCE = 0.2
+LISTED = 4  # other readings that a message names
+
+
+class Poses:
+    """
+    diagram, schedule : of the robot, as its rig has it
+    stated : {path: rad} of where the operator states that joints stand. BadInput where that, or a reference, is none
+    refusals : {path: why it is not armed} of the newest look
+    """
+
+    def __init__(self, diagram, schedule, stated=None):
+        self.schedule, self.stated, self.refusals = schedule, dict(stated or {}), {}
+        self.joints = [
+            block
+            for block in diagram
+            if isinstance(block, Actuator) and getattr(block, "range", ()) and "position" in block.outputs
+        ]
+        paths = [block.path for block in self.joints]
+        for path in self.stated:
+            if path not in paths:
+                hint = suggestion(path, paths) or f"its joints are {', '.join(paths) or 'none'}"
+                raise BadInput(f"--pose {path}: {diagram.name} has no such joint with a range; {hint}")
+        self.references = {
+            block: self.reference(diagram, block) for block in self.joints if getattr(block, "reference", "")
+        }
+
+    def reference(self, diagram, block):
+        """The slot of a joint's reference. BadInput"""
+        match = re.fullmatch(r"(.+)\.(\w+?)(?:\[(\d+)\])?", block.reference)
+        path, port, index = match.groups() if match else (block.reference, "", None)
+        other = diagram.blocks.get(path)
+        if (
+            not isinstance(other, Device)
+            or other is block
+            or port not in other.outputs
+            or other.outputs[port].unit != "rad"
+        ):
+            raise BadInput(
+                f"{block.path}: reference {block.reference!r} is no output in rad of another device, as "
+                "in 'left/encoder.angle'"
+            )
+        place = self.schedule.signals[Signal(other, port).path]
+        if int(index or 0) >= place.size or (index is None and place.size != 1):
+            raise BadInput(
+                f"{block.path}: reference {block.reference!r} has {place.size} elements: name one, as in "
+                f"'{path}.{port}[0]'"
+            )
+        return place.slot + int(index or 0)
+
+    def look(self, values):
+        """{path: why it is not armed} of now. values : the arena"""
+        found = {
+            block.path: verdict(
+                block,
+                float(values[self.schedule.signals[Signal(block, "position").path].slot]),
+                self.evidence(block, values),
+            )
+            for block in self.joints
+        }
+        self.refusals = {path: why for path, why in found.items() if why}
+        return self.refusals
+
+    def evidence(self, block, values):
+        """(in words, rad, tolerance) of everything that tells where a joint stands."""
+        shift = getattr(block, "shift", 0.0)
+        fine = shift / 4.0 if shift else STATED_TOLERANCE
+        if getattr(block, "known_pose", ()):
+            yield ("its known pose", *block.known_pose)
+        if block.path in self.stated:
+            yield "the stated pose", self.stated[block.path], fine
+        if block in self.references:
+            yield f"its reference {block.reference}", float(values[self.references[block]]), fine
+
+
+def verdict(block, position, evidence):
+    """Why a joint is not armed at this reading, "" where it is. position in rad"""
+    path, (low, high), shift = block.path, block.range, getattr(block, "shift", 0.0)
+    if not math.isfinite(position):
+        return f"{path} reads no angle"
+    reads, decided = f"{path} reads {position:.3f} rad", False
+    for words, angle, tolerance in evidence:
+        decided = True
+        if not abs(position - angle) <= tolerance:  # NaN of a reference, too
+            return (
+                f"{reads}, and {words} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
+            )
+    margin = max(MARGIN * (high - low), LEAST_MARGIN)
+    others = readings(position, shift, low - margin, high + margin)
+    bounds = f"{low:g} to {high:g} rad"
+    if not low - margin <= position <= high + margin:
+        off = f"; if it stands inside, its reading is off: it may stand at {listed(others)}" if others else ""
+        return (
+            f"{reads}, outside its range {bounds}: move it inside by hand, or correct `offset` and `range` in the "
+            f"rig{off}"
+        )
+    if others and not decided:
+        lie = "lies" if len(others) == 1 else "lie"
+        return (
+            f"{reads}; a power cycle can shift that by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
+            f"{listed(others)} {lie} in its range {bounds}, too: "
+            "hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state "
+            f"where it stands: --pose {path}=ANGLE"
+        )
+    return ""
+
+
+def turned(block, position, angle, tolerance):
+    """What explains that a joint does not read what it should, as a clause."""
+    shift = getattr(block, "shift", 0.0)
+    turns = round((angle - position) / shift) if shift and math.isfinite(angle) else 0
+    if not turns or abs(position + turns * shift - angle) > tolerance:
+        return ": move it there, or correct the pose"
+    count = f"{abs(turns)} motor turn{'s' * (abs(turns) > 1)}"
+    return (
+        f": the reading is off by {count} of {shift:.3f} rad; offset = {block.offset - turns * shift:.4f} in the "
+        "rig corrects that until the power "
+        "goes again"
+    )
+
+
+def readings(position, shift, low, high):
+    """Other angles at which a joint may stand that reads this one, from low to high."""
+    if not shift > 0.0:
+        return []
+    first, last = math.ceil((low - position) / shift), math.floor((high - position) / shift)
+    return [position + turns * shift for turns in range(first, last + 1) if turns]
+
+
+def listed(angles):
+    shown = sorted(angles, key=abs)[:LISTED]
+    words = [f"{angle:.3f}" for angle in sorted(shown)]
+    more = f" and {len(angles) - LISTED} more" if len(angles) > LISTED else ""
+    return f"{', '.join(words[:-1])}{' and ' if len(words) > 1 and not more else ', ' if len(words) > 1 else ''}{words[-1]}{more} rad"

@@ -1,0 +1,1 @@
+"""A run from preparation to end: arm, run, finish, replay, check."""

@@ -1,0 +1,101 @@
+"""What of a run is recorded, and where: the orders of the recorder process, and the size of the ring between the
+two.
+"""
+
+import math
+import os
+import re
+import time
+from pathlib import Path
+
+from graph import Actuator, Sink
+from graph.store import to_json
+
+ROW_SECONDS = 2.5  # how much of a run the ring holds at least
+FRAME_BYTES = 88  # of a frame in the ring
+FRAMES = {"can": 4}  # that a device has in a tick; of another medium OTHERS
+OTHERS = 16
+LONGEST_WORD = 40  # characters of a trial's field in the names of files
+
+
+def ring_bytes(schedule):
+    """Room for ROW_SECONDS of rows and frames, and 1 MiB at least."""
+    frames = sum(FRAMES.get(schedule.media[device.bus], OTHERS) for device in schedule.devices)
+    a_tick = 8 * (3 + len(schedule.columns)) + FRAME_BYTES * frames
+    return max(1 << 20, int(ROW_SECONDS * schedule.rate * a_tick))
+
+
+def plan(prepared, realtime):
+    """What the recorder process has to do. prepared : runtime.session.run.Prepared; realtime : runtime.machine.realtime.Realtime"""
+    from blocks.recorders import CsvRecorder
+
+    request, schedule, rig = prepared.request, prepared.schedule, prepared.rig
+    sinks = [
+        {
+            "service": sink.block.service,
+            "path": sink.block.path,
+            "parameters": {name: getattr(sink.block, name) for name in sink.block.parameters},
+            "columns": [vars(column) for column in sink.columns],
+            "wanted": request.plotjuggler is not None,
+        }
+        for sink in schedule.sinks
+        if not (request.no_record and isinstance(sink.block, CsvRecorder))
+    ]
+    records = not request.no_record and (
+        request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks)
+    )
+    return {
+        "name": schedule.name,
+        "folder": str(request.record or "recordings") if records else None,
+        "stem": stem(request),
+        "rate": schedule.rate,
+        "duration": request.duration,
+        "virtual": request.fast,
+        "simulated": prepared.plant is not None,
+        "signals": [vars(column) for column in schedule.recorded],
+        "limits": limits(prepared.diagram, schedule),
+        "buses": schedule.buses,
+        "media": schedule.media,
+        "bitrates": {load.bus: request.bitrate or load.bitrate for load in schedule.loads},
+        "sinks": sinks,
+        "status_line": True,
+        "diagram_json": to_json(prepared.diagram) if records else None,
+        "control_pid": os.getpid(),
+        "metadata": {
+            "diagram_file": str(request.file),
+            "source_sha256": prepared.source_sha256,
+            "settings": dict(request.settings),
+            "trial": request.trial,
+            "realtime": realtime.metadata(),
+            "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},
+        },
+    }
+
+
+def limits(diagram, schedule):
+    """{path: (lowest, highest)} of what an actuator measures and is told, where its limit or its joint's range says
+    so.
+    """
+    found = {}
+    for actuator in (block for block in diagram if isinstance(block, Actuator)):
+        torque = actuator.command_limits().get("torque_command")
+        if torque is not None:
+            found |= {f"{actuator.path}.{port}": (torque.low, torque.high) for port in ("torque", "torque_sent")}
+        if getattr(actuator, "range", ()):
+            found[f"{actuator.path}.position"] = tuple(actuator.range)
+    known = {column.path for column in schedule.recorded}
+    return {path: ends for path, ends in found.items() if path in known and all(map(math.isfinite, ends))}
+
+
+def stem(request):
+    """What the files of a recording are called: the diagram, the trial without its notes, the time."""
+    words = [
+        re.sub(r"[^\w.-]+", "-", value).strip("-")[:LONGEST_WORD]
+        for name, value in request.trial.items()
+        if name != "notes"
+    ]
+    return "_".join([Path(request.file).stem, *filter(None, words), time.strftime("%Y-%m-%d_%H-%M-%S")])
+
+
+def writes_files(sink):
+    return type(sink).__module__.endswith("recorders") if isinstance(sink, Sink) else False

@@ -1,0 +1,335 @@
+"""The thread of an I2C bus: what is asked when, over which channels, and what becomes of devices that fail. On chips in
+memory, in real time.
+"""
+
+import errno
+import time
+
+import pytest
+
+from cext.lines.i2c import I2cBus
+from cext.lines.i2c_memory import MemoryI2c
+
+pytestmark = pytest.mark.timing
+
+IMU, BURST = 0x68, 0x3B
+TROUBLE = 15
+SET_UP = ((IMU, 0x6B, b"\x80", 0.005), (IMU, 0x6B, b"\x01", 0.005), (IMU, 0x19, b"\x04\x03", 0.0))
+CHECK = (0x19, b"\x04\x03")
+
+
+def reading(period=0.005, number=0, steps=((BURST, 14),), tail=b"", settle=0.0, address=IMU):
+    return (period, settle, ((number, address, steps, tail),))
+
+
+def place(mux, channel):
+    return 1 + 8 * (mux - 0x70) + channel
+
+
+def wait(condition, seconds=5.0):
+    deadline = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.001)
+
+
+def ready(wires, number):
+    """As a chip is that has been set up."""
+    wires.write(number, 0x6B, b"\x01")
+    wires.write(number, 0x19, CHECK[1])
+    wires.write(number, BURST, bytes(range(14)))
+
+
+@pytest.fixture
+def imu():
+    """(wires, number of its chip, bus): one that is set up, and is asked at 200 Hz."""
+    wires = MemoryI2c()
+    number = wires.add(IMU)
+    ready(wires, number)
+    bus = I2cBus(wires)
+    bus.add(0, IMU, SET_UP, CHECK, (reading(tail=b"\xaa"),))
+    yield wires, number, bus
+    bus.stop()
+
+
+def answers(frames, transfer=0):
+    return [frame for frame in frames if frame[0] >> 16 & 15 == transfer]
+
+
+def test_each_answer_is_a_frame_with_what_stands_behind_it(imu):
+    wires, number, bus = imu
+    began = time.monotonic_ns()
+    bus.begin(began)
+    bus.start()
+    time.sleep(0.1)
+    bus.stop()
+    frames = bus.end.receive()
+    assert 15 <= len(frames) <= 22  # 20 periods of 5 ms
+    assert all(frame[:3] == (IMU, True, bytes(range(14)) + b"\xaa") for frame in frames)
+    times = [frame[3] for frame in frames]
+    assert times == sorted(times) and 0 <= times[0] and times[-1] <= time.monotonic_ns() - began
+    assert wires.of_chip(number)[1] == 0  # it is set up: nothing is written
+
+
+def test_each_round_has_its_own_period():
+    wires = MemoryI2c()
+    wires.add(IMU)
+    wires.add(0x0C)
+    bus = I2cBus(wires)
+    bus.add(0, IMU, rounds=(reading(0.005), reading(0.020, 1, ((0x02, 8),), address=0x0C)))
+    bus.start()
+    time.sleep(0.2)
+    bus.stop()
+    frames = bus.end.receive()
+    fast, slow = len(answers(frames)), len(answers(frames, 1))
+    assert 8 <= slow <= 11 and 3.4 <= fast / slow <= 4.6
+    told = bus.counts["devices"][0]
+    assert told["answers"] == fast + slow and told["rate"] == pytest.approx(fast / 0.2, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    "muxes, channels, least",
+    [
+        ((0x70,), [(0x70, 1), (0x70, 4), (0x70, 6)], 2),
+        ((0x70,), [(0x70, 3)], 0),
+        ((0x70, 0x71), [(0x70, 1), (0x70, 4), (0x71, 0), (0x71, 2)], 4),  # and the other one is closed
+    ],
+)
+def test_a_round_takes_the_fewest_switches_of_channels(muxes, channels, least):
+    """Where n channels of one are in use, n - 1 in a round: each begins with the one that is open. Two devices a
+    channel, and one before.
+    """
+    wires = MemoryI2c(muxes)
+    bus = I2cBus(wires)
+    for mux, channel in channels:
+        for address in (0x68, 0x48):
+            number = wires.add(address, place(mux, channel))
+            wires.write(number, BURST, bytes((mux, channel, address)))
+            bus.add(place(mux, channel), address, rounds=(reading(0.01, steps=((BURST, 3),), address=address),))
+    number = wires.add(0x2A)
+    bus.add(0, 0x2A, rounds=(reading(0.01, steps=((0, 1),), address=0x2A),))
+    bus.start()
+    wait(lambda: bus.counts["rounds"] >= 1 and bus.counts["switches"] > 0)
+    time.sleep(0.15)
+    bus.stop()
+    counts = bus.counts
+    assert counts["rounds"] >= 5 and counts["switches"] == wires.switches
+    # all others closed, every channel, and from one to the next
+    first = len(muxes) - 1 + len(channels) + (len(muxes) - 1)
+    assert counts["switches"] <= first + least * (counts["rounds"] - 1)
+    frames = bus.end.receive()
+    for identifier, _, data, _ in frames:
+        if identifier & 0xFF != 0x2A:
+            mux, channel, address = data
+            assert identifier & 0xFFFF == place(mux, channel) << 8 | address  # never the answer of another channel's
+    assert len({frame[0] for frame in frames}) == 2 * len(channels) + 1
+
+
+def test_a_device_behind_a_closed_channel_is_never_read_from_another():
+    """A multiplexer that does not answer: its devices fail, the one on the bus itself goes on."""
+    wires = MemoryI2c()
+    wires.add(0x2A)
+    bus = I2cBus(wires)
+    bus.add(place(0x70, 2), IMU, rounds=(reading(),))
+    bus.add(0, 0x2A, rounds=(reading(0.005, steps=((0, 1),), address=0x2A),))
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["state"] == "lost" and bus.counts["devices"][1]["answers"] >= 3)
+    assert bus.counts["devices"][0]["answers"] == 0 and bus.counts["devices"][0]["error"] == errno.EREMOTEIO
+    bus.stop()
+
+
+def test_one_that_falls_silent_is_lost_and_set_up_again_when_it_is_back(imu):
+    wires, number, bus = imu
+    bus.begin(time.monotonic_ns())
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["answers"] > 3)
+    wires.behave(number, absent=True)
+    wait(lambda: bus.counts["devices"][0]["state"] == "lost")
+    time.sleep(0.02)
+    told = answers(bus.end.receive(), TROUBLE)
+    assert [frame[2][0] for frame in told][:3] == [0, 0, 1] and told[2][2][1:] == b"\x03\x00\x00\x00"
+    wires.clear(number)  # it has been without power
+    wires.write(number, BURST, bytes(range(14)))
+    wires.behave(number, absent=False)
+    wait(lambda: bus.counts["devices"][0]["state"] == "fine" and answers(bus.end.receive()))
+    assert wires.read(number, 0x6B) == b"\x01" and wires.read(number, 0x19, 2) == CHECK[1]
+    counts = bus.counts["devices"][0]
+    assert (counts["losses"], counts["returns"], counts["error"]) == (1, 1, errno.EREMOTEIO)
+    bus.stop()
+
+
+def test_one_failure_alone_is_checked_and_not_set_up_again(imu):
+    wires, number, bus = imu
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["answers"] > 3)
+    wires.behave(number, absent=True)
+    wait(lambda: bus.counts["devices"][0]["failures"] == 1)
+    wires.behave(number, absent=False)
+    before = bus.counts["devices"][0]["answers"]
+    wait(lambda: bus.counts["devices"][0]["answers"] > before + 3)
+    assert wires.of_chip(number)[1] == 0 and bus.counts["devices"][0]["losses"] == 0
+    bus.stop()
+
+
+def test_one_that_has_lost_its_settings_is_seen_though_it_answers(imu):
+    """It was without power for a moment, and answers with the ranges that it has then."""
+    wires, number, bus = imu
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["answers"] > 3)
+    wires.write(number, 0x19, b"\x00\x00")
+    lost = time.monotonic()
+    wait(lambda: wires.read(number, 0x19, 2) == CHECK[1])
+    assert time.monotonic() - lost < 0.3  # a look every 100 ms, and 10 ms of set-up
+    assert bus.counts["devices"][0]["error"] == -1
+    bus.stop()
+
+
+def test_one_that_hangs_holds_up_its_own_bus_alone():
+    """Each exchange with it takes 50 ms: the devices of the other bus are asked as if nothing were."""
+    buses = []
+    for slow in (0.05, 0.0):
+        wires = MemoryI2c()
+        first, second = wires.add(IMU), wires.add(0x2A)
+        wires.behave(first, slow=slow, stuck=slow > 0.0)
+        bus = I2cBus(wires)
+        bus.add(0, IMU, rounds=(reading(),))
+        bus.add(0, 0x2A, rounds=(reading(0.005, steps=((0, 1),), address=0x2A),))
+        buses.append((bus, second))
+    for bus, _ in buses:
+        bus.start()
+    time.sleep(0.4)
+    for bus, _ in buses:
+        bus.stop()
+    held, free = (bus.counts["devices"] for bus, _ in buses)
+    assert held[0]["answers"] == 0 and held[0]["error"] == errno.ETIMEDOUT and held[0]["state"] == "lost"
+    assert held[1]["answers"] >= 8  # it is asked between the attempts
+    assert free[0]["answers"] >= 60 and free[0]["failures"] == 0  # 80 periods
+
+
+def test_while_one_wakes_up_the_others_are_asked():
+    wires = MemoryI2c()
+    slow = wires.add(0x69)
+    wires.add(IMU)
+    wires.behave(slow, absent=True)
+    bus = I2cBus(wires)
+    bus.add(0, 0x69, ((0x69, 0x6B, b"\x80", 0.2), (0x69, 0x6B, b"\x01", 0.0)), rounds=(reading(address=0x69),))
+    bus.add(0, IMU, rounds=(reading(),))
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["state"] == "lost")
+    wires.behave(slow, absent=False)
+    wait(lambda: bus.counts["devices"][0]["state"] == "setting up")
+    before = bus.counts["devices"][1]["answers"]
+    time.sleep(0.1)
+    assert bus.counts["devices"][0]["state"] == "setting up" and bus.counts["devices"][1]["answers"] - before >= 12
+    bus.stop()
+
+
+def test_conversions_are_one_after_the_other_and_each_has_its_time():
+    """Registers of two bytes: what was converted is read with what it was converted with, then the next begins."""
+    wires = MemoryI2c()
+    number = wires.add(0x48, wide=True)
+    wires.write(number, 0, b"\x12\x34\xc3\xe3")
+    bus = I2cBus(wires)
+    names = (0xD3E3, 0xC3E3)
+    bus.add(
+        0,
+        0x48,
+        rounds=(
+            (
+                0.005,
+                0.005,
+                tuple((at, 0x48, ((0, 2), (1, 2), (1, word.to_bytes(2, "big"))), b"") for at, word in enumerate(names)),
+            ),
+        ),
+    )
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["answers"] >= 6)
+    bus.stop()
+    frames = bus.end.receive()
+    assert [frame[2].hex() for frame in frames[:4]] == ["1234c3e3", "1234d3e3", "1234c3e3", "1234d3e3"]
+    gaps = [(b[3] - a[3]) * 1e-9 for a, b in zip(frames, frames[1:])]
+    assert min(gaps) >= 0.005
+
+
+def test_failures_are_counted_from_the_beginning_of_the_run(imu):
+    wires, number, bus = imu
+    wires.behave(number, absent=True)
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["failures"] >= 4)
+    bus.begin(time.monotonic_ns())
+    wait(lambda: len(bus.end.receive()) > 0 or bus.counts["devices"][0]["failures"] >= 6)
+    before = bus.counts["devices"][0]["failures"]
+    wait(lambda: bus.counts["devices"][0]["failures"] > before)
+    told = answers(bus.end.receive(), TROUBLE)
+    assert told and int.from_bytes(told[-1][2][1:], "little") < before
+    bus.stop()
+
+
+def test_a_tick_that_stood_still_finds_the_newest():
+    wires = MemoryI2c()
+    number = wires.add(IMU)
+    bus = I2cBus(wires)
+    bus.add(0, IMU, rounds=(reading(0.0002, steps=((0, 1),)),))
+    bus.start()
+    wait(lambda: bus.counts["devices"][0]["answers"] > 1200)  # more than a ring holds
+    wires.write(number, 0, b"\x77")
+    before = bus.counts["devices"][0]["answers"]
+    wait(lambda: bus.counts["devices"][0]["answers"] > before + 5)
+    bus.stop()
+    frames = bus.end.receive()
+    while more := bus.end.receive():
+        frames += more
+    assert frames[-1][2] == b"\x77" and len(frames) <= 1024 and bus.counts["overflows"] > 0
+
+
+@pytest.mark.parametrize(
+    "place, address, rounds",
+    [
+        (99, IMU, ()),
+        (0, 0x80, ()),
+        (0, IMU, (reading(0.0),)),
+        (0, IMU, (reading(number=15),)),
+        (0, IMU, (reading(steps=((0, 33),)),)),
+        (0, IMU, (reading(steps=((0, 32), (0, 32)), tail=b"1"),)),
+        (0, IMU, (reading(steps=()),)),
+    ],
+)
+def test_what_no_bus_can_do_is_refused(place, address, rounds):
+    with pytest.raises(ValueError):
+        I2cBus(MemoryI2c()).add(place, address, rounds=rounds)
+
+
+def test_chips_in_memory_are_reached_as_on_a_wire():
+    wires = MemoryI2c((0x70,))
+    for k, channel in enumerate((1, 2)):
+        wires.write(wires.add(IMU, place(0x70, channel)), 0x75, bytes((0x71 + 2 * k,)))
+    with pytest.raises(OSError) as refused:
+        wires.exchange_bytes(IMU, 0x75, count=1)
+    assert refused.value.errno == errno.EREMOTEIO
+    # two open at once pull the line low together
+    for mask, wanted in ((b"\x02", 0x71), (b"\x04\x04", 0x73), (b"\x06", 0x71 & 0x73)):
+        wires.exchange_bytes(0x70, -1, mask)
+        assert wires.exchange_bytes(IMU, 0x75, count=1)[0] == wanted
+
+
+def test_another_kind_of_chip_in_the_place_of_one_that_was_lost_is_not_believed():
+    wires = MemoryI2c()
+    number = wires.add(IMU)
+    ready(wires, number)
+    wires.write(number, 0x75, b"\x71")
+    bus = I2cBus(wires)
+    bus.add(0, IMU, SET_UP, CHECK, (reading(),), ((0x75, 0x71, 0xFF),))
+    bus.start()
+    told = lambda: bus.counts["devices"][0]  # noqa: E731
+    wait(lambda: told()["answers"] > 2)
+    wires.behave(number, absent=True)
+    wait(lambda: told()["state"] == "lost")
+    wires.write(number, 0x75, b"\x68")  # it takes the same settings, and keeps them
+    wires.behave(number, absent=False)
+    wait(lambda: told()["error"] == -2)
+    answers = told()["answers"]
+    time.sleep(0.15)
+    assert told()["answers"] == answers and told()["returns"] == 0
+    wires.write(number, 0x75, b"\x71")
+    wait(lambda: told()["returns"] == 1 and told()["answers"] > answers)
+    bus.stop()

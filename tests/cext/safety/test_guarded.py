@@ -1,0 +1,168 @@
+"""The loop and its guardian on the page: each sees whether the other lives; and nobody else may command a guarded
+robot.
+"""
+
+import gc
+import os
+import time
+
+import pytest
+
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
+from blocks.limiters import TorqueLimiter
+from cext.safety.shared_state import Page
+from graph import Block, Input, Output
+from tests.cext.rigs import ends_in_the_safe_stop, one_drive
+
+pytestmark = pytest.mark.timing
+
+GUARD = 0.5  # s: before a run garbage is collected, which takes long among many tests
+
+
+class Then(Block):
+    """1 N·m; calls something at one tick."""
+
+    u = Input("any")
+    y = Output("N·m")
+
+    def __init__(self, tick, action, **options):
+        self.when, self.action = tick, action
+        super().__init__(**options)
+
+    def step(self, u, tick):
+        if tick == self.when:
+            self.action()
+        return 1.0
+
+
+def guarded(action=lambda: None, tick=20, *, page=None, **options):
+    """One drive under a guardian that has just looked. action : called in a tick"""
+    page = page or Page(1 << 20)
+    page.look_after(time.monotonic_ns())
+    law = lambda knee: TorqueLimiter(limit=5.0)(Then(tick, action, name="then")(knee.position))  # noqa: E731
+    return one_drive(law, options={"page": page, "guard": GUARD, **options})
+
+
+def test_a_robot_under_a_guardian_runs():
+    rig = guarded()
+    assert rig.run(5).status == "ok" and len(rig.commands()) == 5
+
+
+def test_without_its_guardian_nothing_is_armed():
+    for looked in (0, time.monotonic_ns() - round(2e9 * GUARD)):
+        rig = guarded()
+        rig.page.look_after(looked)
+        outcome = rig.run(50)
+        assert (outcome.status, outcome.culprit, outcome.tick) == ("unguarded", None, -1)
+        assert ENABLE not in rig.sent() and set(rig.sent()) == {NOTHING, DISABLE}
+
+
+def test_a_guardian_that_dies_ends_the_run_in_the_safe_stop():
+    rig = guarded(lambda: rig.page.look_after(0))
+    outcome = rig.run(200)
+    assert (
+        (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    )
+
+
+def test_a_guardian_that_dies_ends_the_run_at_the_next_tick():
+    """It has looked just now; the kernel tells that its thread is gone."""
+    page = Page(1 << 20)
+    alive, dying = os.pipe(), os.pipe()
+    guardian = os.fork()
+    if guardian == 0:
+        page.take_guard()
+        os.write(alive[1], b"!")
+        os.read(dying[0], 1)
+        os._exit(0)
+    os.read(alive[0], 1)
+
+    def kill():
+        os.write(dying[1], b"!")
+        os.waitpid(guardian, 0)
+
+    rig = guarded(kill, page=page)
+    assert not page.guardian_died
+    outcome = rig.run(200)
+    assert (
+        (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig) and len(rig.commands()) == 21
+    )
+    assert page.guardian_died and page.guardian_died
+    for descriptor in (*alive, *dying):
+        os.close(descriptor)
+    del rig, page  # the dead guardian's mutex goes with its page: this thread's list of mutexes must not lead there
+    gc.collect()
+    another = Page(1 << 12)
+    another.take_hold()
+    another.let_go()
+
+
+def test_a_guardian_that_looks_no_more_ends_the_run_as_well():
+    rig = guarded(lambda: time.sleep(2.0 * GUARD))
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.tick) == ("unguarded", 21) and ends_in_the_safe_stop(rig)
+
+
+def test_where_the_guardian_carried_the_frames_the_loop_tries_once_and_leaves_the_rest_to_its_caller():
+    rig = guarded(lambda: rig.page.look_after(0), carried=True)
+    rig.run(200)
+    assert rig.sent()[-2:] == [NOTHING, DISABLE] and rig.sent().count(DISABLE) == 1
+
+
+def test_a_run_without_a_guardian_does_not_look_for_one():
+    rig = guarded(lambda: rig.page.look_after(0), guard=0.0)
+    assert rig.run(50).status == "ok"
+
+
+def test_each_tick_shows_that_the_loop_is_alive():
+    beats = []
+    rig = guarded(lambda: beats.append((rig.page.beat, time.monotonic_ns())))
+    before = time.monotonic_ns()
+    rig.run(30)
+    [(beat, at)] = beats
+    assert before < beat <= at and at < rig.page.beat < time.monotonic_ns()
+
+
+def test_a_fence_that_is_raised_within_a_tick_lets_nothing_of_it_out():
+    rig = guarded(lambda: rig.page.raise_fence())
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.tick) == ("fenced", 20) and len(rig.commands()) == 20 and ends_in_the_safe_stop(rig)
+
+
+@pytest.mark.parametrize("data", [ENABLE, NOTHING, bytes.fromhex("ffff7ff0000007ff")])
+def test_a_command_that_we_did_not_send_is_a_fault_before_the_next_of_ours(data):
+    rig = guarded(lambda: rig.buses["can"].device.send(1, data))
+    outcome = rig.run(200)
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("foreign command", "knee", 21)
+    assert len(rig.commands()) == 21 and ends_in_the_safe_stop(rig)
+
+
+@pytest.mark.parametrize(
+    "identifier, data, extended",
+    [
+        (1, b"", False),
+        (1, NOTHING[:7], False),
+        (1, NOTHING + b"!", False),  # as long as no command of ours
+        (2, NOTHING, False),
+        (1, NOTHING, True),
+        (0, NOTHING, False),  # to somebody else
+        (1, b"\1" + NOTHING[1:], False),  # a reply
+    ],
+)
+def test_other_frames_are_no_commands(identifier, data, extended):
+    rig = guarded(lambda: rig.buses["can"].device.send(identifier, data, extended))
+    assert rig.run(50).status == "ok"
+
+
+def test_behind_the_fence_a_command_is_the_guardians():
+    def fence():
+        rig.page.raise_fence()
+        rig.buses["can"].device.send(1, DISABLE)
+
+    rig = guarded(fence)
+    assert rig.run(50).status == "fenced"
+
+
+def test_without_a_guardian_a_strange_command_is_only_counted():
+    rig = guarded(lambda: rig.buses["can"].device.send(1, ENABLE), guard=0.0)
+    assert rig.run(50).status == "ok" and rig.statistics()["frames"]["malformed"] == 1

@@ -1,0 +1,394 @@
+"""The watch over a drive's motion and torque: each rule finds what it is for, and nothing in walking, noise, lost
+frames or a fade-in.
+"""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+
+from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from tests.cext.imposed import accelerated, imposed, sine, still
+from tests.shared import shared
+
+pytestmark = pytest.mark.timing
+
+GAINS = {"stiffness_command": 30.0, "damping_command": 1.0}
+RATES = [100, 200, 500, 1000]
+
+
+@pytest.fixture(scope="module")
+def knee():
+    """A recorded knee: (position in rad, velocity in rad/s) as a function of time, of 10 s of walking; its largest
+    acceleration is 269 rad/s².
+    """
+    with open(shared("gait/healthy_young.csv")) as file:
+        rows = list(csv.DictReader(file))[:2200]
+    name = next(name for name in rows[0] if name.startswith("knee"))
+    angle = np.radians([float(row[name]) for row in rows])
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(np.arange(len(angle)) / 200.0, angle)
+    rate = spline.derivative()
+    return lambda t: (float(spline(t)), float(rate(t)))
+
+
+# Acceleration
+
+
+def gains_sent(rig):
+    """Of each command between arming and the safe stop, the codes of stiffness and damping."""
+    data = np.array([list(frame) for frame in rig.commands()])
+    return (data[:, 3] & 15) * 256 + data[:, 4], data[:, 5] * 16 + (data[:, 6] >> 4)
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_an_impact_takes_stiffness_and_damping_away_in_the_tick_of_the_first_reply_that_shows_it(rate):
+    begin, period = 0.5, 1.0 / rate
+    rig, outcome = imposed(
+        accelerated(4.0 / period / 2, begin - 1e-9, until=8.0),
+        rate=rate,
+        substeps=20,
+        seconds=1.0,
+        model="AK10-9-V2.0",
+        limit=12.0,
+        commands={"stiffness_command": 300.0, "damping_command": 5.0},
+        max_acceleration=150.0,
+    )
+    assert outcome.status == "ok" and rig.watched["acceleration_ticks"] > 0
+    stiffness, damping = gains_sent(rig)
+    shows = int(np.argmax(rig["knee.velocity"] > 0.1))
+    assert damping[shows - 1] > 0 and not stiffness[shows : shows + 3].any() and not damping[shows : shows + 3].any()
+    told = [event for event in rig.events if "accelerates" in event["what"]]
+    assert [event["tick"] for event in told] == [shows]
+    assert told[0]["what"] == (
+        "accelerates beyond its max_acceleration of 150 rad/s²: stiffness and damping are zero until it is calm"
+    )
+    # the plant is a period ahead: it moves while the robot is armed
+    after = rig.torques[:, 0] >= (shows + 1) * period + 1e-9
+    assert np.abs(rig.torques[after, 1]).max() <= 12.0 + 2 * 65.0 / 4095
+
+
+@pytest.mark.parametrize(
+    "stiffness, damping, rate, acceleration",
+    [(0.0, 5.0, 500, 3000.0), (300.0, 5.0, 1000, 3000.0), (0.0, 5.0, 200, 1500.0)],
+)
+def test_an_impact_beyond_the_bound_is_above_the_limit_for_no_more_than_two_ticks_after_the_reply_that_shows_it(
+    stiffness, damping, rate, acceleration
+):
+    """Three to six times the default bound, begun just before the end of a period, so that the first reply shows a
+    tenth of it.
+    """
+    limit, period = 12.0, 1.0 / rate
+    rig, _ = imposed(
+        accelerated(acceleration, 0.3 + 0.9 * period, until=12.0),
+        rate=rate,
+        substeps=20,
+        seconds=0.45,
+        drive=CubeMarsV3,
+        model="AK10-9-V3.0",
+        limit=limit,
+        commands={"stiffness_command": stiffness, "damping_command": damping},
+    )
+    shows = int(np.argmax(np.abs(rig["knee.velocity"]) > 0.06))  # a reply of this grid point, by the clock of the plant
+    above = rig.torques[np.abs(rig.torques[:, 1]) > limit + 108.0 / 4095][:, 0]
+    assert above.size and above.min() > (shows - 1) * period and above.max() < (shows + 2) * period
+
+
+def test_stiffness_and_damping_return_over_100_ms_once_the_window_is_calm():
+    rig, outcome = imposed(
+        accelerated(2000.0, 0.5 - 1e-9, until=9.0), rate=1000, commands={"damping_command": 0.5}, limit=9.0
+    )
+    damping, shows = gains_sent(rig)[1], int(np.argmax(rig["knee.velocity"] > 0.1))
+    assert outcome.status == "ok" and not damping[shows : shows + 15].any()
+    ramp = damping[shows + 15 : shows + 122]
+    assert np.all(np.diff(ramp) >= 0) and ramp[0] <= 8 < ramp[50] < 0.6 * ramp[-1] and ramp[-1] == damping[shows - 1]
+
+
+@pytest.mark.parametrize("bound", [300.0, 500.0])
+@pytest.mark.parametrize("rate", RATES)
+def test_walking_with_noise_of_0_15_rad_s_in_the_velocity_is_not_beyond_the_bound(knee, rate, bound):
+    rig, outcome = imposed(
+        knee,
+        rate=rate,
+        substeps=1,
+        seconds=min(10.0, 4000 / rate),
+        noise=0.15,
+        commands=GAINS,
+        limit=9.0,
+        max_acceleration=bound,
+    )
+    assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 0
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_acceleration_that_goes_on_beyond_the_bound_ends_the_run(rate):
+    """12 Hz, of a peak of 1000 rad/s²: twice the bound, and beyond it for two thirds of the time."""
+    rig, outcome = imposed(sine(1000.0 / (24.0 * math.pi) ** 2, 12.0), rate=rate, commands=GAINS, limit=9.0)
+    assert (outcome.status, outcome.culprit) == ("acceleration", "knee") and 0.05 <= outcome.tick / rate < 0.3
+    assert 500.0 < rig.watched["value"] < 1050.0 and rig.watched["bound"] == 500.0
+
+
+def test_without_stiffness_and_damping_no_acceleration_is_a_fault():
+    rig, outcome = imposed(sine(0.5, 10.0), commands={"torque_command": 2.0})
+    assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 0 and rig.events == []
+
+
+def test_single_impacts_are_no_fault():
+    rig, outcome = imposed(lambda t: (0.0, 6.0 if t > 0.5 else 0.0), seconds=0.8, commands=GAINS, limit=9.0)
+    assert outcome.status == "ok" and rig.watched["acceleration_ticks"] == 2
+
+
+# Torque
+
+
+@pytest.mark.parametrize(
+    "drive, model, parameters, emulator",
+    [
+        (CubeMars, "AK80-9", {}, {"wire_stiffness": 5000.0}),
+        (CubeMarsV3, "AK80-9-V3.0", {}, {"wire_stiffness": 5000.0}),
+        (RobStrideMIT, "RS02", {}, {"wire_stiffness": 5000.0}),
+    ],
+)
+def test_a_measured_torque_beyond_limit_and_accuracy_ends_the_run(drive, model, parameters, emulator):
+    """A drive whose stiffness is ten times what was sent."""
+    rig, outcome = imposed(
+        still(),
+        drive=drive,
+        model=model,
+        limit=4.0,
+        emulator=emulator,
+        commands={"stiffness_command": 20.0, "position_command": lambda t: 0.1 if t >= 0.2 else 0.0},
+        **parameters,
+    )
+    assert (outcome.status, outcome.culprit) == ("excess torque", "knee")
+    assert 0.2 + 0.02 <= outcome.tick / 200 <= 0.2 + 0.035
+    assert rig.watched["value"] > 12.0 and rig.watched["bound"] == 4.0
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize(
+    "drive, model", [(CubeMars, "AK80-9"), (CubeMarsV3, "AK80-9-V3.0"), (RobStride, "RS02"), (RobStrideMIT, "RS02")]
+)
+def test_a_drive_that_lost_its_power_for_50_ms_and_came_back_disabled_does_not_follow(drive, model, rate):
+    rig, outcome = imposed(
+        still(),
+        drive=drive,
+        model=model,
+        rate=rate,
+        commands={"torque_command": 3.0},
+        emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
+        timeout=0.1,
+    )
+    told = {RobStride: rate > 100, CubeMarsV3: True}.get(drive, False)  # a RobStride after twelve replies
+    assert (outcome.status, outcome.culprit) == ("device fault" if told else "not following", "knee")
+    assert 0.54 <= outcome.tick / rate < 0.8
+    if not told:
+        assert rig.watched["value"] < 0.2 * 3.0 and 2.5 < rig.watched["bound"] <= 3.0
+
+
+def test_a_drive_with_stiffness_that_comes_back_disabled_does_not_follow():
+    _, outcome = imposed(
+        sine(0.3, 1.0),
+        commands={**GAINS, "position_command": 0.1},
+        emulator={"power_lost": lambda t: 0.5 <= t < 0.55},
+        limit=9.0,
+        seconds=1.5,
+    )
+    assert outcome.status == "not following" and outcome.tick / 200 < 0.9
+
+
+@pytest.mark.parametrize(
+    "commands, emulator, options",
+    [
+        ({"torque_command": lambda t: 4.0 * math.copysign(1.0, math.sin(2.0 * math.pi * 50.0 * t))}, {}, {}),
+        ({"torque_command": lambda t: 0.5 * math.sin(2.0 * math.pi * 3.0 * t)}, {}, {}),
+        ({"torque_command": 9.0}, {"peak": 7.0}, {"fade": 0.5}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 2.0 * t)}, {"peak": 5.0}, {}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"dropped": lambda t: 0.3}, {}),
+        ({"torque_command": lambda t: 9.0 * math.sin(2.0 * math.pi * 4.0 * t)}, {"delay": lambda t: 0.012}, {}),
+        (
+            {**GAINS, "position_command": lambda t: math.sin(2.0 * math.pi * t)},
+            {"delay": lambda t: 0.002},
+            {"fade": 1.0},
+        ),
+    ],
+    ids=[
+        "changes of sign",
+        "near zero",
+        "a drive at its limit",
+        "a sine at the drive's limit",
+        "lost frames",
+        "late replies",
+        "fade-in",
+    ],
+)
+def test_a_drive_that_follows_is_no_fault(commands, emulator, options):
+    _, outcome = imposed(still(), seconds=3.0, commands=commands, emulator=emulator, limit=9.0, **options)
+    assert outcome.status == "ok"
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_walking_with_every_law_is_no_fault(knee, rate):
+    for commands in (
+        GAINS,
+        {"damping_command": 2.0},
+        {"stiffness_command": 100.0, "damping_command": 3.0, "position_command": 0.3},
+    ):
+        rig, outcome = imposed(
+            knee,
+            rate=rate,
+            substeps=1,
+            seconds=1000 / rate,
+            noise=0.02,
+            commands=commands,
+            limit=9.0,
+            range=(-0.3, 1.6),
+        )
+        assert outcome.status == "ok", commands
+
+
+# Motion
+
+
+def test_a_joint_outside_its_range_ends_the_run_at_once():
+    rig, outcome = imposed(sine(1.0, 0.5), range=(-0.9, 0.9), seconds=2.0)
+    beyond = rig["knee.position"]
+    assert (outcome.status, outcome.culprit) == ("over-travel", "knee") and 0.94 < beyond[-1] <= 0.951
+    assert 0.95 < rig.watched["value"] < 0.96 and rig.watched["bound"] == 0.9
+
+
+def test_over_travel_to_the_other_side_with_an_offset_on_an_inverted_joint():
+    rig, outcome = imposed(lambda t: (-t, -1.0), range=(-0.5, 2.0), offset=1.0, invert=True)
+    assert outcome.status == "over-travel" and -0.57 < rig.watched["value"] < -0.55 and rig.watched["bound"] == -0.5
+
+
+@pytest.mark.parametrize(
+    "drive, model, parameters, fastest",
+    [
+        (CubeMars, "AK80-9", {"max_velocity": 10.0}, 10.0),
+        (CubeMars, "AK80-64", {}, 0.995 * 8.0),
+        (CubeMarsV3, "AKH70-48", {"gear_ratio": 2.0}, 0.995 * 2.5),
+        (RobStride, "RS03", {}, 0.995 * 20.0),
+        (RobStride, "RS01", {}, 315 * math.pi / 30),
+        (CubeMarsServo, "AK80-9", {"max_velocity": 12.0, "report_rate": 200.0}, 12.0),
+    ],
+)
+def test_a_joint_that_is_too_fast_for_three_replies_ends_the_run(drive, model, parameters, fastest):
+    commands = {"current_command": 0.0} if drive is CubeMarsServo else None
+    rig, outcome = imposed(
+        accelerated(100.0, 0.0, until=50.0), drive=drive, model=model, commands=commands, **parameters
+    )
+    assert (outcome.status, outcome.culprit) == ("overspeed", "knee") and rig.watched["bound"] == pytest.approx(fastest)
+    velocity = rig["knee.velocity"]
+    assert (velocity > fastest).sum() == 2 and rig.watched["value"] > fastest
+
+
+# Scales
+
+FIRMWARES = [
+    (CubeMars, "AK80-9", {"wire_velocity": 45.0}, 50.0 / 45.0, "velocity"),
+    (CubeMars, "AK60-6-V1.1", {"wire_velocity": 50.0}, 0.9, "velocity"),
+    (CubeMars, "AK80-9", {"wire_velocity": 25.64}, 50.0 / 25.64, "velocity"),
+    (CubeMars, "AK80-9", {"wire_position": 95.5}, 95.5 / 12.5, "velocity"),
+    (CubeMarsV3, "AK80-9-V3.0", {"pole_pairs": 14}, 14 / 21, "velocity"),
+    (CubeMarsServo, "AK80-9", {"pole_pairs": 14}, 14 / 21, "velocity"),
+    (RobStrideMIT, "RS02", {"wire_velocity": 33.0}, 44.0 / 33.0, "velocity"),
+    (CubeMarsV3, "AK80-9-V3.0", {"wire_torque": 21.0}, 21.0 / 18.0, "torque"),
+    (CubeMarsV3, "AK80-9-V3.0", {"torque_constant": 0.945}, 0.5701 / 0.945, "torque"),
+    (RobStride, "RS03", {"wire_stiffness": 500.0}, 0.1, "torque"),
+]
+
+
+@pytest.mark.parametrize(
+    "drive, model, emulator, scale, about",
+    FIRMWARES,
+    ids=[f"{model} {emulator}" for _, model, emulator, *_ in FIRMWARES],
+)
+def test_a_firmware_with_another_scale_is_found_after_a_second(drive, model, emulator, scale, about):
+    commands = (
+        {"current_command": 0.0}
+        if drive is CubeMarsServo
+        else {"torque_command": lambda t: (2.0 if model.startswith("AK60") else 4.0) * math.sin(2.0 * math.pi * t)}
+    )
+    if "wire_stiffness" in emulator:
+        commands = {"stiffness_command": 30.0, "position_command": lambda t: 0.3 * math.sin(2.0 * math.pi * t)}
+    motion = still() if about == "torque" else sine(0.5, 1.0)
+    rig, outcome = imposed(
+        motion, drive=drive, model=model, seconds=3.0, emulator=emulator, commands=commands, noise=0.02
+    )
+    expected = "not following" if scale == 0.1 else "scale mismatch"
+    assert (outcome.status, outcome.culprit) == (expected, "knee")
+    if expected == "scale mismatch":
+        assert 1.0 < outcome.tick / 200 < 1.8
+        assert rig.watched["about"] == about and rig.watched["value"] == pytest.approx(scale, rel=0.02)
+
+
+def test_a_position_that_turns_against_its_velocity_is_found():
+    rig, outcome = imposed(lambda t: (0.5 * math.sin(5.0 * t), -2.5 * math.cos(5.0 * t)), seconds=2.5)
+    assert outcome.status == "scale mismatch" and rig.watched["value"] == pytest.approx(-1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("rate", RATES)
+def test_walking_with_noise_a_lag_and_lost_replies_has_no_other_scale(knee, rate):
+    """The velocity 10 ms behind the position, as a filter of it would be."""
+
+    def behind(t):
+        return knee(t)[0], knee(max(0.0, t - 0.01))[1]
+
+    _, outcome = imposed(
+        behind,
+        rate=rate,
+        substeps=1,
+        seconds=6.0 if rate < 500 else 3.0,
+        noise=0.15,
+        emulator={"dropped": lambda t: 0.1},
+    )
+    assert outcome.status == "ok"
+
+
+def test_a_position_at_the_end_of_its_range_is_not_compared():
+    """A drive turns on, past the end of what it can report."""
+    _, outcome = imposed(lambda t: (11.0 + 2.0 * t, 2.0), seconds=3.0)
+    assert outcome.status == "ok"
+
+
+# What cannot be
+
+
+@pytest.mark.parametrize(
+    "drive, model, heard", [(CubeMars, "AK80-9", -40.0), (RobStride, "RS02", -100.0), (CubeMarsV3, "AK70-9", -100.0)]
+)
+def test_a_temperature_that_cannot_be_ends_the_run(drive, model, heard):
+    rig, outcome = imposed(
+        still(), drive=drive, model=model, emulator={"temperature": lambda t: 30.0 if t < 0.2 else -100.0}
+    )
+    assert (outcome.status, outcome.culprit) == ("implausible", "knee") and outcome.tick == 40
+    assert (rig.watched["about"], rig.watched["value"]) == ("temperature", heard)
+
+
+def test_a_drive_without_a_temperature_is_no_fault():
+    """Replies of 7 bytes have none: it is NaN."""
+    rig, outcome = imposed(still(), model="AK80-9", reply=7, emulator={"reply": 7})
+    assert outcome.status == "ok" and np.isnan(rig["knee.temperature"]).all()
+
+
+class Nowhere(CubeMars):
+    """A drive whose replies are decoded to what is no number: half a range of it is infinite, as no parameter
+    allows.
+    """
+
+    place = 0
+
+    def configure(self):
+        super().configure()
+        self.wire = tuple(math.inf if place == self.place else half for place, half in enumerate(self.wire))
+
+
+@pytest.mark.parametrize("place, about", [(0, "position"), (1, "velocity"), (4, "torque")])
+def test_a_measurement_that_is_no_number_ends_the_run_before_the_first_command(monkeypatch, place, about):
+    monkeypatch.setattr(Nowhere, "place", place)
+    rig, outcome = imposed(still(), drive=Nowhere, commands={"torque_command": 2.0})
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("implausible", "knee", 0)
+    assert rig.watched["about"] == about and math.isnan(rig.watched["value"])

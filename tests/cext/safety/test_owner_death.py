@@ -1,0 +1,88 @@
+"""Who has the hold on a page, and dies with it, is known to be dead: with real processes that are killed."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from cext.safety.owner_death import Mourner
+from cext.safety.shared_state import Page
+
+pytestmark = pytest.mark.timing
+
+HOLDER = """
+import sys
+from cext.safety.shared_state import Page
+
+page = Page(fd=int(sys.argv[1]))
+page.take_hold()
+print("held", flush=True)
+sys.stdin.readline()
+page.let_go()
+print("gone", flush=True)
+sys.stdin.readline()
+"""
+
+
+@pytest.fixture
+def page():
+    return Page(1 << 12)
+
+
+@pytest.fixture
+def holder(page):
+    process = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(page.fd)],
+        pass_fds=[page.fd],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout.readline() == "held\n"
+    yield process
+    process.kill()
+    process.wait()
+    process.stdin.close()
+    process.stdout.close()
+
+
+def is_told(mourner, seconds):
+    return bool(select.select([mourner.fd], [], [], seconds)[0])
+
+
+def test_who_dies_with_the_hold_is_mourned(page, holder):
+    mourner = Mourner(page)
+    assert not is_told(mourner, 0.05)
+    holder.send_signal(signal.SIGSTOP)
+    assert not is_told(mourner, 0.05)  # it stands still, and is there
+    holder.kill()
+    assert is_told(mourner, 5.0)
+
+
+def test_who_has_died_before_anybody_waited_is_mourned(page, holder):
+    holder.kill()
+    holder.wait()
+    assert is_told(Mourner(page), 5.0)
+
+
+def test_who_has_let_go_is_not_mourned(page, holder):
+    mourner = Mourner(page)
+    print(file=holder.stdin, flush=True)
+    assert holder.stdout.readline() == "gone\n"
+    holder.kill()
+    holder.wait()
+    assert not is_told(mourner, 0.1)
+
+
+def test_a_hold_is_of_one_process_and_a_second_time_is_the_same_one(page, holder):
+    with pytest.raises(OSError, match="somebody else has the hold"):
+        page.take_hold()
+    mine = Page(1 << 12)
+    mine.take_hold()
+    mine.take_hold()
+    mine.let_go()
+    mine.let_go()
+    os.fstat(mine.fd)

@@ -1,0 +1,176 @@
+"""The ring and the counters of the shared page: order, wrap-around, drops, a second process, percentiles."""
+
+import gc
+import os
+import random
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cext.clock.histogram import percentiles
+from cext.safety.shared_state import RECORD_EVENT, RECORD_FRAME, RECORD_ROW, Page
+
+pytestmark = pytest.mark.timing
+
+
+def payload(number, words):
+    return number.to_bytes(8, "little") * words
+
+
+def test_what_is_pushed_comes_out_in_order_with_its_kind():
+    page = Page(4096)
+    for number, kind in enumerate((RECORD_ROW, RECORD_FRAME, RECORD_EVENT)):
+        assert page.push(kind, payload(number, 1))
+    assert page.drain() == [(RECORD_ROW, payload(0, 1)), (RECORD_FRAME, payload(1, 1)), (RECORD_EVENT, payload(2, 1))]
+    assert page.drain() == [] and page.empty
+
+
+def test_a_payload_is_filled_up_to_whole_words():
+    page = Page(4096)
+    page.push(RECORD_EVENT, b'{"a": 1}' + b"!")
+    page.push(RECORD_EVENT, b"")
+    assert page.drain() == [(RECORD_EVENT, b'{"a": 1}!       '), (RECORD_EVENT, b"")]
+
+
+def test_capacity_is_rounded_up_to_a_power_of_two():
+    page = Page(5000)
+    pushed = 0
+    while page.push(RECORD_ROW, bytes(56)):
+        pushed += 1
+    assert pushed == 8192 // 64 and Page(1).push(RECORD_ROW, bytes(4088)) and not Page(1).push(RECORD_ROW, bytes(4096))
+
+
+def test_a_full_ring_refuses_and_takes_again_once_read():
+    page = Page(4096)
+    pushed = sum(page.push(RECORD_ROW, payload(number, 7)) for number in range(100))
+    assert pushed == 64
+    assert [kind for kind, _ in page.drain(3)] == [RECORD_ROW] * 3
+    assert [page.push(RECORD_ROW, payload(200 + number, 7)) for number in range(4)] == [True, True, True, False]
+    numbers = [int.from_bytes(record[:8], "little") for _, record in page.drain()]
+    assert numbers == [*range(3, 64), 200, 201, 202]
+
+
+def test_a_record_is_never_cut_at_the_end_of_the_ring():
+    page = Page(4096)
+    for lap in range(200):
+        assert page.push(RECORD_ROW, payload(lap, 100)), lap  # 808 bytes do not divide 4096
+        assert page.drain() == [(RECORD_ROW, payload(lap, 100))]
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.one_of(st.integers(0, 300), st.just("drain")), max_size=200), st.integers(1, 20))
+def test_every_record_that_was_taken_comes_out_once_and_in_order(actions, most):
+    page = Page(4096)
+    taken, out = [], []
+    for number, action in enumerate(actions):
+        if action == "drain":
+            out += page.drain(most)
+            continue
+        record = payload(number, action)
+        if page.push(RECORD_ROW, record):
+            taken.append((RECORD_ROW, record))
+    while not page.empty:
+        out += page.drain(most)
+    assert out == taken
+
+
+READER = """
+import sys
+from cext.safety.shared_state import Page
+page = Page(fd=int(sys.argv[1]))
+expected = count = 0
+while True:
+    closed = page.closed
+    for kind, record in page.drain(64):
+        number = int.from_bytes(record[:8], "little")
+        assert number >= expected and record == number.to_bytes(8, "little") * (len(record) // 8) and len(record) == 8 * (number % 37 + 1)
+        expected, count = number + 1, count + 1
+    if closed and page.empty:
+        break
+print(count)
+"""
+
+
+def test_another_process_reads_every_record_whole_and_in_order_while_this_one_writes():
+    page = Page(1 << 14)
+    reader = subprocess.Popen(
+        [sys.executable, "-c", READER, str(page.fd)], pass_fds=[page.fd], stdout=subprocess.PIPE, text=True
+    )
+    pushed = refused = 0
+    for number in range(100_000):
+        if page.push(RECORD_ROW, payload(number, number % 37 + 1)):
+            pushed += 1
+        else:
+            refused += 1
+            os.sched_yield()
+    page.close()
+    text, _ = reader.communicate(timeout=60)
+    assert reader.returncode == 0 and int(text) == pushed
+    assert pushed + refused == 100_000 and pushed > 1000
+
+
+def test_a_page_is_one_memory_in_all_its_mappings():
+    page = Page(4096)
+    other = Page(fd=page.fd)
+    other.raise_fence()
+    page.close()
+    assert page.fenced and other.closed and page.state == other.state == "init"
+    page.push(RECORD_EVENT, b"12345678")
+    assert other.drain() == [(RECORD_EVENT, b"12345678")] and page.empty
+
+
+def test_a_file_that_is_no_page_is_refused(tmp_path):
+    for content in (b"short", bytes(100_000)[:-8] + b"whatever"):
+        file = tmp_path / "file"
+        file.write_bytes(b"\x01" + content)
+        with open(file, "r+b") as stream, pytest.raises(ValueError, match="does not hold a Tickwork page"):
+            Page(fd=stream.fileno())
+
+
+def test_pages_leave_no_file_open():
+    def open_files():
+        gc.collect()
+        return len(os.listdir("/proc/self/fd"))
+
+    before = open_files()
+    for _ in range(50):
+        page = Page(4096)
+        Page(fd=page.fd)
+    del page
+    assert open_files() == before
+
+
+@pytest.mark.parametrize("distribution", ["uniform", "lognormal", "small", "constant", "two"])
+def test_percentiles_are_right_within_three_percent_and_never_better_than_the_truth(distribution):
+    generator = np.random.default_rng(7)
+    durations = {
+        "uniform": generator.integers(0, 5_000_000, 20_001),
+        "lognormal": generator.lognormal(10.0, 2.0, 20_001).astype(int),
+        "small": generator.integers(0, 40, 5_000),
+        "constant": np.full(100, 123_456),
+        "two": np.array([1_000, 1_000_000]),
+    }[distribution].tolist()
+    found = percentiles(durations)
+    assert found["count"] == len(durations) and found["max"] == pytest.approx(max(durations) * 1e-9, rel=1e-15)
+    assert durations[found["max_at_tick"]] == max(durations)
+    for name, share in (("p50", 50), ("p99", 99), ("p99.9", 99.9)):
+        true = np.percentile(durations, share, method="inverted_cdf")
+        assert true <= found[name] * 1e9 * (1 + 1e-12) and found[name] * 1e9 <= true * (1 + 1 / 32) + 1, name
+
+
+def test_a_negative_duration_counts_as_none_and_no_durations_have_no_percentiles():
+    assert percentiles([-5, -7])["p50"] <= 1e-9
+    assert percentiles([]) == {"count": 0, "total": 0.0, "max": 0.0, "max_at_tick": 0}
+
+
+def test_random_bytes_of_a_seeded_writer_come_back_as_they_were():
+    source = random.Random(3)
+    page = Page(1 << 13)
+    for _ in range(500):
+        record = source.randbytes(8 * source.randrange(1, 60))
+        page.push(RECORD_FRAME, record)
+        assert page.drain() == [(RECORD_FRAME, record)]

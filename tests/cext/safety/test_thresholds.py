@@ -1,0 +1,119 @@
+"""One table of safety thresholds: loop, watchdog, guardian, recorder and the documentation read it, and none has a
+number of its own.
+"""
+
+import io
+import re
+import tokenize
+
+import pytest
+
+from cext.safety import thresholds
+from tests.runtime.runs import ROOT
+
+pytestmark = pytest.mark.timing
+
+# Modules whose every time is a safety threshold, and literals in them that are none.
+MODULES = (
+    "cext/schedule/arming.pyx",
+    "cext/schedule/executor.pyx",
+    "cext/schedule/publisher.pyx",
+    "cext/schedule/lifecycle.pyx",
+    "cext/schedule/watchdog.pyx",
+    "runtime/guardian/__init__.py",
+    "runtime/guardian/lock.py",
+    "runtime/guardian/process.py",
+    "runtime/guardian/stop.py",
+    "runtime/session/run.py",
+)
+UNITS = {1e9, 1e-9, 1e6, 1e3, 1e15}  # conversions, and an upper bound of a count
+NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
+    "READY_TIMEOUT",
+    "LEAVE_TIMEOUT",
+    "SWITCH",
+    "FASTEST",
+    "FLAGS",
+    "STACK",
+    "ORDERS",
+    "RECENT",
+    "NAME_BYTES",
+    "EXIT_CODE",
+}
+
+
+def in_words(threshold):
+    if threshold.unit != "ns":
+        return f"{threshold.value} {threshold.unit}"
+    value = threshold.value * 1e-9
+    return f"{value:g} s" if value >= 1.0 else f"{threshold.value * 1e-6:g} ms"
+
+
+def shown():
+    """The table as docs/rigs.md has it."""
+    rows = [f"| `{each.name}` | {in_words(each)} | {each.meaning} |" for each in thresholds.table()]
+    return "\n".join(["| threshold | value | |", "|---|--:|---|", *rows]) + "\n"
+
+
+def defined():
+    text = (ROOT / "cext/safety/thresholds.pxd").read_text()
+    return {name: int(value) for name, value in re.findall(r"^    ([A-Z_]+) = (-?\d+)", text, re.MULTILINE)}
+
+
+def constants_of(path):
+    """(line, name) of each constant of a module that is defined as a number of its own."""
+    pattern = re.compile(
+        r"^(?:cdef \w+ )?(?:    )?([A-Z][A-Z_]*(?:, [A-Z_]+)*) = "
+        r"(?:-|\()?\d|\b(fade|\w*timeout|\w*limit)=\d"
+    )
+    return [
+        (number, found[1] or found[2])
+        for number, line in enumerate((ROOT / path).read_text().splitlines(), 1)
+        if (found := pattern.search(line))
+    ]
+
+
+def large_numbers_of(path):
+    """Literals of a Python module or a Cython one that can be times: ns from 100 µs on."""
+    with open(ROOT / path, "rb") as file:
+        tokens = list(tokenize.tokenize(io.BytesIO(file.read()).readline))
+    numbers = [
+        (token.start[0], float(token.string.replace("_", "")))
+        for token in tokens
+        if token.type == tokenize.NUMBER and not token.string.lower().startswith("0x")
+    ]
+    return [(line, number) for line, number in numbers if number >= 1e5 and number not in UNITS]
+
+
+def test_every_threshold_has_a_value_a_unit_and_a_meaning():
+    assert {each.name: each.value for each in thresholds.table()} == defined()
+    units = {"ns", "periods", "ticks", "failures", "replies", "%", "mrad", "mrad/s", "°C"}
+    assert all(
+        each.unit in units and each.meaning and (each.value > 0 or each.unit == "°C") for each in thresholds.table()
+    )
+
+
+def test_the_thresholds_fit_together():
+    """A run whose watchdog works is not taken for one that stalls; the guardian looks often enough to be believed
+    alive.
+    """
+    value = {each.name: each.value for each in thresholds.table()}
+    assert value["HANG_PERIODS"] < value["LOOP_STALL_PERIODS"] and value["HANG_MINIMUM"] < value["LOOP_STALL_MINIMUM"]
+    assert (
+        value["GUARDIAN_LOOK_PERIOD"] * 4
+        < value["LOOP_STALL_MINIMUM"]
+        < value["GUARDIAN_SILENCE"]
+        < value["GUARDIAN_DEATH"]
+    )
+    assert value["STOP_DAMP_ROUND"] < value["STOP_ROUND"] < value["STOP_LIMIT"]
+
+
+@pytest.mark.parametrize("path", MODULES)
+def test_no_module_has_a_threshold_of_its_own(path):
+    constants = constants_of(path)
+    others = {line for line, name in constants if name in NO_THRESHOLDS}
+    assert [found for found in constants if found[0] not in others] == []
+    assert [found for found in large_numbers_of(path) if found[0] not in others] == []
+
+
+def test_the_documentation_shows_the_table():
+    assert shown() in (ROOT / "docs/rigs.md").read_text(), f"docs/rigs.md lacks this table:\n{shown()}"

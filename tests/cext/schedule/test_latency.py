@@ -1,0 +1,30 @@
+"""How long each device takes to answer a command, on a rig: a histogram of its own, in constant memory."""
+
+import time
+
+import pytest
+
+from cext.safety.shared_state import Page
+from tests.cext.rigs import one_drive
+
+pytestmark = pytest.mark.timing
+
+
+def test_only_a_rig_in_real_time_times_answers():
+    rig = one_drive(lambda knee: 0.0)
+    rig.run(20)
+    assert rig.control.latencies == {}
+
+
+def test_an_answer_is_timed_from_the_command_it_follows_and_once():
+    page = Page(1 << 20)
+    page.look_after(time.monotonic_ns())
+    rig = one_drive(lambda knee: 0.0, virtual=False, options={"page": page, "guard": 5.0})
+    outcome = rig.run(100)
+    found = rig.control.latencies["knee"]
+    assert outcome.status == "ok"
+    # The emulated drive answers at the end of the tick that commands it, with the time of the grid. The last answer is
+    # heard by the safe stop.
+    assert found["count"] == 100
+    again = rig.run(50)
+    assert again.status == "ok" and rig.control.latencies["knee"]["count"] == 50

@@ -1,0 +1,149 @@
+"""The mailbox between processes: every letter is taken once, in its writer's order, whoever else writes or dies."""
+
+import mmap
+import os
+import struct
+import time
+from collections import defaultdict
+
+import pytest
+
+from blocks.controllers import Impedance
+from cext.safety.shared_state import Page
+from cext.schedule.mailbox_writer import Writer
+from graph import Diagram
+from tests.cext.rigs import Rig
+
+pytestmark = pytest.mark.timing
+
+WRITERS, LETTERS_EACH, ROOM = 4, 60, 32
+
+
+def springs(count, **options):
+    with Diagram("springs", rate=2000) as diagram:
+        for number in range(count):
+            Impedance(name=f"spring_{number}")(position=1.0, velocity=0.0)
+    return Rig(diagram, **options)
+
+
+def in_a_process(work):
+    """Returns its number. Its exit code is 0, or 1 where `work` has failed."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            work()
+            code = 0
+        finally:
+            os._exit(code)
+    return child
+
+
+def ended_well(child):
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def patient(look):
+    """What `look` gives once it is something."""
+    while (found := look()) is None:
+        time.sleep(0.0002)
+    return found
+
+
+def write_and_wait(page, index, told):
+    """Letter after letter, each once the one before is answered. The ticks as they are told go into a pipe."""
+    writer = Writer(page)
+    for number in range(1, LETTERS_EACH + 1):
+        ticket = patient(lambda: writer.set([(index, number / 10.0)]))
+        answer = patient(lambda: writer.answer(ticket))
+        assert answer[0] == "taken"
+        os.write(told, struct.pack("=q", answer[1]))
+
+
+def test_many_processes_write_at_once_and_each_is_told_the_ticks_that_are_recorded():
+    rig = springs(WRITERS, virtual=False)
+    parameters = [index for index, live in enumerate(rig.schedule.live) if live.name == "damping"]
+    pipes = {index: os.pipe() for index in parameters}
+
+    def keeper():
+        children = [in_a_process(lambda: write_and_wait(rig.page, index, pipes[index][1])) for index in parameters]
+        ends = [ended_well(child) for child in children]
+        Writer(rig.page).stop()
+        assert all(ends)
+
+    child = in_a_process(keeper)
+    outcome = rig.run(20_000)
+    assert ended_well(child) and outcome.stopped
+    recorded = defaultdict(list)
+    for change in rig.changes[:-1]:
+        recorded[change.index].append((change.value, change.tick))
+    assert len({change.writer for change in rig.changes}) == WRITERS + 1
+    for index, (reader, writer) in pipes.items():
+        told = struct.unpack(f"={LETTERS_EACH}q", os.read(reader, 1 << 16))
+        assert recorded[index] == [(number / 10.0, tick) for number, tick in enumerate(told, 1)]
+        assert list(told) == sorted(set(told)), "a letter a tick, since each waits for its answer"
+        os.close(reader)
+        os.close(writer)
+
+
+def test_a_full_mailbox_says_so_and_has_room_again_when_letters_are_answered():
+    rig = springs(1)
+    writer = Writer(rig.page)
+    tickets = [writer.set([(0, float(number))]) for number in range(ROOM)]
+    assert sorted(tickets) == list(range(ROOM)) and writer.set([(0, 1.0)]) is None and writer.mark() is None
+    rig.run(3)
+    assert [change.value for change in rig.changes] == [float(number) for number in range(ROOM)]
+    assert writer.set([(0, 1.0)]) is None, "answers that nobody has read keep their place"
+    assert {writer.answer(ticket) for ticket in tickets} == {("taken", 0, 0)}
+    assert writer.set([(0, 1.0)]) is not None
+
+
+def test_what_is_withdrawn_is_never_taken():
+    rig = springs(1)
+    writer = Writer(rig.page)
+    first, second = writer.set([(0, 40.0)]), writer.set([(0, 50.0)])
+    assert writer.withdraw(second) and not writer.withdraw(second)
+    rig.run(3)
+    assert [change.value for change in rig.changes] == [40.0]
+    assert not writer.withdraw(first) and writer.answer(first) == ("taken", 0, 0)
+
+
+def test_letters_of_the_dead_make_room_for_the_living():
+    rig = springs(1)
+
+    def post_and_die():
+        writer = Writer(rig.page)
+        for number in range(ROOM):
+            writer.set([(0, float(number))])
+
+    assert ended_well(in_a_process(post_and_die))
+    writer = Writer(rig.page)
+    assert writer.set([(0, 1.0)]) is None, "they are complete, and wait for the loop"
+    rig.run(2)
+    assert len(rig.changes) == ROOM
+    assert [writer.set([(0, 1.0)]) is not None for _ in range(ROOM + 1)] == [True] * ROOM + [False]
+
+
+def test_a_letter_half_written_by_a_dead_process_holds_nobody_up():
+    rig = springs(1)
+    dead = in_a_process(lambda: None)
+    assert ended_well(dead)
+    writer = Writer(rig.page)
+    for number in range(ROOM):
+        writer.set([(0, 64.0078125)])
+    memory = mmap.mmap(rig.page.fd, 0)
+    posted, half = struct.pack("=Q", os.getpid() << 32 | 2), struct.pack("=Q", dead << 32 | 1)
+    at = memory.find(posted)
+    memory[at : at + 8] = half  # as if killed between claiming and posting
+    rig.run(2)
+    assert len(rig.changes) == ROOM - 1
+    assert writer.set([(0, 50.0)]) is not None
+
+
+def test_the_idle_mailbox_of_a_page_changes_nothing_between_runs():
+    page = Page(1 << 20)
+    rig = springs(2, page=page)
+    rig.run(50)
+    first = {name: values.copy() for name, values in rig.signals.items()}
+    rig.run(50)
+    assert all((first[name] == values).all() for name, values in rig.signals.items()) and rig.changes == []

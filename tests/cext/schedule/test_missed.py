@@ -1,0 +1,47 @@
+"""Answers that do not come in time are counted: a command is missed where the next goes out before it was answered."""
+
+import pytest
+
+from blocks.actuators import CubeMars
+from cext.bus.memory_bus import MemoryBus
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from graph import Diagram, compile
+
+pytestmark = pytest.mark.timing
+
+REPLY = bytes([1, 0x80, 0, 0x80, 0x08, 0, 70, 0])
+
+
+def silent_robot():
+    """A robot whose drive answers once, while it is armed, and never again."""
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee", timeout=0.0)(torque_command=0.0)
+    bus = MemoryBus()
+    bus.device.send(1, REPLY)
+    return Program(compile(robot), [bus.host])
+
+
+def test_a_drive_that_never_answers_misses_every_command_but_the_last():
+    program = silent_robot()
+    assert Executor(program, 200.0, virtual=True).run(100).status == "ok"
+    assert program.missed == {"knee": 99}
+
+
+def test_what_came_before_the_tick_from_which_on_is_counted_is_forgiven():
+    program = silent_robot()
+    program.count_from(60)
+    Executor(program, 200.0, virtual=True).run(100)
+    assert program.missed == {"knee": 40}
+
+
+def test_a_drive_that_answers_in_time_misses_none():
+    with Diagram("robot", rate=200) as robot:
+        CubeMars("AK10-9-V2.0", can_id=1, name="knee")(torque_command=0.0)
+    with Diagram("plant", rate=1000) as plant:
+        robot["knee"].emulator()(position=0.0, velocity=0.0)
+    bus = MemoryBus()
+    program = Program(compile(robot), [bus.host])
+    drive = Program(compile(plant), [bus.device])
+    Executor(program, 200.0, plant=drive, substeps=5, virtual=True).run(100)
+    assert program.missed == {"knee": 0}

@@ -1,0 +1,159 @@
+"""Between arming and tick 0: what was answered is shown, and zero torque goes on until somebody confirms. In virtual
+time.
+"""
+
+import pytest
+
+from blocks.actuators import CubeMars, EmulatedCubeMars
+from blocks.actuators.mit_frames import DISABLE, ENABLE, NOTHING
+from blocks.limiters import TorqueLimiter
+from cext.schedule.mailbox_writer import Writer
+from graph import Block, Diagram, Output
+from tests.cext.rigs import Rig, ends_in_the_safe_stop
+
+pytestmark = pytest.mark.timing
+
+ANSWERED = 5 * 3  # plant ticks after which the drive has answered, and some
+
+
+class Person(Block):
+    """In the plant: writes letters, and gives the drive a fault or takes its answers away. script : {plant tick: what
+    is called}
+    """
+
+    fault = Output("1", dtype=int)
+
+    def __init__(self, script, **options):
+        self.script = script
+        super().__init__(**options)
+
+    def step(self, tick):
+        return self.script.get(tick, int)() or 0
+
+
+class Ready:
+    def __init__(self, script):
+        with Diagram("robot", rate=200) as robot:
+            drive = CubeMars("AK10-9-V2.0", can_id=1, name="knee")
+            drive(torque_command=TorqueLimiter(limit=5.0)(2.0))
+        with Diagram("plant", rate=1000) as plant:
+            fault = Person({tick: self.act(action) for tick, action in script.items()}, name="person")()
+            EmulatedCubeMars.of(robot["knee"], name="drive")(position=0.3, velocity=0.0, fault=fault)
+        self.rig = Rig(robot, plant)
+        self.writer = Writer(self.rig.page, "keys")
+        self.tickets, self.shown = [], []
+
+    def act(self, action):
+        return (lambda: self.press(action)) if isinstance(action, str) else action
+
+    def press(self, what):
+        self.tickets.append(getattr(self.writer, what)())
+
+    def show(self):
+        self.shown.append(
+            (self.rig.page.state, self.rig.control.values[self.rig.schedule.signals["knee.position"].slot])
+        )
+
+    def torques(self):
+        """How many torque commands were sent."""
+        return sum(data not in (ENABLE, NOTHING, DISABLE) for data in self.rig.sent())
+
+    def run(self, ticks=20, confirm=True, **options):
+        return self.rig.run(ticks, fade=0.0, answered=self.show, confirm=confirm, **options)
+
+
+def test_once_all_have_answered_it_is_shown_and_nothing_but_zero_torque_follows_until_somebody_confirms():
+    ready = Ready({500: "confirm"})
+    assert ready.run().status == "ok"
+    [(state, position)] = ready.shown
+    assert state == "arming" and position == pytest.approx(0.3, abs=1e-3)
+    sent = ready.rig.sent()
+    assert sent.count(ENABLE) == 1
+    waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
+    assert 100 <= waited.count(NOTHING) <= 104  # 500 ticks of the plant are 100 rounds
+    assert ready.torques() == 20 and list(ready.rig.tick) == list(range(20))
+    assert [change.kind for change in ready.rig.changes] == [3] and ready.rig.changes[0].tick == -1
+
+
+def test_without_anybody_to_ask_it_goes_on_at_once():
+    ready = Ready({})
+    assert ready.run(confirm=False).status == "ok" and len(ready.shown) == 1
+    assert ready.torques() == 20 and ready.rig.sent().count(NOTHING) < 6
+
+
+def test_a_stop_ends_it_without_a_tick():
+    ready = Ready({500: "stop"})
+    outcome = ready.run()
+    assert outcome.status == "ok" and outcome.stopped and outcome.tick == -1 and len(ready.rig.tick) == 0
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+
+
+def test_a_word_from_before_it_was_shown_does_not_count():
+    ready = Ready({0: "confirm", 500: "stop"})
+    assert ready.run().tick == -1
+    assert ready.writer.answer(ready.tickets[0])[0] == "not now"
+
+
+def test_the_waiting_does_not_count_as_arming():
+    ready = Ready({5000: "confirm"})
+    assert ready.run(arming_timeout=0.1).status == "ok"  # 5 s later
+    assert ready.torques() == 20
+
+
+def test_a_drive_that_reports_a_fault_meanwhile_ends_it():
+    ready = Ready({tick: lambda: 5 for tick in range(300, 1000)})
+    outcome = ready.run()
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("device fault", "knee", -1)
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+
+
+def test_a_drive_that_falls_silent_meanwhile_ends_it():
+    ready = Ready({tick: lambda: ready.rig.buses["can"].host.receive() and 0 for tick in range(301, 2000)})
+    outcome = ready.run()
+    assert (outcome.status, outcome.culprit, outcome.tick) == ("silent", "knee", -1)
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
+
+
+def test_a_fence_meanwhile_ends_it():
+    ready = Ready({300: lambda: ready.rig.page.raise_fence()})
+    assert ready.run().status == "fenced"
+
+
+def test_what_cannot_be_shown_is_not_armed():
+    ready = Ready({})
+    ready.show = lambda: 1 / 0
+    outcome = ready.run()
+    assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and outcome.tick == -1
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE}
+
+
+# Where joints stand
+
+
+def test_a_joint_in_doubt_is_not_armed_until_a_later_confirmation_finds_it_clear():
+    ready, asked = Ready({500: "confirm", 700: "confirm", 900: "confirm"}), []
+
+    def permitted():
+        asked.append(ready.rig.page.state)
+        return len(asked) == 3
+
+    assert ready.run(permitted=permitted).status == "ok"
+    assert asked == ["ready"] * 3 and ready.torques() == 20
+    sent = ready.rig.sent()
+    waited = sent[: next(index for index, data in enumerate(sent) if data not in (ENABLE, NOTHING))]
+    assert 180 <= waited.count(NOTHING) <= 184, "900 ticks of the plant are 180 rounds"
+    assert [ready.writer.answer(ticket)[0] for ticket in ready.tickets] == ["not now", "not now", "taken"]
+
+
+def test_without_a_confirmation_a_joint_in_doubt_ends_the_run_with_zero_torque_alone():
+    ready = Ready({})
+    outcome = ready.run(confirm=False, permitted=lambda: False)
+    assert (outcome.status, outcome.tick) == ("unclear pose", -1) and len(ready.rig.tick) == 0
+    assert set(ready.rig.sent()) == {ENABLE, NOTHING, DISABLE} and ends_in_the_safe_stop(ready.rig)
+
+
+@pytest.mark.parametrize("confirm", [False, True])
+def test_what_cannot_tell_where_joints_stand_arms_nothing(confirm):
+    ready = Ready({500: "confirm"})
+    outcome = ready.run(confirm=confirm, permitted=lambda: 1 / 0)
+    assert outcome.status == "exception" and isinstance(outcome.error, ZeroDivisionError) and ready.torques() == 0

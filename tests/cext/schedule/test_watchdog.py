@@ -1,0 +1,287 @@
+"""The watchdog: a tick that does not come back ends with the motors stopped, in real time, by a real thread; and what
+is no hang.
+"""
+
+import ctypes
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import traceback
+from pathlib import Path
+
+import pytest
+
+from blocks.actuators import CubeMars
+from blocks.actuators.mit_frames import DISABLE, NOTHING
+from blocks.limiters import TorqueLimiter
+from cext.safety.shared_state import Page
+from graph import Block, Diagram, Input, Output
+from tests.cext.clock.test_signals import ENVIRONMENT, ROOT
+from tests.cext.rigs import Rig, plant_of
+from tests.cext.spinning import BLOCK, compiled, needs_compiler
+
+pytestmark = pytest.mark.timing
+
+RATE, AT = 200, 20
+LIMIT = 0.015  # s that a tick may work at 200 Hz
+ALLOWANCE = 0.05  # s until every motor is told, on a machine that is busy; 0.0003 where it is not
+SLACK = 0.01  # s, from the beginning of a tick to the call in it
+GUARD = 60.0  # s: there is no guardian here that could come first
+KNEES = {"left": 1, "right": 2}
+
+
+class Then(Block):
+    """2 N·m; calls something once, at a tick or the next that is not missed. called : ns, CLOCK_MONOTONIC"""
+
+    u = Input("any")
+    y = Output("N·m")
+
+    def __init__(self, action, tick=AT, **options):
+        self.action, self.when, self.called = action, tick, 0
+        super().__init__(**options)
+
+    def call(self, tick):
+        if tick >= self.when and not self.called:
+            self.called = time.monotonic_ns()
+            self.action()
+
+    def step(self, u, tick):
+        self.call(tick)
+        return 2.0
+
+
+class Slow(Then):
+    """The same, in the update phase; does not start quickly either."""
+
+    def __init__(self, action, start=lambda: None, **options):
+        self.start = start
+        super().__init__(action, **options)
+
+    def reset(self):
+        self.start()
+
+    def step(self):
+        return 2.0
+
+    def update(self, u, tick):
+        self.call(tick)
+
+
+def robot(*laws, rate=RATE, virtual=False, guard=GUARD):
+    """Two knees on buses of their own, each under a law."""
+    with Diagram("robot", rate=rate) as diagram:
+        for (side, can_id), law in zip(KNEES.items(), (*laws, *laws)):
+            knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, name=f"{side}_knee", timeout=0.0)
+            knee(torque_command=TorqueLimiter(limit=5.0, slew=math.inf)(law(side, knee)))
+    page = Page(1 << 20)
+    page.look_after(time.monotonic_ns())
+    rig = Rig(diagram, plant_of(diagram, substeps=1), virtual=virtual, page=page, guard=guard)
+    rig.called = lambda: min(
+        block.called for block in diagram if isinstance(block, Then) and block.path.startswith("left")
+    )
+    return rig
+
+
+def calls(action, kind=Then, **options):
+    """A robot whose left law calls something at tick AT."""
+    return robot(
+        lambda side, knee: kind(action if side == "left" else time.monotonic, name=f"{side}_law", **options)(
+            knee.position
+        )
+    )
+
+
+def assert_stopped(rig, outcome, culprit="left_law"):
+    """Every motor was told in time, and no torque followed."""
+    assert (outcome.status, outcome.culprit) == ("hung", culprit) and rig.page.fenced and rig.page.state == "safe"
+    assert outcome.tick >= AT and rig.tick[-1] < outcome.tick
+    assert outcome.unconfirmed == ()  # the loop has come back, and has asked
+    assert LIMIT <= outcome.hung
+    for can_id in KNEES.values():
+        said = [frame for frame in rig.frames if frame.sent and frame.id == can_id]
+        end = next(place for place, frame in enumerate(said) if frame.data == DISABLE)
+        assert [frame.data for frame in said[end - 1 :]] == [NOTHING, DISABLE] * ((len(said) - end + 1) // 2)
+        assert len(said) - end > 2  # by the watchdog, then by the loop
+        assert {NOTHING, DISABLE}.isdisjoint(rig.commands(can_id)[1:]) and len(rig.commands(can_id)) == len(rig.tick)
+        since = rig.page.began + said[end].time - rig.called()
+        assert (LIMIT - SLACK) * 1e9 <= since < (LIMIT + ALLOWANCE) * 1e9
+
+
+def forever():
+    while True:
+        pass
+
+
+def deaf():
+    """Does not let itself be broken off."""
+    try:
+        forever()
+    except KeyboardInterrupt:
+        pass
+
+
+HELD = threading.Lock()
+HELD.acquire()
+HANGS = {
+    "a loop without an end": forever,
+    "a sleep": lambda: time.sleep(10.0),
+    "C code that holds the GIL": lambda: ctypes.PyDLL(None).usleep(10_000_000),
+    "a wait for a lock": HELD.acquire,
+}
+
+
+@pytest.mark.parametrize("what", HANGS)
+def test_a_python_block_that_hangs_is_broken_off_with_the_motors_stopped(what):
+    rig = calls(HANGS[what])
+    began = time.monotonic()
+    outcome = rig.run(100)
+    assert time.monotonic() - began < 2.0
+    assert_stopped(rig, outcome)
+    assert isinstance(outcome.error, KeyboardInterrupt)
+    assert ("step", __file__) in [
+        (frame.name, frame.filename) for frame in traceback.extract_tb(outcome.error.__traceback__)
+    ]
+
+
+def test_an_update_that_hangs_is_no_different():
+    rig = calls(forever, Slow)
+    outcome = rig.run(100)
+    assert (outcome.status, outcome.culprit) == ("hung", "left_law")
+    # this tick's were out already
+    assert len(rig.commands()) == len(rig.tick) + 1 and rig.sent()[-2:] == [NOTHING, DISABLE]
+
+
+def test_a_block_that_takes_the_interrupt_for_itself_has_hung_all_the_same():
+    rig = calls(deaf)
+    outcome = rig.run(100)
+    assert_stopped(rig, outcome)
+    assert outcome.error is None
+
+
+def test_a_block_that_hangs_while_it_starts_never_sees_a_tick():
+    rigs = []
+
+    def start():
+        if rigs and rigs[0].page.state == "arming":
+            forever()
+
+    rigs.append(calls(time.monotonic, Slow, start=start))
+    outcome = rigs[0].run(100)
+    assert (outcome.status, outcome.tick) == ("hung", -1) and isinstance(outcome.error, KeyboardInterrupt)
+    assert outcome.hung >= 0.04 and rigs[0].commands() == [] and rigs[0].sent()[-4:] == [NOTHING, DISABLE] * 2
+
+
+@needs_compiler
+def test_a_native_kernel_that_spins_cannot_be_broken_and_is_told_again_and_again_meanwhile(tmp_path):
+    space = {"ctypes": ctypes, "Block": Block, "Input": Input, "Output": Output}
+    exec(BLOCK.format(library=compiled(tmp_path)), space)
+
+    class Seconds(Then):
+        y = Output("s")
+
+        def step(self, u, tick):
+            if tick < AT or self.called:
+                return 0.0
+            self.called = time.monotonic_ns()
+            return self.action()
+
+    def law(side, knee):
+        spun = space["Spin"](name=f"{side}_spin")(
+            Seconds(lambda: 0.08 if side == "left" else 0.0, name=f"{side}_seconds")(knee.position)
+        )
+        return Then(time.monotonic, tick=10**9, name=f"law_{side}")(spun)
+
+    rig = robot(law)
+    outcome = rig.run(100)
+    assert_stopped(rig, outcome, culprit="left_spin")
+    assert 0.08 <= outcome.hung < 0.25 and outcome.error is None
+    assert rig.sent().count(DISABLE) >= (0.08 - LIMIT - ALLOWANCE) / 0.005  # a round every 5 ms
+    assert rig.run(10).status == "ok" and rig.page.hung is None  # nothing of it stays behind
+
+
+def test_a_loop_on_another_thread_is_stopped_but_not_broken_off():
+    rig = calls(lambda: time.sleep(0.1))
+    found = []
+    thread = threading.Thread(target=lambda: found.append(rig.run(100)))
+    thread.start()
+    thread.join()
+    assert_stopped(rig, found[0])
+    assert 0.1 <= found[0].hung and found[0].error is None
+
+
+def test_after_it_everything_is_as_before():
+    def threads():
+        return [Path(f"/proc/self/task/{task}/comm").read_text().strip() for task in os.listdir("/proc/self/task")]
+
+    before = signal.getsignal(signal.SIGURG)
+    for action in (forever, lambda: seen.extend(threads())):
+        seen = []
+        calls(action).run(40)
+        assert signal.getsignal(signal.SIGURG) == before and "tickwork-watch" not in threads()
+    assert "tickwork-watch" in seen
+
+
+# What is no hang
+
+
+def busy(seconds):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        pass
+
+
+def test_a_tick_of_two_periods_is_late_and_no_hang():
+    rig = robot(
+        lambda side, knee: Then(lambda: busy(0.04), name=f"{side}_law", tick=10 if side == "left" else 15)(
+            knee.position
+        ),
+        rate=50,
+    )
+    outcome = rig.run(30)
+    assert outcome.status == "ok" and rig.statistics()["missed"] >= 2 and not rig.page.hung
+
+
+@pytest.mark.parametrize("options", [{"virtual": True}, {"guard": 0.0}])
+def test_without_a_rig_nobody_is_in_a_hurry(options):
+    rig = robot(lambda side, knee: Then(lambda: busy(0.06), name=f"{side}_law")(knee.position), **options)
+    assert rig.run(60).status == "ok" and rig.page.hung is None
+
+
+STOPPED = """
+import json, sys, time
+from blocks.actuators import CubeMars
+from graph import Diagram
+from tests.cext.schedule.test_watchdog import Then, busy, robot
+
+class Busy(Then):
+    "Busy for much of each tick."
+    def step(self, u):
+        busy(0.015)
+        return 2.0
+
+rig = robot(lambda side, knee: (Busy if side == "left" else Then)(time.monotonic, name=side)(knee.position), rate=25)
+print("ready", flush=True)
+outcome = rig.run(45)
+print(json.dumps([outcome.status, outcome.culprit, rig.statistics()["missed"]]))
+"""
+
+
+def test_a_machine_that_was_away_is_no_hang_neither_in_the_sleep_between_ticks_nor_within_one():
+    process = subprocess.Popen(
+        [sys.executable, "-c", STOPPED], cwd=ROOT, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout.readline() == "ready\n"
+    time.sleep(0.3)
+    for _ in range(6):
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(0.15)  # nearly four periods
+        process.send_signal(signal.SIGCONT)
+        time.sleep(0.09)
+    out, _ = process.communicate(timeout=30)
+    status, culprit, missed = json.loads(out)
+    assert (status, culprit) == ("ok", None) and missed >= 12

@@ -1,0 +1,188 @@
+"""`move` over real udp_multicast: what a drive is commanded, within its small limit, and what ends it."""
+
+import pytest
+
+from blocks.actuators.robstride import models
+from graph import compile
+from runtime.base.errors import BAD_INPUT, FAULT, OK
+from runtime.commissioning.move import build
+from tests.blocks.actuators import reference, robstride_reference
+from tests.runtime.commissioning.nodes import Mit, Nodes, Private, Servo
+from tests.runtime.runs import DISABLE, ENABLE, NOTHING, Files, finished
+
+pytestmark = pytest.mark.timing
+
+AK80_9 = reference.ranges(velocity=50.0, torque=18.0)
+STEP = 36.0 / 4095  # N·m, a code of torque
+
+
+def moved(folder, nodes, *words, duration="1"):
+    return finished(
+        "move", "3", "--model", "AK80-9", *nodes.words, "--realtime", "off", *words, "--duration", duration, cwd=folder
+    )
+
+
+def commands(drive):
+    return [data.hex().upper() for identifier, extended, data in drive.heard if identifier == 3 and not extended]
+
+
+def test_a_torque_rises_slowly_stays_within_a_tenth_of_the_rated_one_and_ends_in_the_safe_stop(tmp_path):
+    drive = Mit(3)
+    with Nodes(60, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.6", "--yes", "--record", "out")
+    assert process.returncode == OK, process.stderr
+    assert process.stdout.startswith(
+        f"AK80-9, id 3 on {nodes.channel}: torque 0.6 N·m for 1 s, torque limit 0.9 N·m (10% of rated); the run ends"
+    )
+    said = commands(drive)
+    assert said[0] == ENABLE and said.count(ENABLE) == 1 and said[-2:] == [NOTHING, DISABLE]
+    orders = [reference.read_command(AK80_9, bytes.fromhex(data)) for data in said if data not in (ENABLE, DISABLE)]
+    torques = [order["torque"] for order in orders]
+    assert max(torques) == pytest.approx(0.6, abs=STEP) and min(torques) >= -STEP
+    assert {order["stiffness"] for order in orders} == {order["damping"] for order in orders} == {0.0}
+    steps = [abs(after - before) for before, after in zip(torques, torques[1:-3])]
+    assert max(steps) < 0.9 * 2.0 * 3.0 / 200.0 + 2 * STEP  # of the limiter's slew, to the codes of the wire
+    files = Files(tmp_path / "out")
+    assert files.sidecar["missed"] == 0 or files.table["tick"][-1] == 199
+    assert max(files.table["actuator.torque_sent [N*m]"]) == pytest.approx(0.6, abs=STEP)
+
+
+@pytest.mark.soak
+def test_a_position_is_approached_by_a_weak_spring_from_where_the_joint_is(tmp_path):
+    drive = Mit(3, position=0.1)
+    with Nodes(61, drive) as nodes:
+        process = moved(tmp_path, nodes, "--position", "0.3", "--speed", "0.4", "--yes", "--no-record")
+    assert process.returncode == OK, process.stderr
+    orders = [
+        reference.read_command(AK80_9, bytes.fromhex(data))
+        for data in commands(drive)
+        if data not in (ENABLE, DISABLE, NOTHING)
+    ]
+    held = [order for order in orders if order["stiffness"] > 0.0]
+    assert max(order["stiffness"] for order in held) == pytest.approx(1.8, abs=0.13) and held[0][
+        "position"
+    ] == pytest.approx(0.1, abs=0.03)
+    positions = [order["position"] for order in held]
+    assert max(positions) == pytest.approx(0.3, abs=1e-3) and all(
+        after - before < 0.4 / 200 * 3 for before, after in zip(positions, positions[1:])
+    )
+    assert commands(drive)[-1] == DISABLE
+
+
+@pytest.mark.soak
+def test_a_robstride_is_held_at_a_velocity_by_a_damper_within_the_limit(tmp_path):
+    drive = Private(9)
+    with Nodes(64, drive) as nodes:
+        process = finished(
+            "move",
+            "9",
+            "--model",
+            "RS02",
+            *nodes.words,
+            "--realtime",
+            "off",
+            "--velocity",
+            "1",
+            "--duration",
+            "1",
+            "--yes",
+            "--no-record",
+            cwd=tmp_path,
+        )
+    assert process.returncode == OK, process.stderr
+    limits = robstride_reference.ranges(models.find("RS02"))
+    orders = [
+        robstride_reference.read_command(limits, (0x80000000 | identifier, data))
+        for identifier, _, data in drive.heard
+        if identifier >> 24 == 1
+    ]
+    assert max(order["velocity"] for order in orders) == pytest.approx(1.0, abs=0.01)
+    assert max(order["damping"] for order in orders) <= 0.6 and {order["stiffness"] for order in orders} == {0.0}
+    # a tenth of 6 N·m, from a joint that stands
+    assert max(order["damping"] * abs(order["velocity"]) for order in orders) <= 0.6
+    assert "36 °C        none" in process.stderr and drive.mode == 0
+
+
+@pytest.mark.soak
+def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
+    """An AK60-6 V1.1: 0.2 N·m over 0.078 N·m/A at the motor, behind a gear of 6, is 0.427 A."""
+    drive = Servo(4, error=0)
+    with Nodes(66, drive) as nodes:
+        process = finished(
+            "move",
+            "4",
+            "--model",
+            "AK60-6-V1.1",
+            "--servo",
+            *nodes.words,
+            "--realtime",
+            "off",
+            "--torque",
+            "0.2",
+            "--duration",
+            "1",
+            "--yes",
+            "--no-record",
+            cwd=tmp_path,
+        )
+    assert process.returncode == OK, process.stderr
+    assert "torque 0.2 N·m for 1 s, torque limit 0.3 N·m (10% of rated)" in process.stdout
+    currents = [
+        int.from_bytes(data, "big", signed=True)
+        for identifier, extended, data in drive.heard
+        if extended and identifier == 1 << 8 | 4
+    ]
+    assert max(currents) == pytest.approx(427, abs=1) and min(currents) >= 0 and currents[-1] == 0
+    assert {identifier >> 8 for identifier, extended, _ in drive.heard if extended} == {1}
+
+
+@pytest.mark.parametrize("family, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
+@pytest.mark.parametrize("kind, target", [("torque", 0.2), ("velocity", 1.0), ("position", 0.3)])
+def test_every_board_and_way_of_moving_is_proved_to_stay_inside_the_limit(family, model, kind, target):
+    schedule = compile(build(family=family, model=model, kind=kind, target=target, limit=0.5))
+    assert not schedule.warnings and all(proof.interval in proof.limit for proof in schedule.proofs)
+    assert schedule.proofs
+
+
+def test_a_motor_that_runs_away_ends_the_run(tmp_path):
+    drive = Mit(3, velocity=4.0)
+    with Nodes(62, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.5", "--fastest", "3", "--yes", "--no-record", duration="30")
+    assert process.returncode == FAULT and "too_fast" in process.stderr
+    assert commands(drive)[-1] == DISABLE
+
+
+def test_without_a_person_or_yes_nothing_is_armed(tmp_path):
+    drive = Mit(3)
+    with Nodes(63, drive) as nodes:
+        process = moved(tmp_path, nodes, "--torque", "0.5")
+    assert process.returncode == BAD_INPUT and "presses Enter" in process.stderr and drive.heard == []
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (["3"], "where to? one of --torque T, --position P and --velocity V"),
+        (["3", "--torque", "1"], "which model?"),
+        (
+            ["3", "--torque", "1", "--model", "AK80-9"],
+            "--torque 1 is beyond the limit of 0.9 N·m (10% of rated); --limit 1 allows it",
+        ),
+        (["3", "--torque", "1", "--model", "AK80-8-V3.0"], "its rated torque is not published: say a --limit"),
+        (["3", "--torque", "1", "--model", "AK80-8", "--servo", "--mit"], "not allowed with"),
+        (["3", "--torque", "10", "--model", "AK80-9"], "its rated torque is 9 N·m"),
+        (
+            ["3", "--torque", "1", "--model", "AK80-9", "--limit", "12"],
+            "--limit 12: at most the rated torque of AK80-9, 9 N·m",
+        ),
+        (["3", "--torque", "nan", "--model", "AK80-9"], "--torque nan: expected a number of N·m"),
+        (["3", "--velocity", "20", "--model", "AK80-9"], "the run ends at 10 rad/s; --fastest 40 allows it"),
+        (["3", "--position", "13", "--model", "AK80-9"], "the wire says ± 12.5 rad"),
+        (["3", "--torque", "1", "--model", "AK10-9"], "was sold with driver boards of several generations"),
+        (["3", "--torque", "1", "--model", "RS2"], "is not a RobStride model"),
+        (["3", "--torque", "1", "--position", "1", "--model", "AK80-9"], "not allowed with argument"),
+        (["3", "--torque", "1", "--model", "CyberGear", "--mit"], "the CyberGear has no MIT protocol"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_words(command_line, words, said):
+    assert said in command_line.refused("move", *words)

@@ -1,0 +1,213 @@
+"""`blocks` lists what is installed."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from blocks.actuators.cubemars import models_v3
+from blocks.actuators.cubemars.models import MODELS
+from blocks.actuators.robstride import models as robstride
+from graph.drawing.cards import summary
+from runtime.base.errors import OK
+from runtime.console.styles import Paper, length
+from runtime.diagrams.catalog import describe, libraries, listing
+from tests.runtime.diagrams.test_library import installed  # noqa: F401  (the example of a lab's library, as pip installs it)
+from tests.runtime.runs import ROOT, write
+
+
+@pytest.fixture(scope="module")
+def homes():
+    return {kind: home for library in libraries() for kind, home in library.homes.items()}
+
+
+@pytest.fixture(scope="module")
+def kinds(homes):
+    return {kind.__name__: kind for kind in homes}
+
+
+def test_every_block_of_ours_is_listed_in_one_line_with_its_first_sentence(command_line, kinds):
+    code, out, err = command_line("blocks")
+    assert (code, err) == (OK, "")
+    rows = [line.split(maxsplit=1) for line in out.splitlines() if line.startswith("    ")]
+    assert [name for name, _ in rows] == list(kinds) and {
+        "CubeMars",
+        "Butterworth",
+        "TorqueLimiter",
+        "CsvRecorder",
+    } <= set(kinds)
+    assert dict(rows)["TorqueLimiter"] == "Bounds a torque and how fast it changes: |τ| <= limit, |dτ/dt| <= slew."
+    assert all(text == summary(kinds[name]) for name, text in rows)
+    assert "  limiters  from blocks.limiters" in out and "  actuators  from blocks.actuators" in out
+
+
+def test_no_block_is_without_a_docstring_that_tells_it_in_one_sentence(kinds):
+    for name, kind in kinds.items():
+        assert 10 < len(summary(kind)) < 200, name
+
+
+def test_a_list_on_a_terminal_is_cut_at_its_edge():
+    lines = listing(libraries(), Paper(width=80), described=False)
+    assert max(length(line) for line in lines if line.startswith("    ")) <= 80 and any(
+        line.endswith("…") for line in lines
+    )
+
+
+def test_a_name_tells_docstring_ports_and_parameters(command_line):
+    code, out, err = command_line("blocks", "Impedance")
+    assert (code, err) == (OK, "")
+    lines = out.splitlines()
+    assert lines[0] == "Impedance  from blocks.controllers import Impedance" and lines[1].startswith(
+        "native; blocks.controllers.joint, line "
+    )
+    assert "  Virtual spring and damper about an equilibrium: τ = K (θ₀ − θ) − B ω. (Hogan 1985)" in lines
+    row = {line.split()[0]: line.split(maxsplit=1)[1] for line in lines if line.startswith("  ")}
+    assert row["equilibrium"].split(maxsplit=1) == ["rad", "angle θ₀ at which the spring is slack; default 0 rad"]
+    assert row["stiffness"].split(maxsplit=1) == ["N·m/rad", "K; default 30 N·m/rad; 0 to 150; live"]
+    assert row["torque"].startswith("N·m")
+
+
+def test_a_parameter_says_whether_it_may_change_while_running(command_line):
+    limit = next(
+        line for line in command_line("blocks", "TorqueLimiter")[1].splitlines() if line.startswith("  limit  ")
+    )
+    frequency = next(
+        line for line in command_line("blocks", "Notch")[1].splitlines() if line.startswith("  frequency  ")
+    )
+    assert limit.endswith("required; at least 0; may be Live") and frequency.endswith("default 50 Hz; above 0")
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["TorqueLimiter", "torque_limiter", "torquelimiter", "limiters.TorqueLimiter", "blocks.limiters:TorqueLimiter"],
+)
+def test_a_name_may_be_written_in_many_ways(command_line, name):
+    assert command_line("blocks", name)[1].startswith("TorqueLimiter  from blocks.limiters import TorqueLimiter")
+
+
+def test_the_name_of_a_family_lists_that(command_line, kinds):
+    out = command_line("blocks", "limiters")[1]
+    assert [line.split()[0] for line in out.splitlines()] == [
+        name for name, kind in kinds.items() if kind.__module__ == "blocks.limiters"
+    ]
+
+
+def test_what_the_language_defines_is_listed_where_it_is_to_be_had(command_line):
+    assert command_line("blocks", "Sum")[1].startswith("Sum  from blocks.mathematics import Sum\n")
+    assert command_line("blocks")[1].count(" Sum ") == 1
+
+
+def test_a_misspelt_name_gets_a_suggestion(command_line):
+    assert command_line.refused("blocks", "TorqueLimter") == (
+        "no block is called 'TorqueLimter': did you mean TorqueLimiter?"
+    )
+    assert command_line.refused("blocks", "buterworth") == "no block is called 'buterworth': did you mean Butterworth?"
+    assert command_line.refused("blocks", "xyzzy") == (
+        "no block is called 'xyzzy': python -m runtime blocks lists them all"
+    )
+
+
+def test_every_block_can_be_described_within_a_terminal(homes):
+    for kind, home in homes.items():
+        for line in describe(kind, home, Paper(width=100)):
+            assert length(line) <= 100 or line.startswith("   "), line  # code in a docstring stays as it is
+
+
+def test_ports_that_parameters_make_are_shown_by_an_example(command_line):
+    out = command_line("blocks", "Sum")[1]
+    assert "inputs  of an example: its parameters make them" in out and "  u1" in out and "any, any shape" in out
+
+
+def test_a_recorder_takes_any_number_of_signals(command_line):
+    assert "inputs  any number of signals; unwired, every port" in command_line("blocks", "CsvRecorder")[1]
+
+
+def told(value, spec="g"):
+    return "-" if value is None else format(value, spec)
+
+
+def test_the_models_of_actuators_are_those_of_the_table(command_line):
+    code, out, err = command_line("blocks", "--actuators")
+    assert (code, err) == (OK, "")
+    rows = {
+        words[0]: words[1:] for line in out.splitlines() if len(words := line.split()) == 10 and words[1].endswith(":1")
+    }
+    wire = ("wire_torque", "wire_velocity", "wire_position", "wire_stiffness", "wire_damping")
+    assert rows == {
+        name: [
+            f"{model.gear:g}:1",
+            *(told(getattr(model, value)) for value in ("rated", "peak", *wire)),
+            told(model.torque_constant, ".3g"),
+        ]
+        for name, model in (MODELS | models_v3.MODELS | robstride.MODELS).items()
+    }
+    assert rows["AK80-8-V3.0"][:3] == ["8:1", "-", "-"] and "CubeMarsServo in servo mode" in out
+    assert rows["RS03"] == ["9:1", "20", "60", "60", "20", "12.57", "5000", "100", "1.67"]
+    assert rows["AK80-9"] == ["9:1", "9", "18", "18", "50", "12.5", "500", "5", "0.945"]
+
+
+def test_an_unknown_library_is_told(command_line):
+    said = command_line.refused("blocks", "--from", "tikwork")
+    assert said == "no library 'tikwork' is installed that brings blocks; did you mean 'tickwork'?"
+
+
+def run(folder, *arguments, site):
+    return subprocess.run(
+        [sys.executable, "-m", "runtime", "blocks", *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])},
+    )
+
+
+def test_a_labs_library_is_listed_beside_ours(installed, tmp_path):  # noqa: F811
+    done = run(tmp_path, site=installed)
+    assert done.returncode == OK, done.stderr
+    assert (
+        "gaitlab 1.0.0  2 blocks" in done.stdout
+        and ("    CadenceMeter      Steps a minute from heel strikes: 60 over") in done.stdout
+    )
+    said = run(tmp_path, "cadence_meter", site=installed).stdout
+    assert said.startswith("CadenceMeter  from gaitlab.blocks import CadenceMeter\nPython; gaitlab.blocks, line ")
+
+
+def test_from_tells_version_author_and_what_it_was_tested_with(installed, tmp_path):  # noqa: F811
+    said = run(tmp_path, "--from", "gaitlab", site=installed).stdout.splitlines()
+    facts = {line[2:15].strip(): line[15:] for line in said if line.startswith("  ") and line[2:15].strip()}
+    assert (said[0], facts["author"], facts["about"]) == (
+        "gaitlab 1.0.0  2 blocks",
+        "The gait laboratory",
+        "Blocks of the gait laboratory",
+    )
+    assert facts["tested with"] == "tickwork>=0.1" and facts["Python"] == ">=3.10"
+    assert not any("Butterworth" in line for line in said)
+
+
+def test_a_library_that_cannot_be_imported_is_told_and_the_others_are_listed(tmp_path):
+    write(tmp_path, "import no_such_module\n", "brokenlab.py")
+    info = tmp_path / "brokenlab-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: brokenlab\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[tickwork.blocks]\nbrokenlab = brokenlab\n")
+    done = run(tmp_path, site=tmp_path)
+    assert (
+        done.returncode == OK
+        and ("brokenlab cannot be imported: ModuleNotFoundError: No module named 'no_such_module'") in done.stdout
+    )
+    assert "TorqueLimiter" in done.stdout
+
+
+def test_it_works_in_a_pipe_that_is_closed_early(tmp_path):
+    shell = f'"{sys.executable}" -m runtime blocks | head -1'
+    done = subprocess.run(
+        ["bash", "-c", shell],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )
+    assert done.stdout.startswith("tickwork") and done.stderr == ""

@@ -1,0 +1,103 @@
+"""`draw` writes pictures."""
+
+import struct
+from importlib.util import find_spec
+from shutil import which
+
+import pytest
+
+from runtime.base.errors import BAD_INPUT, OK, BadInput
+from runtime.diagrams.draw import BROWSERS, choose
+from tests.runtime.runs import KNEE_EXO, finished, knee
+
+TOOLS = [name for name in ("rsvg-convert", "inkscape", *BROWSERS) if which(name)] + (
+    ["cairosvg"] if find_spec("cairosvg") else []
+)
+
+
+def test_without_a_name_it_is_an_svg_called_like_the_diagram(command_line):
+    code, out, err = command_line("draw", KNEE_EXO)
+    assert (code, err) == (OK, "") and out.startswith("knee_exo.svg: 18 blocks, ")
+    assert (command_line.folder / "knee_exo.svg").read_text().startswith("<svg ")
+
+
+@pytest.mark.parametrize(
+    "name, form, file, begins",
+    [
+        ("a.svg", None, "a.svg", "<svg "),
+        ("a.html", None, "a.html", "<!doctype html>"),
+        ("a.mmd", None, "a.mmd", "flowchart LR"),
+        ("a", "html", "a.html", "<!doctype html>"),
+        ("a.txt", "mermaid", "a.txt", "flowchart LR"),
+        ("a", None, "a.svg", "<svg "),
+    ],
+)
+def test_the_format_is_what_was_asked_for_or_what_the_name_says(command_line, name, form, file, begins):
+    code, out, err = command_line("draw", KNEE_EXO, "-o", name, *(["--format", form] if form else []))
+    assert (code, err) == (OK, "") and out.startswith(f"{file}: 18 blocks")
+    assert (command_line.folder / file).read_text().startswith(begins)
+
+
+def test_to_standard_output(command_line):
+    code, out, err = command_line("draw", KNEE_EXO, "-o", "-", "--format", "mermaid")
+    assert (code, err) == (OK, "") and out.startswith("flowchart LR\n") and list(command_line.folder.iterdir()) == []
+    assert command_line.refused("draw", KNEE_EXO, "-o", "-", "--format", "png") == (
+        "a PNG cannot go to standard output: name a file with -o"
+    )
+
+
+def test_a_name_that_is_no_file_name_becomes_one():
+    assert choose(None, None, "left/leg & co")[1].name == "left_leg___co.svg"
+    with pytest.raises(BadInput, match="cannot be written as .pdf"):
+        choose(None, "a.pdf", "d")
+
+
+def test_a_folder_that_is_not_there_is_told_in_one_line(command_line):
+    assert command_line.refused("draw", KNEE_EXO, "-o", "no/such/a.svg") == (
+        "cannot write no/such/a.svg: No such file or directory"
+    )
+
+
+def test_a_diagram_with_mistakes_is_drawn_with_a_remark(command_line):
+    code, out, err = command_line("draw", KNEE_EXO, "--set", "left/torque_limiter.limit=30", "-o", "a.svg")
+    assert (
+        code == OK
+        and out.startswith("a.svg")
+        and err == (f"1 error drawn in red: python -m runtime check {KNEE_EXO} tells more\n")
+    )
+    assert 'class="box actuator wrong" data-path="left/knee"' in (command_line.folder / "a.svg").read_text()
+
+
+def test_all_ports_and_another_rate_are_shown_when_asked_for(command_line):
+    assert ">temperature<" not in command_line("draw", KNEE_EXO, "-o", "-")[1]
+    out = command_line("draw", KNEE_EXO, "-o", "-", "--all-ports", "--rate", "500")[1]
+    assert ">temperature<" in out and ">knee_exo, 500 Hz<" in out
+
+
+def test_no_picture_names_a_place_of_this_machine(command_line):
+    knee(command_line.folder)
+    for form in ("svg", "html", "mermaid"):
+        assert str(command_line.folder) not in command_line("draw", "robot.py", "-o", "-", "--format", form)[1]
+    assert '"made": "robot.py:' in command_line("draw", "robot.py", "-o", "-", "--format", "html")[1]
+
+
+@pytest.mark.skipif(not TOOLS, reason="nothing here turns SVG into PNG")
+def test_a_png_has_twice_the_pixels_of_the_drawing(command_line):
+    code, out, err = command_line("draw", KNEE_EXO, "-o", "a.png")
+    assert (code, err) == (OK, "")
+    data = (command_line.folder / "a.png").read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) > 20_000
+    text = command_line("draw", KNEE_EXO, "-o", "-")[1]
+    size = [float(text.split(f'{side}="', 1)[1].split('"')[0]) for side in ("width", "height")]
+    assert struct.unpack(">II", data[16:24]) == tuple(round(2 * side) for side in size)
+
+
+@pytest.mark.skipif(find_spec("cairosvg") is not None, reason="cairosvg is installed, which needs no program")
+def test_without_a_tool_it_says_how_to_get_one(tmp_path):
+    process = finished("draw", KNEE_EXO, "-o", "a.png", cwd=tmp_path, PATH=str(tmp_path))
+    assert (
+        process.returncode == BAD_INPUT
+        and "pip install cairosvg" in process.stderr
+        and "librsvg2-bin" in process.stderr
+    )
+    assert len(process.stderr.splitlines()) == 1 and list(tmp_path.iterdir()) == []

@@ -1,0 +1,93 @@
+"""--set NAME=VALUE: which text becomes which value, and who gets it."""
+
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from runtime.base.errors import BadInput
+from runtime.diagrams.file import DiagramFile, load
+from runtime.diagrams.overrides import parse_like, share_out
+from tests.runtime.runs import KNEE_EXO
+
+
+@pytest.mark.parametrize(
+    "default, text, value",
+    [
+        (1.0, "2", 2.0),
+        (1.0, "-1e-3", -1e-3),
+        (0.5, "180 deg", math.pi),
+        (1.0, "250 ms", 0.25),
+        (3, "2 m", 2.0),
+        (3, "4", 4),
+        (3, "+4", 4),
+        (3, "4.5", 4.5),
+        (True, "false", False),
+        (True, "No", False),
+        (False, "1", True),
+        (False, "YES", True),
+        ("walk", "12", "12"),
+        ("", "", ""),
+        ("", "a=b", "a=b"),
+        (None, "12", 12),
+        (None, "walk", "walk"),
+        (None, "(1.0, 2.0)", (1.0, 2.0)),
+        ((0.0,), "[1, 2]", [1, 2]),
+    ],
+)
+def test_a_text_becomes_what_the_default_is(default, text, value):
+    found = parse_like(default, "name", text)
+    assert found == value and type(found) is type(value)
+
+
+@pytest.mark.parametrize(
+    "default, text", [(1.0, "much"), (1.0, ""), (1.0, "7 apples"), (1, "one"), (True, "maybe"), (False, "2")]
+)
+def test_a_text_that_is_no_such_value_is_refused(default, text):
+    with pytest.raises(BadInput, match=f"--set name={text}: expected "):
+        parse_like(default, "name", text)
+
+
+def shared_out(settings, **functions):
+    file = DiagramFile("robot.py", SimpleNamespace(**functions), {}, {})
+    share_out(file, settings)
+    return file.build_parameters, file.plant_parameters
+
+
+def test_settings_go_to_build_to_plant_or_to_both():
+    def build(mass=70.0, gain=1.0):
+        pass
+
+    def plant(robot, mass=70.0, gait=""):
+        pass
+
+    settings = [("mass", "80"), ("gain", "2"), ("gait", "walk.csv"), ("left/knee.limit", "3")]
+    assert shared_out(settings, build=build, plant=plant) == (
+        {"mass": 80.0, "gain": 2.0},
+        {"mass": 80.0, "gait": "walk.csv"},
+    )
+
+
+def test_the_robot_is_not_for_setting():
+    with pytest.raises(BadInput, match="robot.py has no parameter 'robot'; it has mass"):
+        shared_out([("robot", "1")], plant=lambda robot, mass=1.0: None)
+
+
+def test_a_build_that_takes_any_name_gets_any():
+    assert shared_out([("anything", "3"), ("rate", "2")], build=lambda rate=1.0, **more: None) == (
+        {"anything": 3, "rate": 2.0},
+        {},
+    )
+
+
+def test_the_last_of_several_values_counts():
+    assert shared_out([("gain", "2"), ("gain", "3")], build=lambda gain=1.0: None) == ({"gain": 3.0}, {})
+
+
+def test_a_blocks_parameter_is_set_by_its_path_in_its_unit():
+    _, diagram = load(
+        KNEE_EXO, [("left/profile.scale", "0.25"), ("right/knee.offset", "10 deg"), ("left/knee.invert", "true")]
+    )
+    assert diagram["left/profile"].scale == 0.25 and diagram["right/profile"].scale == 1.0
+    assert diagram["right/knee"].offset == pytest.approx(0.17453, abs=1e-5)
+    assert diagram["left/knee"].invert is True

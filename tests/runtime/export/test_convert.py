@@ -1,0 +1,414 @@
+"""Recordings in other formats, as readers of those formats find them: every sample, in order, to the bit."""
+
+import importlib
+import json
+import math
+import os
+import re
+import resource
+import struct
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import runtime
+from runtime.base.errors import BAD_INPUT, OK
+from runtime.export import FORMATS, convert
+from tests.house import assert_one_line, copy_rooms, python
+from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
+from tests.runtime.runs import KNEE_EXO, environment
+
+ODD = [0.1, -0.0, 5e-324, 1.7976931348623157e308, math.inf, -math.inf, math.nan, 1 / 3, -2.2250738585072014e-308]
+SIGNALS = (
+    "left/knee.position rad",
+    "left/imu.gyro[0] rad/s",
+    "left/imu.gyro[1] rad/s",
+    "left/knee.fault 1 int",
+    "on.y 1 bool",
+    "left/knee.torque N·m",
+)
+
+
+def rows():
+    for tick, value in enumerate(ODD * 30):
+        yield tick + (tick > 100), value, -value, ODD[tick % 7], tick * 1000, tick % 2, float(tick)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("odd")
+    order = plan(folder, sink(CSV, "csv", columns(*SIGNALS)), stem="odd", metadata={"trial": {"subject": "S03"}})
+    record(order, [row(*values) for values in rows()])
+    return folder / "odd.mcap"
+
+
+def bits(values):
+    """Doubles as whole numbers. All NaN are one."""
+    return [struct.pack("<d", value) if value == value else b"nan" for value in values]
+
+
+def same(found, path):
+    trial = runtime.load(path)
+    assert bits(np.ravel(found["time"])) == bits(trial.time)
+    for name in trial.signals:
+        assert bits(np.ravel(found[name])) == bits(np.ravel(trial[name])), name
+
+
+def converted(command_line, recording, kind, *words):
+    code, out, err = command_line("convert", recording, "--to", kind, "-o", command_line.folder / "out", *words)
+    assert (code, err) == (OK, "")
+    return out.strip()
+
+
+def test_csv_is_what_the_recorder_has_written_byte_for_byte(command_line, recording):
+    path = converted(command_line, recording, "csv")
+    assert open(path, "rb").read() == recording.with_suffix(".csv").read_bytes()
+
+
+def test_parquet_has_every_sample_in_its_own_type_with_units(command_line, recording):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    table = parquet.read_table(converted(command_line, recording, "parquet"))
+    same({name: table[name].to_numpy(zero_copy_only=False) for name in table.column_names}, recording)
+    assert [
+        str(table.schema.field(name).type) for name in ("tick", "left/knee.fault", "on.y", "left/knee.position")
+    ] == ["int64", "int64", "bool", "double"]
+    assert (
+        table.schema.field("left/knee.torque").metadata[b"unit"].decode() == "N·m"
+        and b"S03" in table.schema.metadata[b"tickwork"]
+    )
+    assert np.array_equal(table["tick"].to_numpy(), runtime.load(recording).tick)
+
+
+def test_matlab_has_a_nested_struct_with_units_and_time(command_line, recording):
+    io = pytest.importorskip("scipy.io")
+    trial = io.loadmat(converted(command_line, recording, "mat"), simplify_cells=True)["trial"]
+    gyro = trial["left"]["imu"]["gyro"]
+    same(
+        {
+            "time": trial["time"],
+            "left/knee.position": trial["left"]["knee"]["position"],
+            "left/imu.gyro[0]": gyro[:, 0],
+            "left/imu.gyro[1]": gyro[:, 1],
+            "left/knee.fault": trial["left"]["knee"]["fault"],
+            "on.y": trial["on"]["y"],
+            "left/knee.torque": trial["left"]["knee"]["torque"],
+        },
+        recording,
+    )
+    assert (
+        trial["units"]["left"]["knee"]["torque"] == "N*m" and trial["paths"]["left"]["imu"]["gyro"] == "left/imu.gyro"
+    )
+    assert (
+        trial["fields"]["subject"] == "S03"
+        and trial["left"]["knee"]["fault"].dtype == np.int64
+        and trial["rate"] == 200
+    )
+
+
+def test_matlab_names_are_legal_and_kept_apart(command_line, tmp_path):
+    io = pytest.importorskip("scipy.io")
+    long = "x" * 70
+    signals = ("öl/for.1 m", "äl/for.1 m", "time.y m", f"{long}1.y m", f"{long}2.y m", "a.b m", "a m", "a.b.c m")
+    said = {"trial": {"größe": "1.8", "grüße": "viele"}}
+    record(
+        plan(tmp_path, sink(CSV, "csv", columns(*signals)), stem="names", metadata=said),
+        [row(0, *range(8)), row(1, *range(8))],
+    )
+    trial = io.loadmat(converted(command_line, tmp_path / "names.mcap", "mat"), simplify_cells=True)["trial"]
+    found = {}
+
+    def walk(values, paths):
+        for name, value in values.items():
+            assert name.isidentifier() and len(name) <= 63 and name.isascii()
+            if isinstance(value, dict):
+                walk(value, paths[name])
+            else:
+                found[paths[name]] = value[0]
+
+    own = ("time", "tick", "units", "paths", "fields", "rate")
+    walk({name: value for name, value in trial.items() if name not in own}, trial["paths"])
+    assert found == dict(zip((text.split()[0] for text in signals), range(8)))
+    assert trial["fields"] == {"gr__e": "1.8", "gr__e_2": "viele"}
+
+
+def table(path):
+    """(header lines, names, rows) of a file for OpenSim."""
+    head, _, body = open(path, encoding="utf-8").read().partition("endheader\n")
+    lines = [line.split("\t") for line in body.splitlines()]
+    return head.splitlines(), lines[0], [[float(word) for word in line] for line in lines[1:]]
+
+
+def test_opensim_gets_all_signals_and_the_angles_at_even_times_and_what_was_filled_in_is_told(command_line, recording):
+    code, out, err = command_line("convert", recording, "--opensim", "-o", command_line.folder / "out")
+    assert code == OK
+    assert err == "".join(
+        f"tickwork: odd.{kind}: 1 missed tick filled in, as OpenSim needs even times\n" for kind in ("sto", "mot")
+    )
+    sto, mot = out.split()
+    trial = runtime.load(recording)
+    there = [tick for tick in range(len(trial) + 1) if tick != 101]
+    for path, names in ((sto, list(trial.signals)), (mot, ["left/knee.position"])):
+        head, found, values = table(path)
+        assert head[1:5] == ["version=1", f"nRows={len(trial) + 1}", f"nColumns={1 + len(names)}", "inDegrees=no"]
+        assert found == ["time", *names] and [row[0] for row in values] == [
+            tick / 200 for tick in range(len(trial) + 1)
+        ]
+        for column, name in enumerate(names, 1):
+            assert bits(values[tick][column] for tick in there) == bits(trial[name])  # what was recorded is to the bit
+    assert sto.endswith(".sto") and mot.endswith(".mot") and "units=s\trad\trad/s" in open(sto, encoding="utf-8").read()
+    column = list(trial.signals).index("left/knee.torque") + 1
+    assert table(sto)[2][101][column] == pytest.approx(0.5 * (table(sto)[2][100][column] + table(sto)[2][102][column]))
+
+
+def test_signals_get_the_names_of_coordinates(command_line, recording):
+    names = command_line.folder / "names.toml"
+    names.write_text('"left/knee.position" = "knee_angle_l"\n"left/imu.gyro[1]" = "turn"\n')
+    code, out, _ = command_line(
+        "convert", recording, "--to", "sto", "--names", names, "-o", command_line.folder / "out"
+    )
+    trial = runtime.load(recording)
+    assert code == OK and table(out.strip())[1] == [
+        "time",
+        *({"left/knee.position": "knee_angle_l", "left/imu.gyro[1]": "turn"}.get(name, name) for name in trial.signals),
+    ]
+    assert "left/imu.gyro[1] is in rad/s: .mot holds coordinates" in command_line.refused(
+        "convert", recording, "--to", "mot", "--names", names
+    )
+    names.write_text('"left/knee.position" = "knee_angle_l"\n')
+    _, out, _ = command_line(
+        "convert", recording, "--to", "mot", "--rate", "100", "--names", names, "-o", command_line.folder / "out"
+    )
+    head, found, values = table(out.strip())
+    assert found == ["time", "knee_angle_l"] and np.allclose(np.diff([row[0] for row in values]), 0.01)
+
+
+@pytest.mark.parametrize(
+    "text, told",
+    [
+        (
+            '"left/knee.positoin" = "k"',
+            "odd.mcap has no signal 'left/knee.positoin': did you mean 'left/knee.position'?",
+        ),
+        ('left/knee.position = "k"', "it is not TOML: "),
+        (
+            'knee.position = "k"',
+            '\'knee\' has no name of a coordinate; write "left/knee.position" = "knee_angle_l", both in quotes',
+        ),
+        ('"left/knee.position" = 3', "'left/knee.position' has no name of a coordinate"),
+        ('"left/knee.position" = "knee angle"', "'knee angle' is not a name of a column"),
+        ('"left/knee.position" = ""', "'' is not a name of a column"),
+        ('"left/knee.position" = "time"', "'time' is already the name of the time"),
+        ('"left/knee.position" = "k"\n"left/knee.torque" = "k"', "'k' is already the name of 'left/knee.position'"),
+        ("", "it names no signal"),
+        (b"\xff", "it is not UTF-8 text"),
+        (None, "No such file or directory"),
+    ],
+)
+def test_names_that_are_wrong_are_told_in_one_line(command_line, recording, text, told):
+    names = command_line.folder / "names.toml"
+    if text is not None:
+        names.write_bytes(text if isinstance(text, bytes) else text.encode())
+    refused = command_line.refused("convert", recording, "--to", "sto", "--names", names)
+    assert refused.startswith("--names ") and told in refused and "\n" not in refused
+
+
+def test_names_are_for_opensim(command_line, recording):
+    assert command_line.refused("convert", recording, "--to", "csv", "--names", "x") == (
+        "--names is for OpenSim: add --to sto, --to mot or --opensim"
+    )
+
+
+def test_opensims_older_reader_finds_as_many_names_as_columns(command_line, tmp_path):
+    """It parts the line of names at spaces as well as tabs, and reads settings from every line of the header with = in
+    it.
+    """
+    signals = [
+        {**column, "path": path}
+        for column, path in zip(columns(*["a.x m"] * 4), ("leg/a b.x", "leg/a_b.x", "leg/a\u2003b.x", "c.x"))
+    ]
+    record(plan(tmp_path, sink(CSV, "csv", signals), stem="names", name="a=b"), [row(0, *range(4))])
+    lines = open(converted(command_line, tmp_path / "names.mcap", "sto"), encoding="utf-8").read().splitlines()
+    head = dict(line.split("=") for line in lines[1 : lines.index("endheader")])
+    names, values = (line.split() for line in lines[lines.index("endheader") + 1 :])
+    assert lines[0] == "a_b" and head["nColumns"] == "5" and head["DataType"] == "double"
+    assert names == ["time", "leg/a_b.x", "leg/a_b.x_2", "leg/a_b.x_3", "c.x"] and values == [
+        "0.0",
+        "0.0",
+        "1.0",
+        "2.0",
+        "3.0",
+    ]
+
+
+def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
+    record(plan(tmp_path, sink(CSV, "csv", columns("a.x m")), stem="other"), [row(0, 1.0)])
+    assert "has no joint angle" in command_line.refused("convert", tmp_path / "other.mcap", "--to", "mot")
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
+def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, kind):
+    """Who finds a file that a conversion was writing when it was killed must not take it for the trial."""
+    module = importlib.import_module(FORMATS[kind])
+    if kind in ("parquet", "mat"):
+        pytest.importorskip({"parquet": "pyarrow", "mat": "scipy"}[kind])
+    write, found = module.write, []
+
+    def watched(trial, path, progress):
+        write(trial, path, progress)
+        found.append([(tmp_path / f"odd.{kind}").stat().st_size, os.path.getsize(path) > 1000])
+
+    monkeypatch.setattr(module, "write", watched)
+    path = convert(runtime.load(recording), kind, str(tmp_path / "odd"))
+    assert found == [[0, True]] and [str(file) for file in tmp_path.iterdir()] == [path]
+
+
+def test_nothing_is_overwritten(command_line, recording):
+    first, second = (converted(command_line, recording, "csv") for _ in range(2))
+    assert second.endswith("odd-2.csv") and open(first).read() == open(second).read()
+
+
+@pytest.mark.parametrize(
+    "words, made",
+    [
+        ("convert {} --to csv -o out", "out/odd.csv"),
+        pytest.param("convert {} --to parquet,mat,sto,mot,mcap,rrd -o out", "out/odd.rrd", marks=pytest.mark.soak),
+        pytest.param("plot {} on.y -o on.svg", "on.svg", marks=pytest.mark.soak),
+        pytest.param("plot {} --strides --events on.y left/knee.torque -o on.svg", "", marks=pytest.mark.soak),
+        pytest.param("diff {0} {0}", "", marks=pytest.mark.soak),
+    ],
+)
+def test_commands_that_read_need_nothing_that_was_compiled(tmp_path, recording, words, made):
+    rooms = copy_rooms(tmp_path / "clone", built=False)
+    process = python("-m", "runtime", *words.format(recording).split(), cwd=rooms)
+    assert process.stderr == "" or not made and "holds no whole stride" in process.stderr, process.stderr
+    assert not made or (rooms / made).stat().st_size > 1000
+
+
+def test_commands_that_run_say_what_to_do_where_nothing_was_compiled(tmp_path):
+    rooms = copy_rooms(tmp_path / "clone", built=False)
+    assert_one_line(python("-m", "runtime", "check", "robot.py", cwd=rooms), "is not built")
+
+
+def test_at_another_rate(command_line, recording):
+    path = converted(command_line, recording, "csv", "--rate", "50")
+    assert len(open(path).readlines()) == 1 + len(runtime.load(recording).resample(50))
+
+
+@pytest.mark.parametrize(
+    "kind, module, extra", [("parquet", "pyarrow", "parquet"), ("mat", "scipy", "matlab"), ("rrd", "rerun", "rerun")]
+)
+def test_a_library_that_is_missing_is_told_with_the_extra_that_brings_it(
+    command_line, recording, monkeypatch, kind, module, extra
+):
+    for name in [name for name in sys.modules if name.partition(".")[0] == module]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, module, None)
+    assert f"needs {module}: pip install 'tickwork[{extra}]'" in command_line.refused(
+        "convert", recording, "--to", kind
+    )
+
+
+def test_what_cannot_be_read_or_written_is_told_in_one_line(command_line, recording, tmp_path):
+    assert command_line.refused("convert", recording) == (
+        "to which format? --to mcap|csv|parquet|mat|rrd|sto|mot, or --opensim"
+    )
+    assert command_line.refused("convert").startswith("which recording? name the .mcap file of a run")
+    assert command_line.refused("convert", recording, "--to", " , ").startswith("to which format?")
+    assert (
+        command_line("convert", recording, "--to", ".CSV,", "-o", tmp_path)[0] == OK and (tmp_path / "odd.csv").exists()
+    )
+    assert command_line.refused("convert", recording, "--to", "cvs") == (
+        "--to cvs: there is no format 'cvs'; did you mean 'csv'?"
+    )
+    assert command_line.refused("convert", "nothing.mcap", "--to", "csv") == "nothing.mcap: No such file or directory"
+    (tmp_path / "file").write_text("")
+    code, out, err = command_line("convert", recording, "--to", "csv", "-o", tmp_path / "file")
+    assert code == BAD_INPUT and "cannot write into file: that is a file" in err and len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "kind, told", [("csv", "File too large"), pytest.param("rrd", ".*is the disk full\\?", marks=pytest.mark.soak)]
+)
+def test_a_disk_that_is_full_leaves_nothing_behind_and_is_told_in_one_line(recording, tmp_path, kind, told):
+    """A file may not grow beyond 2000 bytes."""
+    if kind == "rrd":
+        pytest.importorskip("rerun")
+    process = subprocess.run(
+        [sys.executable, "-m", "runtime", "convert", recording, "--to", kind, "-o", "out"],
+        cwd=tmp_path,
+        text=True,
+        env=environment(PYTHONDONTWRITEBYTECODE="1"),
+        capture_output=True,
+        timeout=120,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)),
+    )
+    assert (process.returncode, process.stdout) == (BAD_INPUT, "") and list((tmp_path / "out").iterdir()) == []
+    assert re.fullmatch(f"tickwork: cannot write out/odd.{kind}: {told}\n", process.stderr)
+
+
+def test_a_whole_run_is_the_same_in_every_format(command_line, tmp_path):
+    code, out, err = command_line(KNEE_EXO, "--fast", "--duration", "6", "--record", tmp_path / "run")
+    assert code == OK, err
+    [path] = (tmp_path / "run").glob("*.mcap")
+    assert open(converted(command_line, path, "csv"), "rb").read() == path.with_suffix(".csv").read_bytes()
+    told = json.loads(path.with_suffix(".json").read_text())["strides"][0]
+    strides = runtime.load(path).strides("left/knee.position")
+    assert len(strides) == told["strides"] >= 2
+    # rad; over time here, over the phase there
+    assert np.abs(strides.mean(axis=0) - told["curves"]["angle"]["mean"]).max() < 0.02
+
+
+def test_what_is_no_recording_is_told_apart_with_what_to_do(command_line, recording):
+    from mcap.writer import Writer
+
+    folder = command_line.folder
+    whole = recording.read_bytes()
+    for name, content in (
+        ("trial.mcap", whole),
+        ("trial.csv", b"time [s],tick\n"),
+        ("empty.mcap", b""),
+        ("head.mcap", whole[:300]),
+    ):
+        (folder / name).write_bytes(content)
+    with open(folder / "other.mcap", "wb") as file:
+        writer = Writer(file)
+        writer.start(library="rosbag2")
+        writer.finish()
+    for name, told in (
+        ("trial.csv", "trial.csv is no recording of Tickwork: trial.mcap is"),
+        ("empty.mcap", "empty.mcap was cut off before its first tick: there is nothing in it"),
+        ("head.mcap", "head.mcap was cut off before its first tick: there is nothing in it"),
+        ("other.mcap", "other.mcap is an MCAP file of something else (rosbag2): only recordings of Tickwork are read"),
+        ("trail.mcap", "trail.mcap: No such file or directory: did you mean trial.mcap?"),
+        (".", ". is a folder: name the recordings in it, as in *.mcap"),
+    ):
+        assert command_line.refused("convert", name, "--to", "csv") == told
+
+
+@pytest.mark.parametrize(
+    "damage, told",
+    [
+        (lambda whole, at: whole[:at] + whole[at + 5 :], "is damaged from byte"),
+        (lambda whole, at: whole[:at] + b"\xff" * 30 + whole[at:], "is damaged from byte"),
+        (lambda whole, at: whole[:at], "is not complete: it was cut off, or is still being recorded"),
+    ],
+)
+def test_a_file_that_is_not_whole_is_converted_as_far_as_it_is_good_and_that_is_told(
+    command_line, recording, damage, told
+):
+    file = command_line.folder / "torn.mcap"
+    file.write_bytes(damage(recording.read_bytes(), recording.stat().st_size // 2))
+    code, out, err = command_line("convert", file, "--to", "csv")
+    trial = runtime.load(file)
+    assert (
+        code == OK
+        and err.startswith(f"tickwork: torn.mcap {told}")
+        and err.endswith(f", {len(trial)} ticks until {trial.time[-1]:g} s\n")
+    )
+    assert 100 < len(trial) < 200 and not trial.complete
+    assert (
+        open(out.strip(), "rb").readlines()
+        == recording.with_suffix(".csv").read_bytes().splitlines(keepends=True)[: 1 + len(trial)]
+    )

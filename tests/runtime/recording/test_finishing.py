@@ -1,0 +1,229 @@
+"""Recordings whose recorder was killed become whole files, of which nothing is lost, and the original stays."""
+
+import fcntl
+import io
+import os
+import random
+import signal
+import subprocess
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import runtime
+from runtime.base.errors import OK, BadInput
+from runtime.export import convert
+from runtime.recording.repair import MendingFailed, finish
+from tests.runtime.recorder.rerun.test_rerun import program
+from tests.runtime.recorder.running import CSV, columns, frame, leg, plan, record, row, run, sink
+from tests.runtime.recorder.test_mcap import unfinished
+from tests.runtime.runs import KNEE_EXO, descendant, started, writer_of
+from tests.runtime.terminals import patient
+
+BUSES = ["legs", "arms"]
+
+
+def part(folder, stem, ticks, drains_from=0, number=1):
+    """A recording with a frame a bus and tick, and one that is sent before the first drain."""
+    records = [frame(0, 0x99, b"first", sent=1)]
+    for tick in ticks:
+        time = 1_000_000 * tick
+        records += [
+            (4, time.to_bytes(8, "little", signed=True)),
+            frame(time, 1, bytes([tick % 256])),
+            frame(time + 1, 2, b"", bus=1),
+            row(tick, tick / 3.0),
+        ]
+    record(
+        plan(folder, sink(CSV, "csv", columns("left/knee.position rad")), stem=stem, buses=BUSES, part=number), records
+    )
+    return folder / f"{stem}.mcap"
+
+
+def content(trial):
+    return (
+        trial.tick.tolist(),
+        trial.rows.tobytes(),
+        trial.frames,
+        trial.events,
+        trial.end,
+        trial.diagram,
+        {**trial.about, "part": 1},
+    )
+
+
+def converted(command_line, *words):
+    code, out, err = command_line("convert", *words)
+    assert code == OK, err
+    return [command_line.folder / line for line in out.splitlines()], err
+
+
+def indexed(path):
+    """Messages that the mcap package's own reader finds by the index."""
+    reader = make_reader(io.BytesIO(path.read_bytes()), validate_crcs=True)
+    assert reader.get_summary().chunk_indexes
+    return [
+        (channel.topic, message.log_time, message.data)
+        for _, channel, message in reader.iter_messages(log_time_order=False)
+    ]
+
+
+def test_a_finished_recording_is_copied_to_the_byte(command_line):
+    diagram, plant = leg()
+    run(diagram, command_line.folder, 12, plant=plant)
+    [path], err = converted(command_line, "leg.mcap", "--to", "mcap")
+    assert (
+        path.name == "leg-2.mcap" and err == "" and path.read_bytes() == (command_line.folder / "leg.mcap").read_bytes()
+    )
+
+
+def test_one_that_was_cut_off_becomes_a_file_beside_it_that_viewers_open(command_line):
+    diagram, plant = leg()
+    run(diagram, command_line.folder, 12, plant=plant)
+    cut = command_line.folder / "leg.mcap"
+    cut.write_bytes(unfinished(cut.read_bytes())[:-2500])
+    before, data = runtime.load(cut), cut.read_bytes()
+    [path], err = converted(command_line, "leg.mcap", "--to", "mcap")
+    assert err.startswith("tickwork: leg.mcap is not complete: it was cut off") and cut.read_bytes() == data
+    assert content(runtime.load(path)) == content(before) and not runtime.load(path).complete
+    assert [name for name, _, _ in indexed(path)].count("/tickwork/tick") == len(before) > 5
+    [same], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
+    assert same == cut and cut.read_bytes() == path.read_bytes()
+    [again], err = converted(command_line, "leg.mcap", "--to", "mcap", "--in-place")
+    assert (
+        again == cut
+        and cut.read_bytes() == path.read_bytes()
+        and ("was cut off, and what there is of it was completed later") in err
+    )
+
+
+@pytest.mark.soak
+def test_after_kill_9_of_everything_the_file_becomes_whole(command_line):
+    folder = command_line.folder
+    run = started(KNEE_EXO, "--duration", "60", "--record", folder, cwd=folder)
+    [path] = patient(lambda: list(folder.glob("*.mcap")))
+    patient(lambda: path.stat().st_size > 300_000)
+    for pid in (descendant(run.pid, "runtime.recorder.process"), writer_of(run.pid), run.pid):
+        os.kill(pid, signal.SIGKILL)
+    run.communicate()
+    before = runtime.load(path)
+    assert len(before) > 100 and not before.complete
+    [whole], err = converted(command_line, path, "--to", "mcap")
+    assert "is not complete: it was cut off" in err and content(runtime.load(whole)) == content(before)
+    assert [name for name, _, _ in indexed(whole)].count("/tickwork/tick") == len(before)
+    [same], err = converted(command_line, path, "--to", "mcap", "--in-place")
+    assert same.read_bytes() == whole.read_bytes()
+    if find_spec("rerun"):
+        done = subprocess.run([program(), "mcap", "check", str(same)], capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0 and "/left" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("further", [pytest.param(0, marks=pytest.mark.soak), 10])
+def test_parts_become_one_recording(command_line, further):
+    """further : ticks that a recorder which was stopped had written, and the next one did too."""
+    folder = command_line.folder
+    first = part(folder, "cut", range(110 + further))
+    first.write_bytes(unfinished(first.read_bytes())[: -700 if further else -2000])
+    last = len(runtime.load(first)) - further
+    part(folder, "cut_part2", range(last, 200), number=2)
+    part(folder, "cut_part3", range(200, 300), number=3)
+    before, names = runtime.load(first), {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert len(before.parts) == 3 and before.tick.tolist() == list(range(300)) and before.complete
+    [path], err = converted(command_line, "cut.mcap", "--to", "mcap", "-o", "out")
+    whole = runtime.load(path)
+    assert path.name == "cut.mcap" and len(whole.parts) == 1 and whole.complete and err == ""
+    assert content(whole) == content(before) and len(indexed(path)) > 3 * 300
+    assert {name: (folder / name).read_bytes() for name in names} == names
+    paths, err = converted(command_line, "cut.mcap", "--to", "mcap", "--in-place")
+    assert [path.name for path in paths] == ["cut.mcap", "cut_part2.mcap", "cut_part3.mcap"] and content(
+        runtime.load(first)
+    ) == content(before)
+
+
+def test_a_recording_whose_first_part_is_empty_begins_with_the_second(command_line):
+    (command_line.folder / "late.mcap").write_bytes(b"")
+    part(command_line.folder, "late_part2", range(5), number=2)
+    [path], err = converted(command_line, "late.mcap", "--to", "mcap")
+    assert (
+        path.name == "late-2.mcap"
+        and runtime.load(path).about["part"] == 1
+        and np.array_equal(runtime.load(path).tick, np.arange(5))
+    )
+
+
+def test_what_is_damaged_is_copied_as_far_as_it_is_good_but_not_finished_in_place(command_line):
+    path = part(command_line.folder, "torn", range(100))
+    data = unfinished(path.read_bytes())
+    path.write_bytes(data[:10_000] + data[10_005:])
+    [copy], err = converted(command_line, "torn.mcap", "--to", "mcap")
+    assert (
+        "torn.mcap is damaged from byte" in err
+        and np.array_equal(runtime.load(copy).tick, runtime.load(path).tick)
+        and len(runtime.load(copy)) > 10
+    )
+    code, out, err = command_line("convert", "torn.mcap", "--to", "mcap", "--in-place")
+    assert (
+        code == 2
+        and "`convert` writes what stands before into a new file" in err
+        and path.read_bytes() == data[:10_000] + data[10_005:]
+    )
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(3))
+def test_whatever_garbage_a_file_holds_it_is_finished_as_it_is_read_or_left_alone(command_line, seed):
+    diagram, plant = leg()
+    run(diagram, command_line.folder, 12, plant=plant)
+    whole, order, path = (
+        (command_line.folder / "leg.mcap").read_bytes(),
+        random.Random(seed),
+        command_line.folder / "torn.mcap",
+    )
+    refused = 0
+    for _ in range(300):
+        data = bytearray(order.choice([whole, unfinished(whole)]))
+        for _ in range(order.choice([1, 1, 3])):
+            at, length = order.randrange(len(data)), order.randrange(1, 30)
+            data[at : at + order.choice([0, 1, length])] = order.choice(
+                [b"", order.randbytes(1), order.randbytes(length)]
+            )
+        path.write_bytes(data)
+        try:
+            before = content(runtime.load(path))
+            made = convert(runtime.load(path), "mcap", str(command_line.folder / "copy"))
+            os.unlink(made)
+        except BadInput:
+            before = None
+        try:
+            finish(path)
+        except MendingFailed:
+            assert path.read_bytes() == data
+            refused += 1
+        else:
+            assert before is None or content(runtime.load(path)) == before
+    assert 50 < refused < 250
+
+
+def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line):
+    path = part(command_line.folder, "a", range(3))
+    data = path.read_bytes()
+    for old, new, told in (
+        (b'"path"', b'"pith"', "its about.json does not say which signals it has"),
+        (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of"),
+    ):
+        path.write_bytes(data.replace(old, new, 1))
+        assert command_line.refused("convert", "a.mcap", "--to", "csv") == f"a.mcap is damaged: {told}"
+
+
+def test_what_cannot_be_is_told_in_one_line(command_line):
+    path = part(command_line.folder, "a", range(3))
+    assert command_line.refused("convert", path, "--to", "mcap", "--rate", "50") == (
+        "--to mcap keeps every sample as it was recorded: --rate is for the other formats"
+    )
+    for words in (["--to", "csv"], ["--to", "mcap,csv"], ["--to", "mcap", "-o", "out"], ["--opensim"]):
+        assert command_line.refused("convert", path, *words, "--in-place") == "--in-place goes with --to mcap alone"
+    with open(path, "rb") as recorder:
+        fcntl.flock(recorder, fcntl.LOCK_EX)
+        assert command_line.refused("convert", path, "--to", "mcap", "--in-place") == "a.mcap is still being recorded"

@@ -1,0 +1,282 @@
+"""A recording that was cut off is finished later, as independent readers find it, whatever was killed meanwhile."""
+
+import fcntl
+import io
+import os
+import random
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+
+import runtime
+from runtime.base.errors import BadInput
+from runtime.recording.mcap_file import CHUNK_HEAD
+from runtime.recording.reader import MAGIC
+from runtime.recording.repair import Backlog, Mending, MendingFailed, walk
+from tests.runtime.recorder.running import CSV, columns, leg, plan, record, row, run, sink
+from tests.runtime.recorder.test_mcap import chunks, unfinished
+from tests.runtime.runs import environment
+
+LEAST = 50  # bytes: magic and header
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """A finished recording with frames, rows and events."""
+    folder = tmp_path_factory.mktemp("short")
+    diagram, plant = leg()
+    run(diagram, folder, 12, plant=plant)
+    return (folder / "leg.mcap").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory):
+    """One of three pieces and a bit."""
+    folder = tmp_path_factory.mktemp("long")
+    record(
+        plan(folder, sink(CSV, "a", columns(*(f"a.x{index} m" for index in range(40)))), stem="long"),
+        [row(k, *[float(k)] * 40) for k in range(2100)],
+    )
+    data = (folder / "long.mcap").read_bytes()
+    assert len(chunks(data)) == 4
+    return data
+
+
+def mended(path, data):
+    path.write_bytes(data)
+    Mending(str(path)).finish()
+    return path.read_bytes()
+
+
+def indexed(data):
+    """What the mcap package's own reader finds by the index of chunks, its checksums looked at: [(topic, message)]."""
+    reader = make_reader(io.BytesIO(data), validate_crcs=True)
+    summary = reader.get_summary()
+    found = [(channel.topic, message) for _, channel, message in reader.iter_messages(log_time_order=False)]
+    assert summary.statistics.message_count == len(found) == sum(summary.statistics.channel_message_counts.values())
+    assert {attachment.name for attachment in reader.iter_attachments()} == {
+        index.name for index in summary.attachment_indexes
+    }
+    return found
+
+
+def streamed(data):
+    """All messages that are whole, one behind the other."""
+    found, topics = [], {}
+    try:
+        for item in StreamReader(io.BytesIO(data), record_size_limit=None).records:
+            if isinstance(item, Channel):
+                topics[item.id] = item.topic
+            elif isinstance(item, Message):
+                found.append((topics[item.channel_id], item))
+    except (McapError, EOFError, struct.error):
+        pass
+    return found
+
+
+def read(path):
+    """All that our own reader tells, or that it cannot."""
+    try:
+        trial = runtime.load(path)
+    except BadInput as error:
+        return str(error)
+    return trial.tick.tolist(), trial.rows.tobytes(), trial.frames, trial.events, trial.about, trial.end, trial.diagram
+
+
+def cut_and_mended(path, data, cut):
+    """Cut off at a byte, both readers see the same before and after, and mending again changes nothing."""
+    path.write_bytes(data[:cut])
+    before, messages = read(path), streamed(unfinished_of(data)[:cut])
+    try:
+        Mending(str(path)).finish()
+    except MendingFailed as error:
+        assert cut < LEAST and "there is nothing to finish" in str(error) and path.read_bytes() == data[:cut]
+        return
+    after = path.read_bytes()
+    assert indexed(after) == messages and read(path) == before
+    assert isinstance(before, str) or runtime.load(path).complete == (before[5] is not None)  # its end had been written
+    assert not Mending(str(path)).finish() and path.read_bytes() == after
+
+
+def unfinished_of(data, known={}):
+    """Heads of chunks hide a cut chunk's messages from others' readers."""
+    if data not in known:
+        known[data] = unfinished(data) if data.endswith(b"\x89MCAP0\r\n") else data
+    return known[data]
+
+
+@pytest.mark.parametrize("step", [211, pytest.param(1, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("heads", ["room", "chunks"])
+def test_cut_off_at_any_byte_it_is_finished_with_every_message_that_was_whole(tmp_path, short, heads, step):
+    data = short if heads == "chunks" else unfinished(short)
+    for cut in range(len(data) % step, len(data) + 1, step):
+        cut_and_mended(tmp_path / "cut.mcap", data, cut)
+
+
+@pytest.mark.parametrize("heads", ["room", "chunks"])
+def test_so_it_is_around_the_ends_of_pieces(tmp_path, long, heads):
+    data = long if heads == "chunks" else unfinished(long)
+    edges = [index.chunk_start_offset for index in chunks(long)]
+    first = chunks(long)[0]
+    indices = first.chunk_start_offset + first.chunk_length
+    for cut in (
+        indices,
+        indices + 1,
+        indices + 16000,
+        edges[1] - 1,
+        edges[1],
+        edges[1] + 48,
+        edges[1] + 49,
+        edges[1] + 50,
+        edges[3] + 5000,
+        len(data) - 1,
+    ):
+        cut_and_mended(tmp_path / "cut.mcap", data, cut)
+
+
+def test_what_has_all_its_messages_becomes_what_its_recorder_would_have_made_of_it(tmp_path, short, long):
+    for whole in (short, long):
+        # zeros: what a power cut leaves
+        for data in (unfinished(whole), unfinished(whole)[:-3], whole[:-1], whole[:-30] + bytes(30)):
+            assert mended(tmp_path / "a.mcap", data) == whole
+
+
+def test_killed_between_any_two_of_its_writes_it_can_be_mended_again(tmp_path, long):
+    """Some rooms have become chunks, in any order, one of them half, and the end is there in part or as a whole."""
+    path, order = tmp_path / "a.mcap", random.Random(3)
+    data_end = max(
+        index.offset + index.length for index in make_reader(io.BytesIO(long)).get_summary().attachment_indexes
+    )
+    for _ in range(20):
+        data = bytearray(unfinished(long))
+        for index in chunks(long):
+            done = order.choice([0, 0, 9, 30, CHUNK_HEAD.size, CHUNK_HEAD.size])
+            data[index.chunk_start_offset : index.chunk_start_offset + done] = long[
+                index.chunk_start_offset : index.chunk_start_offset + done
+            ]
+        assert (
+            mended(path, bytes(data[: order.choice([data_end, order.randrange(data_end, len(data)), len(data)])]))
+            == long
+        )
+
+
+def test_a_disk_that_is_full_stops_it_and_later_it_goes_on(tmp_path, short):
+    """The file may not grow beyond some size."""
+    path, data = tmp_path / "a.mcap", unfinished(short)[:-300]
+    whole = mended(path, data)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for limit in range(len(data) - 2000, len(whole), 97):
+        path.write_bytes(data)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+        try:
+            with pytest.raises(OSError):
+                Mending(str(path)).finish()
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        assert Mending(str(path)).finish() and path.read_bytes() == whole
+
+
+@pytest.mark.soak
+def test_kill_9_while_it_mends_leaves_what_can_be_mended(tmp_path, long):
+    path, cut = tmp_path / "a.mcap", unfinished(long)[:-50_000]
+    whole, order = mended(path, cut), random.Random(5)
+    for _ in range(25):
+        path.write_bytes(cut)
+        process = subprocess.Popen(
+            [
+                sys.executable,
+                "-c",
+                "import sys\nfrom runtime.recording.repair import Mending\nmending = "
+                "Mending(sys.argv[1])\nmending.look()\n"
+                "print(flush=True)\nmending.finish()",
+                path,
+            ],
+            env=environment(),
+            stdout=subprocess.PIPE,
+        )
+        process.stdout.readline()
+        time.sleep(order.uniform(0.0, 0.03))
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        Mending(str(path)).finish()
+        assert path.read_bytes() == whole
+
+
+def test_what_is_damaged_is_left_as_it_is(tmp_path, long):
+    path, sound = tmp_path / "a.mcap", unfinished(long)
+    stream = io.BytesIO(sound)
+    stream.seek(len(MAGIC))
+    middle = next(at for at, _, _ in walk(stream, len(MAGIC)) if at > len(sound) // 2)  # where a record begins
+    for data in (sound[:middle] + b"\xff" * 30 + sound[middle + 30 :], sound[:middle] + sound[middle + 5 :]):
+        path.write_bytes(data)
+        with pytest.raises(
+            MendingFailed,
+            match=r"a\.mcap is damaged from byte \d+ of \d+ on: `convert` writes what "
+            r"stands before",
+        ):
+            Mending(str(path)).finish()
+        assert path.read_bytes() == data
+
+
+def test_a_checksum_that_was_wrong_stays_wrong(tmp_path, long):
+    place = chunks(long)[1].chunk_start_offset + 200  # in the middle of a double
+    spoilt = bytearray(long[:-1])
+    spoilt[place] ^= 0xA5
+    found = mended(tmp_path / "a.mcap", bytes(spoilt))
+    assert len(found) == len(long) and "a checksum is wrong" in runtime.load(tmp_path / "a.mcap").trouble
+    with pytest.raises(ValueError, match="crc validation failed"):
+        indexed(found)
+
+
+def test_a_file_that_is_being_recorded_or_is_something_else_is_left_alone(tmp_path, short):
+    path = tmp_path / "a.mcap"
+    path.write_bytes(unfinished(short)[:-9])
+    with open(path, "rb") as other:
+        fcntl.flock(other, fcntl.LOCK_EX)
+        with pytest.raises(MendingFailed, match="a.mcap is still being recorded"):
+            Mending(str(path))
+    for data in (b"", b"time,tick\n1,2\n", short[:12], short[: LEAST - 20].replace(b"tickwork", b"ros2bag2")):
+        path.write_bytes(data)
+        with pytest.raises(MendingFailed, match="there is nothing to finish"):
+            Mending(str(path)).finish()
+        assert path.read_bytes() == data
+
+
+def test_a_backlog_is_looked_through_in_slices_and_tells_what_it_could_not_finish(tmp_path, long):
+    paths = [str(tmp_path / f"{number}.mcap") for number in range(4)]
+    contents = unfinished(long)[:-9], b"", unfinished(long)[:500_000] + unfinished(long)[500_001:], long
+    for path, content in zip(paths, contents):
+        with open(path, "wb") as file:
+            file.write(content)
+    backlog = Backlog([*paths, str(tmp_path / "gone.mcap")])
+    slices = 0
+    while backlog.look():
+        slices += 1
+    # so far it has only looked
+    assert 10 < slices < 30 and [open(path, "rb").read() for path in paths] == list(contents)
+    problems = backlog.finish()
+    assert [open(path, "rb").read() for path in paths] == [long, b"", contents[2], long]
+    assert (
+        len(problems) == 2
+        and "gone.mcap was not finished: No such file" in problems[0]
+        and "2.mcap is damaged from byte" in problems[1]
+    )
+
+
+def test_a_cut_recording_says_so_after_it_was_finished_too(tmp_path, short):
+    path = tmp_path / "a.mcap"
+    mended(path, unfinished(short)[: len(short) // 2])
+    trial = runtime.load(path)
+    assert not trial.complete and trial.trouble == f"{path} was cut off, and what there is of it was completed later"
+    assert 2 < len(trial) < 12 and np.array_equal(trial.tick, np.arange(len(trial)))

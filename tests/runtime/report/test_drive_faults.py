@@ -1,0 +1,131 @@
+"""What the report says of each fault of an actuator's motion and torque: the value, what it must be inside of, and the
+cure.
+"""
+
+import re
+
+import pytest
+
+from runtime.report import fault
+from runtime.session.run import Request, prepare, run
+from tests.runtime.runs import write
+
+ROBOT = """
+import math
+
+from blocks.actuators import {drive}
+from blocks.sources import StepSource
+from graph import Block, Diagram, Output
+
+
+class Joint(Block):
+    position, velocity, dead = Output("rad"), Output("rad/s"), Output("1", dtype=bool)
+
+    def step(self, t):
+        return *({motion}), 0.2 <= t < 0.25
+
+
+with Diagram("robot", rate=200) as diagram:
+    knee = {drive}("{model}", name="knee", {parameters})
+    knee({commands})
+
+
+def plant(robot):
+    with Diagram("plant", rate=1000) as bench:
+        joint = Joint()
+        robot["knee"].emulator({emulator})(position=joint.position, velocity=joint.velocity{faults})
+    return bench
+"""
+
+
+SAID = {
+    "acceleration": (
+        {"motion": "0.0, 6.0 * math.sin(120.0 * t)", "commands": "damping_command=0.2"},
+        r"the joint goes on accelerating by more than its max_acceleration of 500 rad/s² \(up to [5-7]\d\d rad/s²\): "
+        r".* raise max_acceleration where",
+    ),
+    "excess torque": (
+        {
+            "motion": "(0.1 if t < 0.3 else 0.5), 0.0",
+            "commands": "position_command=0.1, stiffness_command=10.0",
+            "emulator": "wire_stiffness=5e3",
+        },
+        r"the drive measures -18 N·m; its limit is 9 N·m, and its measurement is trusted to 1.8 N·m. Compare "
+        r"wire_stiffness, wire_damping and",
+    ),
+    "over-travel": (
+        {"motion": "t, 1.0", "parameters": "range=(-0.1, 0.5)"},
+        r"position 0.55\d rad is outside the joint's range of -0.1 to 0.5 rad\. Find out why before it is armed again",
+    ),
+    "overspeed": (
+        {"motion": "0.0, 40.0 * t", "parameters": "max_velocity=10.0"},
+        r"velocity 10.\d rad/s is beyond "
+        r"10 rad/s",
+    ),
+    "overspeed by default": (
+        {"motion": "0.0, 40.0 * t", "model": "AK80-64"},
+        r"velocity 8 rad/s is beyond 7.96 rad/s, which max_velocity "
+        r"is by default",
+    ),
+    "not following": (
+        {"commands": "torque_command=3.0", "faults": ", power_lost=joint.dead"},
+        r"the drive gives 0.\d+ N·m where \d.\d+ N·m are commanded: it is disabled, as after a loss of its power, or "
+        r"at a limit of its own",
+    ),
+    "scale mismatch": (
+        {"motion": "0.5 * math.sin(5.0 * t), 2.5 * math.cos(5.0 * t)", "emulator": "wire_velocity=25.64"},
+        r"the reported velocity is 1.95 of the rate of the reported position: set wire_velocity=25.6\d?, or "
+        r"wire_position=24.\d+, whichever is the range",
+    ),
+    "scale mismatch of a board V3.0": (
+        {
+            "drive": "CubeMarsV3",
+            "model": "AK80-9-V3.0",
+            "motion": "0.5 * math.sin(5.0 * t), 2.5 * math.cos(5.0 * t)",
+            "emulator": "pole_pairs=14",
+        },
+        r"the reported velocity is 0.66\d of the rate of the reported position: the pole pairs or the gear of "
+        r"AK80-9-V3.0 are not the drive's",
+    ),
+    "scale mismatch of torque": (
+        {
+            "drive": "CubeMarsV3",
+            "model": "AK80-9-V3.0",
+            "commands": "torque_command=3.0",
+            "emulator": "torque_constant=0.945",
+        },
+        r"the measured torque is 0.60\d of what was sent: wire_torque, wire_stiffness, wire_damping or the torque "
+        r"constant of AK80-9-V3.0 are not",
+    ),
+    "scale mismatch of a stuck encoder": (
+        {"motion": "0.0, 2.0"},
+        "the reported position stands still while the reported velocity says that the joint moves: an encoder, or the",
+    ),
+    "implausible": (
+        {
+            "drive": "RobStride",
+            "model": "RS02",
+            "faults": ', temperature=StepSource(before=30.0, after=-100.0, time=0.2, unit="°C")()',
+        },
+        r"implausible temperature -100 °C: the drive's sensor is broken, or it is not the model RS02",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SAID)
+def test_every_fault_of_motion_and_torque_has_its_value_its_bound_and_its_cure(tmp_path, what):
+    given, said = SAID[what]
+    usual = {
+        "drive": "CubeMars",
+        "model": "AK80-9",
+        "motion": "0.1, 0.0",
+        "parameters": "",
+        "commands": "torque_command=0.0",
+        "emulator": "",
+        "faults": "",
+    }
+    path = write(tmp_path, ROBOT.format(**usual | given))
+    result = run(prepare(Request(path, duration=3.0, fast=True, record=tmp_path / "out")))
+    lines = fault.explain(result)
+    assert re.fullmatch(rf"FAULT at knee, tick \d+ \([\d.]+ s\): {said}.*", lines[0]), lines[0]
+    assert result.outcome.status == what.partition(" of ")[0].partition(" by ")[0]

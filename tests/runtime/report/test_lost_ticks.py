@@ -1,0 +1,114 @@
+"""Faults that a loop which lost ticks may have caused itself name the machine, or the block that took the time."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from cext.clock.stopwatch import MACHINE
+from runtime.report import fault
+from runtime.report.lost_ticks import CURE, before_fault
+from runtime.session.run import Request, prepare, run
+from tests.runtime.runs import write
+
+STEADY = [(float(tick), 0.0001) for tick in range(95, 101)]
+SLEEPS = """
+import time
+
+from blocks.recorders import CsvRecorder
+from graph import Block, Diagram, Output
+
+
+class Law(Block):
+    y = Output("1")
+
+    def step(self, tick):
+        if tick == 20:
+            time.sleep(0.05)
+        return 1.0
+
+
+with Diagram("late", rate=200) as diagram:
+    Law(name="law")
+    CsvRecorder()
+"""
+
+
+def ended(status, tick=121, rows=STEADY, overruns=(), culprit="knee"):
+    """A Result as far as it is read."""
+    return SimpleNamespace(
+        outcome=SimpleNamespace(status=status, tick=tick, culprit=culprit),
+        newest=rows,
+        overruns=list(overruns),
+        failed_in_plant=False,
+        schedule=SimpleNamespace(rate=200.0),
+    )
+
+
+def blamed(name, at_tick=100):
+    return {"name": name, "times": 1, "missed": 20, "longest": 0.104, "at_tick": at_tick}
+
+
+@pytest.mark.parametrize("status", ["silent", "no answer", "not following"])
+def test_a_fault_after_a_loop_that_was_woken_late_names_the_machine(status):
+    said = "; the loop had lost 20 ticks before that: machine too busy, see --realtime"
+    assert before_fault(ended(status, overruns=[blamed(MACHINE)])) == said == before_fault(ended(status))
+
+
+def test_ticks_lost_between_the_newest_rows_count_too():
+    rows = [(float(tick), 0.001) for tick in (90, 94, 95, 99, 100, 101)]
+    assert before_fault(ended("silent", 102, rows)).startswith("; the loop had lost 6 ticks before that")
+
+
+def test_a_block_that_took_the_time_is_named_instead_of_the_machine():
+    said = before_fault(ended("silent", overruns=[blamed(MACHINE, 3), blamed("left/law")]))
+    assert said == "; the loop had lost 20 ticks before that: left/law took 104.0 ms (tick 100)"
+
+
+def test_ticks_that_run_late_instead_of_being_lost_count_as_well():
+    rows = [*STEADY[:-1], (100.0, 0.1)]
+    assert before_fault(ended("silent", 101, rows)) == f"; the loop was up to 100.0 ms late before that: {CURE}"
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        ended("silent", 101),
+        ended("silent", 102),
+        ended("silent", 100),
+        ended("not finite"),
+        ended("silent", -1, []),
+        ended("overrun", culprit="law"),
+    ],
+    ids=["none lost", "one lost", "in the newest row", "another fault", "while arming", "an overrun of a block"],
+)
+def test_a_fault_that_lost_ticks_do_not_explain_is_told_as_before(result):
+    assert before_fault(result) == ""
+
+
+def test_an_overrun_of_the_machine_names_the_cure():
+    assert before_fault(ended("overrun", culprit=MACHINE)) == f"; {CURE}"
+
+
+def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
+    result = run(prepare(Request(write(tmp_path, SLEEPS), duration=0.125, no_record=True)))
+    said = before_fault(
+        SimpleNamespace(
+            outcome=SimpleNamespace(status="silent", tick=round(result.newest[-1][0]) + 30, culprit=None),
+            newest=result.newest,
+            overruns=result.overruns,
+            failed_in_plant=False,
+            schedule=result.schedule,
+        )
+    )
+    assert said.startswith("; the loop had lost ") and said.endswith(" (tick 20)") and ": law took 5" in said
+
+
+def test_the_first_line_of_a_report_holds_it(tmp_path):
+    result = run(prepare(Request(write(tmp_path, SLEEPS), duration=1.0, fast=True, no_record=True)))
+    result.outcome = replace(result.outcome, status="silent", tick=230)
+    first = fault.explain(result)[0]
+    assert first == (
+        "FAULT at late, tick 230 (1.15 s): no reply for longer than its timeout; the loop had lost 30 "
+        f"ticks before that: {CURE}"
+    )

@@ -1,0 +1,441 @@
+"""Replay: a recorded run once more, bit for bit, or the first place where it is not."""
+
+import hashlib
+import io
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.records import Attachment, Channel, Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+from runtime.analysis.trial import Trial
+from runtime.base.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
+from runtime.diagrams.file import load
+from runtime.recording.reader import LIBRARY as LIBRARY_NAME
+from tests.runtime.guardian.bus import Bus
+from tests.runtime.runs import KNEE_EXO, started, write, writer_of
+from tests.runtime.terminals import patient
+
+ROOT = Path(__file__).parents[3]
+KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
+
+# A knee whose law has state, knows the clock, and does what `law` says.
+LAW = """
+import os
+import random
+import time
+from blocks.actuators import CubeMars
+from blocks.limiters import TorqueLimiter
+from graph import Block, Diagram, Input, Output
+
+class Law(Block):
+    position, velocity = Input("rad"), Input("rad/s")
+    torque = Output("N·m")
+
+    def reset(self):
+        self.sum = 0.0
+
+    def step(self, position, velocity, t, tick, dt):
+        self.sum += dt
+        {law}
+
+def build():
+    with Diagram("law", rate=500) as diagram:
+        knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=1, name="knee")
+        knee(torque_command=TorqueLimiter(limit=12.0)(Law(name="law")(knee.position, knee.velocity)))
+    return diagram
+"""
+STEADY = "return 3.0 - 20.0 * position - 0.5 * velocity + self.sum"
+
+
+@pytest.fixture
+def recorded(command_line, tmp_path):
+    """recorded(path, *words): run a diagram in a folder of its own and return the path of its recording."""
+    count = 0
+
+    def record(path, *words, code=OK):
+        nonlocal count
+        count += 1
+        folder = tmp_path / f"recordings{count}"
+        assert command_line(path, "--record", folder, *words)[0] == code
+        [file] = folder.glob("*.mcap")
+        return file
+
+    return record
+
+
+def law(folder, text=STEADY, name="robot.py"):
+    return write(folder, LAW.format(law=text), name)
+
+
+def test_the_knee_exoskeleton_is_replayed_bit_for_bit(recorded, command_line):
+    file = recorded(KNEE_EXO, "--fast", "--duration", "5")
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "")
+    assert out == (
+        f"running {KNEE_EXO}: its content is the recorded one\n"
+        f"knee_exo: 1000 ticks of {file.name} run again, the diagram as it was recorded\n"
+        "  all 36 signals and 2004 sent frames are the same, bit for bit\n"
+    )
+    assert sorted(path.name for path in file.parent.iterdir() if "replay" in path.name) == []
+
+
+def test_a_run_in_real_time_with_late_and_missed_ticks_is_too(recorded, command_line, tmp_path):
+    path = law(tmp_path, "if tick in (20, 60): import time; time.sleep(0.007)\n        " + STEADY)
+    file = recorded(path, "--duration", "0.3")
+    trial = Trial(file)
+    assert 0 < len(trial) < 150 and np.diff(trial.tick).max() > 1 and trial.lateness.max() > 0.0
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "are the same, bit for bit" in out
+
+
+def test_a_block_that_reads_how_late_it_is_hears_it_again(recorded, command_line, tmp_path):
+    path = write(
+        tmp_path,
+        """
+from blocks.recorders import CsvRecorder
+from blocks.clock import Clock
+from graph import Diagram
+
+def build():
+    with Diagram("late", rate=1000) as diagram:
+        Clock()
+        CsvRecorder()
+    return diagram
+""",
+    )
+    file = recorded(path, "--duration", "0.2")
+    assert Trial(file)["clock.lateness"].max() > 0.0
+    assert command_line("replay", file)[0] == OK
+
+
+def test_a_block_that_throws_dice_is_named_with_the_first_tick(recorded, command_line, tmp_path):
+    path = law(tmp_path, "return random.random() if tick > 40 else 1.0")
+    file = recorded(path, "--fast", "--duration", "0.2")
+    code, out, _ = command_line("replay", file)
+    assert code == CHECK_FAILED
+    assert "the diagram as it was recorded" in out and "differs first: law.torque at tick 41: 0." in out
+
+
+def test_a_fault_happens_again(recorded, command_line, tmp_path):
+    path = law(tmp_path, "return 1.0 / (tick - 70)")
+    file = recorded(path, "--fast", "--duration", "1", code=FAULT)
+    assert Trial(file).tick[-1] == 69
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "70 ticks of" in out and "bit for bit" in out
+    law(tmp_path, "return 1.0 / (tick - 70) if tick != 70 else 0.0")  # the fault is mended
+    code, out, _ = command_line("replay", file, "--diagram", path)
+    assert code == CHECK_FAILED and "it ended otherwise: exception at law then, ok at None now" in out
+
+
+def test_a_drive_that_fell_silent_on_a_rig_falls_silent_again_in_the_same_tick(command_line, tmp_path):
+    with Bus(tmp_path) as bus:
+        process = bus.start("--record", "out")
+        bus.await_torque()
+        bus.drives.kill()
+        process.communicate(timeout=10)
+    assert process.returncode == FAULT
+    [file] = (tmp_path / "out").glob("*.mcap")
+    assert Trial(file).end["end"]["status"] == "silent"
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "bit for bit" in out
+
+
+def test_an_end_that_came_from_outside_is_told_and_not_repeated(recorded, command_line, tmp_path):
+    file = recorded(
+        law(tmp_path, "return time.sleep(0.2 * (tick == 20)) or 1.0"),
+        "--overrun",
+        "fault:50",
+        "--duration",
+        "2",
+        code=FAULT,
+    )
+    assert Trial(file).end["end"]["status"] == "overrun"
+    code, out, _ = command_line("replay", file)
+    assert code == OK and "bit for bit" in out and "from outside, which a replay does not repeat: overrun" in out
+
+
+def test_a_viewer_that_was_asked_for_on_the_command_line_is_no_change(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.2", "--plotjuggler", "127.0.0.1:9")
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "") and "the diagram as it was recorded" in out
+
+
+def test_a_changed_diagram_gives_a_recording_to_compare(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.5")
+    other = law(tmp_path, STEADY.replace("0.5", "0.6"), "other.py")
+    code, out, err = command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
+    assert (
+        (code, err) == (CHECK_FAILED, "")
+        and "250 ticks" in out
+        and "a changed diagram" in out
+        and "differs first: law.torque at tick " in out
+    )
+    [new] = (tmp_path / "again").glob("*_replay.mcap")
+    there, here = Trial(file), Trial(new)
+    assert here.tick.tolist() == there.tick.tolist()
+    assert here["knee.position"].tolist() == there["knee.position"].tolist()  # what was heard stays
+    changed = there["law.torque"] - 0.1 * there["knee.velocity"]
+    assert here["law.torque"] == pytest.approx(changed, abs=1e-12)
+    picture = tmp_path / "diff.png"
+    code, out, err = command_line("diff", file, new, "-o", picture)
+    assert (
+        (code, err) == (CHECK_FAILED, "")
+        and "law.torque [N*m]".replace("*", "·") in out
+        and picture.read_bytes()[:4] == b"\x89PNG"
+    )
+    assert command_line.refused("diff", file, new, "-o", "a.jpg") == "-o a.jpg: a picture ends in .png or .svg"
+    (command_line.folder / "diff.png").write_text("dear")
+    assert (
+        command_line("diff", file, new)[1].splitlines()[-1] == "  diff-2.png"
+        and (command_line.folder / "diff.png").read_text() == "dear"
+    )
+    code, out, err = command_line("diff", file, new, "-o", "nowhere/a.svg")
+    assert code == BAD_INPUT and err == "tickwork: cannot write nowhere/a.svg: No such file or directory\n"
+
+
+def test_diff_of_a_recording_with_itself_says_so(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    code, out, _ = command_line("diff", file, file)
+    assert code == OK and "signals are the same, bit for bit" in out and not (command_line.folder / "diff.png").exists()
+
+
+def test_a_bus_that_was_not_recorded_is_a_divergence_and_no_guess(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    other = write(tmp_path, LAW.format(law=STEADY).replace('bus="legs"', 'bus="arms"'), "other.py")
+    complaint = command_line.refused("replay", file, "--diagram", other)
+    assert complaint == "the diagram is on bus 'arms', of which the recording has no frames; its buses are legs"
+
+
+def test_a_recording_without_its_diagram_asks_for_one(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    path.unlink()
+    code, _, err = command_line("replay", file)
+    assert code == BAD_INPUT and "robot.py is not there" in err
+    file = recorded(KNEE_EXO, "--fast", "--duration", "0.1")
+    data = json.loads(file.with_suffix(".json").read_text())
+    assert data["metadata"]["diagram_file"].endswith("knee_exo.py")
+
+
+TRAP = "\nopen('trap', 'w').close()\n"
+LIBRARY = """
+from blocks.sources import Sine
+from graph import Diagram
+
+def build():
+    with Diagram("waves", rate=100) as diagram:
+        Sine(name="wave")
+    return diagram
+"""
+
+
+def about_of(file, change):
+    """Write a recording anew with another about.json. change : a function of its bytes"""
+    data, out = file.read_bytes(), io.BytesIO()
+    writer = Writer(out, compression=CompressionType.NONE, use_chunking=False)
+    writer.start(library=LIBRARY_NAME)
+    channels = {}
+    for record in StreamReader(io.BytesIO(data)).records:
+        if isinstance(record, Attachment):
+            content = change(record.data) if record.name == "about.json" else record.data
+            writer.add_attachment(0, 0, record.name, record.media_type, content)
+        elif isinstance(record, Channel) and record.id not in channels:
+            channels[record.id] = writer.register_channel(record.topic, "protobuf", 0)
+        elif isinstance(record, Message):
+            writer.add_message(
+                channels[record.channel_id], record.log_time, record.data, record.publish_time, record.sequence
+            )
+    writer.finish()
+    file.write_bytes(out.getvalue())
+
+
+def without(*names):
+    """Takes words out of the metadata of an about.json."""
+
+    def change(data):
+        about = json.loads(data)
+        about["metadata"] = {name: value for name, value in about["metadata"].items() if name not in names}
+        return json.dumps(about).encode()
+
+    return change
+
+
+def test_a_file_that_has_changed_is_not_executed_because_a_recording_names_it(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    path.write_text(path.read_text() + TRAP)
+    complaint = command_line.refused("replay", file)
+    assert not (tmp_path / "trap").exists()
+    assert "robot.py has changed since the recording" in complaint and "--diagram FILE" in complaint
+    code, out, err = command_line("replay", file, "--diagram", path)
+    assert (code, err) == (OK, "") and "a changed diagram" not in out and (tmp_path / "trap").exists()
+
+
+def test_a_changed_file_gives_way_to_the_diagram_in_the_recording_where_that_needs_no_local_code(
+    recorded, command_line, tmp_path
+):
+    path = write(tmp_path, LIBRARY, "waves.py")
+    file = recorded(path, "--fast", "--duration", "0.1")
+    code, out, _ = command_line("replay", file)
+    assert code == OK and out.startswith(f"running {path}: its content is the recorded one\n")
+    path.write_text(LIBRARY + TRAP)
+    code, out, err = command_line("replay", file)
+    assert (
+        (code, err) == (OK, "")
+        and not (tmp_path / "trap").exists()
+        and "bit for bit" in out
+        and "the diagram as it was recorded" in out
+    )
+    assert (
+        f"  the diagram in the recording was run: {path} has changed since the recording. Pass --diagram FILE to "
+        "run a file\n"
+    ) in out
+
+
+def test_a_recording_of_before_without_the_hash_of_its_file_asks_before_code_is_run(recorded, command_line, tmp_path):
+    path = law(tmp_path)
+    file = recorded(path, "--fast", "--duration", "0.1")
+    assert (
+        json.loads(file.with_suffix(".json").read_text())["metadata"]["source_sha256"]
+        == hashlib.sha256(path.read_bytes()).hexdigest()
+    )
+    about_of(file, without("source_sha256"))
+    path.write_text(path.read_text() + TRAP)
+    complaint = command_line.refused("replay", file)
+    assert "the recording has no hash to compare " in complaint and not (tmp_path / "trap").exists()
+    assert command_line("replay", file, "--diagram", path)[0] == OK
+
+
+@pytest.mark.parametrize("depth", [100, 900, 5_000, 200_000])
+@pytest.mark.parametrize(
+    "command", [("replay",), ("convert", "--to", "csv"), ("convert", "--to", "mcap"), ("plot",)], ids="-".join
+)
+def test_an_about_json_of_any_depth_is_refused_in_one_line(recorded, command_line, tmp_path, depth, command):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(
+        file,
+        lambda data: (
+            data.rstrip()[:-1] + b', "deep": ' + b'{"a": [' * (depth // 2) + b"1" + b"]}" * (depth // 2) + b"}"
+        ),
+    )
+    assert command_line.refused(command[0], file, *command[1:]) == (
+        f"{file.relative_to(tmp_path)} is damaged: its about.json is nested more than 64 levels deep"
+    )
+
+
+def test_an_about_json_as_deep_as_a_recorder_may_write_it_is_read(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(file, lambda data: data.rstrip()[:-1] + b', "deep": ' + b"[" * 60 + b"]" * 60 + b"}")
+    assert command_line("replay", file)[0] == OK
+
+
+def test_control_characters_of_a_recording_never_reach_the_terminal(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.02")
+    about_of(file, lambda data: data.replace(b"robot.py", b"\\u001b]0;title\\u0007\\u001b[2J.py"))
+    complaint = command_line.refused("replay", file)
+    assert (
+        "\\x1b]0;title\\x07\\x1b[2J.py is not there" in complaint
+        and "\x1b" not in complaint
+        and "\x07" not in complaint
+    )
+
+
+def test_a_file_that_changes_between_the_comparison_and_the_import_is_not_executed(tmp_path):
+    path = write(tmp_path, LIBRARY + TRAP, "waves.py")
+    with pytest.raises(BadInput, match="changed while it was read"):
+        load(path, sha256=hashlib.sha256(LIBRARY.encode()).hexdigest())
+    assert not (tmp_path / "trap").exists() and not Path("trap").exists()
+
+
+def test_a_replay_through_another_file_records_that_file(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.1")
+    other = law(tmp_path, "return 1.0", "other.py")
+    command_line("replay", file, "--diagram", other, "--record", tmp_path / "again")
+    [new] = (tmp_path / "again").glob("*_replay.mcap")
+    code, out, _ = command_line("replay", new)
+    assert code == OK and out.startswith(f"running {other}: ") and "bit for bit" in out
+
+
+def test_what_is_no_recording_is_refused(command_line, tmp_path):
+    assert command_line.refused("replay", "nowhere.mcap") == "nowhere.mcap: No such file or directory"
+    (command_line.folder / "text.mcap").write_text("hello")
+    assert command_line.refused("replay", "text.mcap") == (
+        "text.mcap is no recording of Tickwork: name the .mcap file of the run"
+    )
+
+
+def test_a_recording_that_was_cut_anywhere_is_replayed_up_to_its_last_complete_tick(recorded, command_line, tmp_path):
+    file = recorded(law(tmp_path), "--fast", "--duration", "0.2")
+    data = file.read_bytes()
+    for share in (0.3, 0.45, 0.6):
+        cut = file.with_name("cut.mcap")
+        cut.write_bytes(data[: int(share * len(data))])
+        trial = Trial(cut)
+        code, out, _ = command_line("replay", cut)
+        assert not trial.complete and 0 < len(trial) < 100
+        assert code == OK and f"{len(trial)} ticks of cut.mcap" in out and "the recording was cut off" in out
+
+
+def test_after_kill_9_what_was_recorded_is_replayed(command_line, tmp_path):
+    path = law(tmp_path)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", str(path), "--record", str(tmp_path / "killed")],
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline and not any(
+        file.stat().st_size > 60_000 for file in (tmp_path / "killed").glob("*.mcap")
+    ):
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.wait()
+    [sidecar] = (tmp_path / "killed").glob("*.json")
+    while time.monotonic() < deadline and json.loads(sidecar.read_text())["ended"] != "the control process died":
+        time.sleep(0.02)
+    [file] = (tmp_path / "killed").glob("*.mcap")
+    code, out, err = command_line("replay", file)
+    assert code == OK, out + err
+
+
+@pytest.mark.soak
+def test_a_run_whose_recorder_was_killed_is_replayed_from_all_its_parts(command_line, tmp_path):
+    run = started(KNEE_EXO, "--fast", "--duration", "15", "--record", tmp_path, cwd=tmp_path)
+    patient(lambda: any(path.stat().st_size > 200_000 for path in tmp_path.glob("*.mcap")))
+    os.kill(writer_of(run.pid), signal.SIGKILL)
+    run.communicate(timeout=60)
+    first = min(tmp_path.glob("*.mcap"), key=lambda path: len(path.name))
+    assert run.returncode == OK and first.with_stem(f"{first.stem}_part2").exists()
+    code, out, err = command_line("replay", first)
+    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
+    code, out, err = command_line("convert", first, "--to", "mcap", "-o", tmp_path / "whole")
+    assert (code, err) == (OK, "") and len(Trial(out.strip()).parts) == 1
+    code, out, err = command_line("replay", out.strip())
+    assert (code, err) == (OK, "") and f"3000 ticks of {first.name} run again" in out and "the same, bit for bit" in out
+
+
+def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
+    file = recorded(
+        KNEE_EXO,
+        "--fast",
+        "--duration",
+        "1",
+        "--rate",
+        "100",
+        "--set",
+        "assistance=0.5",
+        "--set",
+        "left/damper.damping=0.4",
+    )
+    code, out, err = command_line("replay", file)
+    assert (code, err) == (OK, "") and "100 ticks" in out and "as it was recorded" in out

@@ -1,0 +1,246 @@
+"""The house is looked at before anything is imported: one place, built, and all it needs."""
+
+import ast
+import os
+import sys
+from importlib.metadata import files
+
+import pytest
+
+from runtime.base import installation_check
+from tests.house import ROOT, RUN, assert_one_line, copy_rooms, python
+from tests.test_packaging import PYPROJECT, canonical
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A folder on the path that holds all four packages, as site-packages does, and the console script beside it."""
+    folder = copy_rooms(tmp_path_factory.mktemp("site"))
+    module, function = PYPROJECT["project"]["scripts"]["tickwork"].split(":")
+    (folder / "bin").mkdir()
+    (folder / "bin" / "tickwork").write_text(f"import sys\nfrom {module} import {function}\nsys.exit({function}())\n")
+    return folder
+
+
+@pytest.fixture
+def lab(tmp_path):
+    """The working folder of a lab."""
+    folder = tmp_path / "lab"
+    folder.mkdir()
+    return folder
+
+
+def test_nothing_keeps_this_checkout_from_starting():
+    assert installation_check.trouble() is None
+
+
+@pytest.mark.parametrize("name", ["blocks", "graph", "cext"])
+def test_a_working_folder_with_a_package_of_ours_name_is_told_in_one_line(name, installed, lab):
+    (lab / name).mkdir()
+    (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    process = python(*RUN, "--help", cwd=lab, path=installed)
+    assert_one_line(process, f"`{name}` comes from {lab}", f"`runtime` from {installed}", "start with `tickwork`")
+
+
+def test_a_file_named_as_a_package_of_ours_is_told_too(installed, lab):
+    (lab / "graph.py").write_text("raise SystemExit('imported')\n")
+    assert_one_line(python(*RUN, "--help", cwd=lab, path=installed), f"`graph` comes from {lab}", "`tickwork`")
+
+
+WAVE = """
+from blocks.recorders import CsvRecorder
+from blocks.sources import Sine
+from graph import Diagram
+
+with Diagram("wave", rate=100) as diagram:
+    Sine()
+    CsvRecorder()
+"""
+
+
+@pytest.mark.parametrize("name", ["json", "signal", "typing", "string", "numpy", "can"])
+def test_a_file_beside_the_diagram_with_the_name_of_a_library_is_named(name, installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
+    process = python(*RUN, "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
+    assert_one_line(process, f" {name}.py bears the name of a library", "rename it, or start with `tickwork`")
+    assert not (lab / "recordings").exists()
+
+
+def test_a_package_beside_the_diagram_with_the_name_of_a_library_is_named(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / "json").mkdir()
+    (lab / "json" / "__init__.py").write_text("raise SystemExit(0)\n")
+    assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py bears the name")
+
+
+def test_a_diagram_may_bear_the_name_of_a_module_that_no_run_uses(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    (lab / "sunau.py").write_text("raise SystemExit(0)\n")
+    process = python(*RUN, "wave.py", "--fast", "--duration", "1", "--no-record", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+
+
+def test_a_diagram_imports_a_module_of_the_working_folder(installed, lab):
+    (lab / "gains.py").write_text("RATE = 100\n")
+    (lab / "deeper").mkdir()
+    (lab / "deeper" / "wave.py").write_text(WAVE.replace("100", "gains.RATE").replace("\n", "\nimport gains\n", 1))
+    process = python(*RUN, "deeper/wave.py", "--fast", "--duration", "1", "--no-record", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+
+
+def test_a_file_in_the_clone_hides_no_module_of_python(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "signal.py").write_text("raise SystemExit(0)\n")
+    assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py bears the name")
+
+
+def test_the_console_script_runs_beside_files_with_the_names_of_libraries(installed, lab):
+    (lab / "wave.py").write_text(WAVE)
+    for name in ("runtime", "json", "signal", "numpy"):
+        (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
+    process = python(installed / "bin" / "tickwork", "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+    [recording] = (lab / "recordings").glob("*.csv")
+    assert len(recording.read_text().splitlines()) == 101
+
+
+def test_the_console_script_works_beside_folders_of_the_same_names(installed, lab):
+    for name in ("blocks", "graph", "cext", "runtime"):
+        (lab / name).mkdir()
+        (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    process = python(installed / "bin" / "tickwork", "--help", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+    assert "diagrams/knee_exo.py" in process.stdout
+
+
+def test_a_diagram_runs_and_is_recorded_beside_folders_of_the_same_names(installed, lab):
+    for name in ("blocks", "graph", "cext", "runtime"):
+        (lab / name).mkdir()
+        (lab / name / "__init__.py").write_text("raise SystemExit('imported')\n")
+    (lab / "wave.py").write_text(
+        "from blocks.recorders import CsvRecorder\nfrom blocks.sources import Sine\nfrom graph import Diagram\n\n"
+        "with Diagram('wave', rate=100) as diagram:\n    Sine()\n    CsvRecorder()\n"
+    )
+    process = python(installed / "bin" / "tickwork", "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+    [recording] = (lab / "recordings").glob("*.csv")
+    assert len(recording.read_text().splitlines()) == 101  # a header and a row a tick
+
+
+def test_the_console_script_tells_of_a_stranger_on_the_path_and_does_not_suggest_itself(installed, lab):
+    (lab / "blocks").mkdir()
+    (lab / "blocks" / "__init__.py").write_text("")
+    process = python(installed / "bin" / "tickwork", "--help", cwd=lab, path=f"{lab}{os.pathsep}{installed}")
+    assert_one_line(process, f"`blocks` comes from {lab}", "PYTHONPATH")
+    assert "start with `tickwork`" not in process.stderr
+
+
+def test_a_folder_without_modules_does_no_harm_where_a_real_package_follows(installed, lab):
+    (lab / "blocks").mkdir()
+    process = python(*RUN, "--help", cwd=lab, path=installed)
+    assert process.returncode == 0, process.stderr
+
+
+def test_a_package_that_is_gone_is_told(tmp_path):
+    copy_rooms(tmp_path, rooms=("cext", "graph", "runtime"))
+    assert_one_line(python("-S", *RUN, cwd=tmp_path), "`blocks` is missing")
+
+
+def test_a_clone_that_was_not_built_names_make_run(tmp_path):
+    copy_rooms(tmp_path, built=False)
+    (tmp_path / "Makefile").touch()
+    assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), "not built", "`make run`")
+
+
+def test_importing_from_a_clone_that_was_not_built_names_make_run(tmp_path):
+    copy_rooms(tmp_path, built=False)
+    for name in ("cext", "blocks.limiters"):
+        process = python("-c", f"import {name}", cwd=tmp_path)
+        assert process.returncode == 1
+        last = process.stderr.splitlines()[-1]
+        assert last.startswith("ImportError: Tickwork is not built") and "`make run`" in last
+
+
+def test_a_build_for_another_python_is_told_as_such(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "Makefile").touch()
+    for module in (tmp_path / "cext").rglob("*.so"):
+        module.rename(module.with_name(module.name.split(".")[0] + ".cpython-27-riscv.so"))
+    assert_one_line(
+        python(*RUN, cwd=tmp_path), f"not built for Python {sys.version_info[0]}.{sys.version_info[1]}", "`make run`"
+    )
+
+
+def test_one_module_that_was_not_built_is_enough(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "Makefile").touch()
+    (tmp_path / "cext" / "kernels" / "new.pyx").touch()
+    assert_one_line(python(*RUN, cwd=tmp_path), "not built", "`make run`")
+
+
+def test_a_python_without_the_dependencies_is_sent_to_the_environment(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "Makefile").touch()
+    assert_one_line(python("-S", *RUN, cwd=tmp_path), "numpy", "networkx", "are missing", "`make run`")
+    (tmp_path / ".venv" / "bin").mkdir(parents=True)
+    (tmp_path / ".venv" / "bin" / "activate").touch()
+    assert_one_line(python("-S", *RUN, cwd=tmp_path), "activate the environment (`. .venv/bin/activate`)", "`make run`")
+
+
+def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "Makefile").touch()
+    (tmp_path / "runtime" / "cli" / "main.py").write_text("from cext.schedule.program import a_name_that_is_newer\n")
+    assert_one_line(python(*RUN, cwd=tmp_path), "does not fit", "a_name_that_is_newer", "`make build`")
+
+
+def test_a_dependency_that_does_not_load_is_told_in_one_line(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "msgspec.py").write_text(
+        "raise ImportError('libfoo.so.1: cannot open shared object file\\nand more', name=__name__)\n"
+    )
+    (tmp_path / "runtime" / "cli" / "main.py").write_text("import msgspec\n")
+    assert_one_line(
+        python(*RUN, cwd=tmp_path), "msgspec cannot be imported (libfoo.so.1: cannot open shared object file)"
+    )
+
+
+def test_a_fault_of_our_own_is_not_hidden(tmp_path):
+    copy_rooms(tmp_path)
+    (tmp_path / "runtime" / "cli" / "main.py").write_text("from runtime.base.errors import no_such_name\n")
+    process = python(*RUN, cwd=tmp_path)
+    assert process.returncode == 1 and "Traceback" in process.stderr and "no_such_name" in process.stderr
+
+
+def test_what_is_looked_for_is_what_the_project_depends_on():
+    requirements = [requirement.partition(";") for requirement in PYPROJECT["project"]["dependencies"]]
+    assert {marker.strip() for _, _, marker in requirements} == {"", "python_version < '3.11'"}
+    declared = {canonical(name) for name, _, marker in requirements if not marker or sys.version_info < (3, 11)}
+    assert set(installation_check.NEEDS.values()) == declared
+    for module, distribution in installation_check.NEEDS.items():
+        parts = tuple(module.split("."))
+        assert any(
+            file.parts[: len(parts)] == parts or file.parts[0] == module + ".py" for file in files(distribution)
+        ), f"{distribution} does not bring {module}"
+    assert PYPROJECT["project"]["requires-python"] == ">=%d.%d" % installation_check.OLDEST_PYTHON
+
+
+def test_an_old_python_can_read_the_first_files_and_is_told(monkeypatch):
+    for name in (
+        "__init__.py",
+        "__main__.py",
+        "base/__init__.py",
+        "base/installation_check.py",
+        "base/working_folder.py",
+    ):
+        ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
+    monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
+    assert "Python 3.9, and 3.10 or newer is needed" in installation_check.trouble()
+
+
+def test_the_first_files_import_nothing_of_tickwork():
+    process = python("-c", "import sys, runtime.base.installation_check; print(*sys.modules)", cwd=ROOT)
+    loaded = set(process.stdout.split())
+    assert "runtime.base.installation_check" in loaded
+    assert not {"cext", "graph", "blocks", "runtime.cli.main", "numpy", "networkx"} & loaded
