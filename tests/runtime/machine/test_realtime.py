@@ -27,7 +27,7 @@ SCHED_FIFO_FOR_US_ALONE = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
 PRELUDE = '''
 import json, os, resource, signal, subprocess, sys, time
 
-from cext import realtime as system
+from cext.clock import realtime as system
 from runtime.machine.realtime import Realtime, RealtimeRefused
 
 
