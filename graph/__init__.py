@@ -9,11 +9,12 @@ from graph.compiler import compile
 from graph.declarations import Input, Live, Memory, Output, Param
 from graph.device import Actuator, DampedStop, Device, Motion, ReplyField, TorqueBound, Watch
 from graph.diagnostics import Diagnostic, DiagramError
-from graph.diagram import Diagram, Signal, subsystem
+from graph.diagram import Diagram, subsystem
 from graph.entry import main
 from graph.function import block
 from graph.interval import Interval
 from graph.schedule import Schedule
+from graph.signal import Signal
 from graph.stream import StreamDevice
 from graph.units import deg
 

@@ -1,5 +1,6 @@
 """Where things lie in the arena: the clock first, then signals and parameters, then the memory of blocks."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -61,3 +62,8 @@ def kernel_table(inputs, outputs, parameters, memory):
     items = [*inputs, *outputs, *((slot, 1) for slot in parameters), *memory]
     counts = len(inputs), len(outputs), len(parameters), len(memory)
     return KernelTable(counts, tuple(slot for slot, _ in items), tuple(length for _, length in items))
+
+
+def size_of(shape):
+    """Return the number of elements of an array of this shape."""
+    return math.prod(shape)

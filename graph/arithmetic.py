@@ -6,6 +6,7 @@ All have direct feedthrough and no state, and work element by element; NaN passe
 import functools
 import math
 import operator
+import sys
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from cext.kernels import vectors
 from graph import units
 from graph.block import Block
 from graph.declarations import Input, Memory, Output, Param
-from graph.diagram import Signal
 from graph.interval import Interval
+from graph.signal import Signal
 from graph.units import canonical, divide, multiply
 
 
@@ -288,3 +289,6 @@ def over(dividend, divisor):
     if divisor == 0:
         raise ZeroDivisionError(f"{dividend.path} / 0")
     return Gain(1.0 / divisor)(dividend)
+
+
+Signal.operators = sys.modules[__name__]

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters
-from graph.block import CLOCK, Sink, size_of
+from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
+from graph.block import CLOCK, Sink
 from graph.budget import damping_round
 from graph.device import Actuator, Device
-from graph.diagram import Signal
 from graph.interval import EVERYTHING
 from graph.order import computes, upstream
 from graph.schedule import Column, DeviceSteps, LiveParameter, Schedule, SignalPlace, SinkColumns, Step, WatchSteps
+from graph.signal import Signal
 
 
 def assemble(facts):

@@ -1,14 +1,15 @@
 """Blocks: a class with declared ports and parameters, and a step in Python or a native kernel."""
 
 import inspect
-import math
-import re
 
 from graph.declarations import Declaration, Input, Live, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
-from graph.diagram import Outputs, Signal, current_scope, is_count
+from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
 from graph.kernel_items import check_inherited_kernels, replace_kernels
+from graph.names import snake_case, suggestion
+from graph.scratch import Scratch
+from graph.signal import Outputs, Signal
 
 CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may ask for, and their slots in the arena
 
@@ -252,8 +253,6 @@ class Block:
 
     @property
     def scratch(self):
-        from graph.scratch import Scratch
-
         if self._scratch is None:
             self._scratch = Scratch(self)
         return self._scratch
@@ -362,21 +361,6 @@ def _arguments(function):
     return names[1:], any(p.kind is kinds.VAR_POSITIONAL for p in parameters)
 
 
-def snake_case(name):
-    """'TorqueLimiter' gives 'torque_limiter'; 'PID' gives 'pid'; 'CubeMars' gives 'cube_mars'; 'LookupTable1D' gives
-    'lookup_table_1d'.
-    """
-    return re.sub(r"(?<=[a-z])(?=[A-Z]|[0-9][A-Z](?![a-z]))|(?<=[A-Z0-9])(?=[A-Z][a-z])", "_", name).lower()
-
-
-def suggestion(word, known):
-    """'did you mean ...?' for a misspelt word, or ''."""
-    import difflib
-
-    close = difflib.get_close_matches(str(word), list(known), n=1)
-    return f"did you mean {close[0]!r}?" if close else ""
-
-
 def range_of(block, name, ranges):
     """Interval of one output, given what `output_range` returned: within what the port declares."""
     port = block.outputs[name]
@@ -384,7 +368,3 @@ def range_of(block, name, ranges):
     if port.range is None:
         return EVERYTHING if found is None else found
     return port.range if found is None else found & port.range
-
-
-def size_of(shape):
-    return math.prod(shape)

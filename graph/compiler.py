@@ -9,17 +9,19 @@ from contextlib import contextmanager
 import numpy as np
 
 from graph import units
+from graph.arena_layout import size_of
 from graph.assembly import assemble
-from graph.block import Sink, size_of, suggestion
+from graph.block import Sink
 from graph.budget import bus_loads, line_loads
 from graph.device import Actuator, Device
 from graph.diagnostics import Diagnostic, DiagramError
-from graph.diagram import Signal, check_name
 from graph.inference import infer_shapes, infer_units
+from graph.names import check_name, suggestion
 from graph.order import cluster, computes, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
 from graph.schedule import Proof
+from graph.signal import Signal
 
 NARROW_TO_WIDE = ("bool", "int", "float")  # each holds the ones before it
 

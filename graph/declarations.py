@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from graph import units
-from graph.diagram import Signal
 from graph.interval import Interval
+from graph.signal import Signal
 
 RAMP_TIME = 1.0  # s in which a live parameter crosses its whole range, where no slew is given
 

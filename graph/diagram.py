@@ -3,99 +3,18 @@ compiler's to say.
 """
 
 import numbers
-from collections import namedtuple
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from graph.diagnostics import Diagnostic, DiagramError, Location, caller
+from graph.names import check_name, snake_case, suggestion
+from graph.signal import Signal
 
-NAME_LENGTH = 100  # characters
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
 _scope = ContextVar("tickwork_scope", default=None)
-
-
-@dataclass(frozen=True)
-class Signal:
-    """One output port of one block: what wires carry. Made by `block.port` and by wiring, never by hand."""
-
-    block: object
-    port: str
-
-    @property
-    def path(self):
-        return f"{self.block.path}.{self.port}"
-
-    @property
-    def declaration(self):
-        return self.block.outputs[self.port]
-
-    def __repr__(self):
-        return f"<Signal {self.path} [{self.declaration.unit}]>"
-
-    # Arithmetic makes the blocks, where it stands.
-
-    def __add__(self, other):
-        return _arithmetic().plus(self, other)
-
-    def __radd__(self, other):
-        return _arithmetic().plus(other, self)
-
-    def __sub__(self, other):
-        return _arithmetic().plus(self, other, "+-")
-
-    def __rsub__(self, other):
-        return _arithmetic().plus(other, self, "+-")
-
-    def __mul__(self, other):
-        return _arithmetic().times(self, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other):
-        return _arithmetic().over(self, other)
-
-    def __rtruediv__(self, other):
-        return _arithmetic().over(other, self)
-
-    def __neg__(self):
-        return _arithmetic().times(self, -1.0)
-
-    def __getitem__(self, index):
-        """Elements, as NumPy has them: `gyro[1]`, `gyro[:2]`, `gyro[[0, 2]]`, `matrix[1, 0]`, `matrix[:, 2]`.
-
-        Where the shape is not declared, the signal is a vector, and the index a whole number or a list of them.
-        """
-        shape = self.declaration.shape
-        arithmetic = _arithmetic()
-        if shape is not ...:
-            return arithmetic.Select(arithmetic.encoded(index), shape)(self)
-        if isinstance(index, (slice, tuple)) or index is ...:
-            raise TypeError(
-                f"{self.path} takes slices and several axes only where its shape is declared: name the "
-                "elements, as in [[0, 1]]"
-            )
-        return arithmetic.Select(tuple(index) if isinstance(index, list) else index)(self)
-
-    __iter__ = None  # its length is not known until the compile
-
-    def to(self, unit):
-        """The signal in another unit of its dimension: `angle.to("deg")`."""
-        return _arithmetic().Convert(unit)(self)
-
-    def __bool__(self):
-        raise TypeError(
-            f"{self.path} is a signal, which has no value until the diagram runs: wire it into a block instead"
-        )
-
-
-def _arithmetic():
-    from graph import arithmetic  # its blocks rest on this file
-
-    return arithmetic
 
 
 @dataclass(frozen=True)
@@ -104,16 +23,6 @@ class Wire:
     block: object
     port: str | None  # None: a place of its own in a variadic block
     where: Location
-
-
-@cache
-def _outputs_type(names):
-    return namedtuple("Outputs", names, rename=True)
-
-
-def Outputs(names, signals):
-    """A named tuple of signals: `phase, walking = block(...)` and `block(...).phase` both work."""
-    return _outputs_type(tuple(names))(*signals)
 
 
 @dataclass(frozen=True)
@@ -174,8 +83,6 @@ class Diagram:
         try:
             return self.blocks[path]
         except KeyError:
-            from graph.block import suggestion
-
             hint = suggestion(path, self.blocks)
             raise KeyError(f"{self.name} has no block {path!r}" + (f": {hint}" if hint else "")) from None
 
@@ -186,8 +93,6 @@ class Diagram:
         return len(self.blocks)
 
     def add(self, block, name, prefix):
-        from graph.block import snake_case
-
         if name is not None:
             check_name(name, block.location)
         wanted = prefix + (name or snake_case(type(block).__name__))
@@ -286,36 +191,6 @@ class subsystem:
 
     def __exit__(self, *exception):
         _scope.reset(self.token)
-
-
-def check_name(name, where):
-    """Raise DiagramError for a name that a path, a column, a file name or a command line cannot carry.
-
-    `/` separates subsystems and `.` ports.
-    """
-    if (
-        not isinstance(name, str)
-        or not name.strip()
-        or not name.isprintable()
-        or set(name) & set("/.=")
-        or len(name) > NAME_LENGTH
-    ):
-        shown = (
-            repr(name)
-            if len(repr(name)) <= NAME_LENGTH + 2
-            else (f"{repr(name)[:NAME_LENGTH]}... ({len(repr(name))} characters)")
-        )
-        raise DiagramError(
-            Diagnostic(
-                "TW010",
-                f"{shown} cannot be a name",
-                where=where,
-                hint=f"a name is printable text of at most {NAME_LENGTH} characters without '/', '.' and '='; "
-                "subsystems "
-                "make paths, as in "
-                '`with subsystem("left")`',
-            )
-        )
 
 
 def is_count(every):

@@ -7,7 +7,7 @@ from collections import deque
 
 from graph import units
 from graph.block import Block
-from graph.diagram import Signal
+from graph.signal import Signal
 
 
 def spread(blocks, sources, visit):

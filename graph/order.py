@@ -4,7 +4,7 @@ import heapq
 
 import networkx as nx
 
-from graph.diagram import Signal
+from graph.signal import Signal
 
 
 def computes(block):

@@ -12,9 +12,9 @@ Every block is asked a bounded number of times, so the work grows with the size 
 import heapq
 
 from graph.block import range_of
-from graph.diagram import Signal
 from graph.interval import EVERYTHING, Interval
 from graph.order import computes
+from graph.signal import Signal
 
 GROWTHS = 3  # after so many an end of a block without direct feedthrough is infinite
 ASKED = 16  # after so many questions on the way up nothing is said of a block

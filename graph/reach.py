@@ -18,9 +18,9 @@ from typing import NamedTuple
 from graph import units
 from graph.block import Sink, range_of
 from graph.device import Actuator, Device
-from graph.diagram import Signal
 from graph.interval import EVERYTHING, Interval
 from graph.ranges import find_ranges, interval_of, interval_of_numbers
+from graph.signal import Signal
 
 POSITION, VELOCITY, TORQUE = "rad", "rad/s", "N·m"
 TURN = 2.0 * math.pi

@@ -3,8 +3,7 @@
 import numpy as np
 
 from cext.schedule.kernel_table import call_kernel
-from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters
-from graph.block import size_of
+from graph.arena_layout import Layout, kernel_table, place_memory, place_parameters, size_of
 
 
 class Scratch:

@@ -16,7 +16,8 @@ from pathlib import Path
 from graph.block import Block
 from graph.declarations import Live
 from graph.diagnostics import Diagnostic, DiagramError
-from graph.diagram import Diagram, Scope, Signal, _scope
+from graph.diagram import Diagram, Scope, _scope
+from graph.signal import Signal
 
 FORMAT = 1
 ENTRY_POINTS = "tickwork.blocks"

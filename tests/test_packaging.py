@@ -165,7 +165,6 @@ CIRCLES = {  # {first module: how many}, to be untied
     "blocks.actuators.cubemars.emulator": 2,
     "blocks.imus.invensense.emulator": 3,
     "graph": 4,
-    "graph.arithmetic": 5,
     "runtime.analysis.trial": 2,
     "runtime.bench.views": 2,
     "runtime.rig.evdev_line": 6,

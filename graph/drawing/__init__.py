@@ -5,7 +5,6 @@ svg(drawing)                    '<svg ...'
 """
 
 from graph.compiler import examine
-from graph.diagram import Signal
 from graph.drawing.cards import block_card, signal_text
 from graph.drawing.compose import collect, lay_out
 from graph.drawing.mermaid import mermaid
@@ -14,6 +13,7 @@ from graph.drawing.outline import outline
 from graph.drawing.page import page
 from graph.drawing.style import MARGIN
 from graph.drawing.svg import svg
+from graph.signal import Signal
 
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 

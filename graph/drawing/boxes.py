@@ -3,10 +3,10 @@
 import math
 from dataclasses import dataclass
 
-from graph.block import snake_case
-from graph.diagram import Signal
 from graph.drawing import cards
 from graph.drawing.style import HEAD, LINE, PADDING, ROW, SMALL, TEXT, TITLE, fit, text_width
+from graph.names import snake_case
+from graph.signal import Signal
 
 WIDEST, DETAILS = 260.0, 4  # px of a box; parameters shown on it
 

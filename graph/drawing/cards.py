@@ -10,7 +10,7 @@ from graph import units
 from graph.block import Block, Sink
 from graph.device import Actuator, Device
 from graph.diagnostics import DiagramError
-from graph.diagram import Signal
+from graph.signal import Signal
 
 ROOMS = {
     "filters": "filter",

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import takewhile
 
 from graph.block import Sink
-from graph.diagram import Signal
+from graph.signal import Signal
 
 
 @dataclass(eq=False)

@@ -67,7 +67,7 @@ def parts(text):
     found = tuple(word.strip() for word in text.split(","))
     stranger = next((word for word in found if word not in PARTS), None)
     if stranger is not None:
-        from graph.block import suggestion
+        from graph.names import suggestion
 
         raise BadInput(f"--only {stranger}: {suggestion(stranger, PARTS) or 'expected ' + ', '.join(PARTS)}")
     return found

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 from blocks.actuators.robstride.parameters import PARAMETERS
 from graph import Device
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.cli.parsing import Parser, add_bus
 from runtime.commissioning import rig_edit

@@ -7,7 +7,7 @@ import struct
 import time
 from dataclasses import replace
 
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire

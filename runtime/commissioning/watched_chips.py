@@ -8,7 +8,7 @@ from contextlib import ExitStack, closing, suppress
 from blocks.imus import ICM20948, MPU9250
 from blocks.sensors import ADS1115, NAU7802
 from graph import Device, Diagram
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.commissioning.chips import BLOCKS
 from runtime.commissioning.watched import WatchedBlocks

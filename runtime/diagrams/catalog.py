@@ -10,8 +10,8 @@ import textwrap
 from dataclasses import dataclass
 
 from graph import Block, Device
-from graph.block import suggestion
 from graph.drawing.cards import class_card, documentation, summary, unit_text
+from graph.names import suggestion
 from graph.store import ENTRY_POINTS
 from runtime.base.errors import BadInput
 from runtime.base.exception_text import name_and_text

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from graph import Block, Diagram, DiagramError, compile
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.base.exception_text import TEXT_LIMIT, bounded, text_of
 from runtime.diagrams.overrides import set_block_parameters, share_out

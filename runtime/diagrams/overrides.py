@@ -4,7 +4,7 @@ import ast
 import inspect
 
 from graph import DiagramError, units
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.live import patterns
 

@@ -3,7 +3,7 @@
 import math
 
 from graph import Device
-from graph.diagram import Signal
+from graph.signal import Signal
 from runtime.base.exception_text import last_lines
 from runtime.diagrams.file import own_frames, words
 from runtime.report import drive_faults, fault_context

@@ -5,7 +5,7 @@ it said.
 import math
 
 from graph import Actuator
-from graph.diagram import Signal
+from graph.signal import Signal
 
 MOST = 8  # signals of the last ticks
 

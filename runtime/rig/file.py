@@ -17,7 +17,7 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.rig.errors import RigError, Trouble
 from runtime.rig.udp import EXAMPLE, UDP, Endpoint
 

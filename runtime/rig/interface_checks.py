@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass, field
 
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.machine.can import ARPHRD_CAN, bring_up
 from runtime.rig.errors import Refused, Trouble
 

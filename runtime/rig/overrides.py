@@ -3,7 +3,7 @@ as they are.
 """
 
 from graph import Device, DiagramError
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.rig.errors import RigError, Trouble
 
 

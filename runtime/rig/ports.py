@@ -8,7 +8,7 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.rig.errors import Refused, Trouble
 from runtime.rig.serial_port import holder, permission
 

@@ -9,8 +9,8 @@ import math
 import re
 
 from graph import Actuator, Device
-from graph.block import suggestion
-from graph.diagram import Signal
+from graph.names import suggestion
+from graph.signal import Signal
 from runtime.base.errors import BadInput
 
 MARGIN, LEAST_MARGIN = 0.01, 0.02  # share of a range, and rad: how far outside of it a joint may stand

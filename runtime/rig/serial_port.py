@@ -8,7 +8,7 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.machine.ports import SERIAL
 from runtime.rig.errors import Refused, Trouble
 from runtime.rig.udp import holder_of

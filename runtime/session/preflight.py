@@ -5,7 +5,7 @@ It is made in the control process as plain data, between two rounds of arming, a
 terminal (runtime.report.preflight).
 """
 
-from graph.diagram import Signal
+from graph.signal import Signal
 from runtime.report.failure_coverage import coverage
 
 OLD = 0.5  # share of its timeout beyond which a sample is old

@@ -8,7 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from graph import Interval
-from graph.block import range_of, size_of
+from graph.arena_layout import size_of
+from graph.block import range_of
 
 anything = st.floats(allow_nan=False)  # infinite and huge ones, subnormal ones, both zeros
 sensible = st.floats(-10.0, 10.0)

@@ -12,7 +12,7 @@ from blocks.controllers import PID
 from graph import Device, Diagram
 from graph.block import Sink
 from graph.conformance import Drive
-from graph.diagram import Signal
+from graph.signal import Signal
 from runtime.diagrams.catalog import libraries
 from tests.blocks.running import player
 from tests.cext.rigs import Rig, plant_of

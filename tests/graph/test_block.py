@@ -11,7 +11,7 @@ from blocks.filters import Butterworth
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.mathematics import Gain, Sum
 from graph import Block, Diagram, DiagramError, Input, Memory, Output, Param, deg
-from graph.block import snake_case
+from graph.names import snake_case
 from tests.graph.complaints import complaints, here, refusal
 
 

@@ -15,7 +15,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from graph.block import suggestion
+from graph.names import suggestion
 
 POSITION = 12.5  # rad, half the wire range of every model
 STIFFNESS = 500.0  # N·m/rad, from 0

@@ -12,7 +12,7 @@ which is what a board commands and reports. Rated torque over constant over √2
 from dataclasses import dataclass
 
 from blocks.actuators.cubemars import models
-from graph.block import suggestion
+from graph.names import suggestion
 
 POSITION = 12.56  # rad, half the wire range of every model
 

@@ -14,8 +14,8 @@ import math
 import re
 from dataclasses import dataclass
 
-from graph.block import suggestion
 from graph.interval import Interval
+from graph.names import suggestion
 
 TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C that feedback can tell, rounded as the kernels round
 

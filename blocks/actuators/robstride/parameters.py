@@ -8,7 +8,7 @@ import struct
 from dataclasses import dataclass
 
 from blocks.actuators.robstride.frames import WHOLE, WHOLE_OF_CYBERGEAR
-from graph.block import suggestion
+from graph.names import suggestion
 
 
 @dataclass(frozen=True)

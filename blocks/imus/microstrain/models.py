@@ -5,7 +5,7 @@ Source: MicroStrain's data communications protocols of the 3DM-GX5-25 and the 3D
 
 from dataclasses import dataclass
 
-from graph.block import suggestion
+from graph.names import suggestion
 
 BASE = (0x0101, 0x0102, 0x0103, 0x0104, 0x0106, 0x0107, 0x017E)
 OLDER = (*BASE, 0x0C06, 0x0C08, 0x0C0A, 0x0C0B, 0x0C11, 0x0C30, 0x0C50, 0x0D18)

@@ -74,7 +74,7 @@ def parts(text):
     names = [name.strip() for name in text.split(",")]
     for name in names:
         if name not in PARTS:
-            from graph.block import suggestion
+            from graph.names import suggestion
 
             hint = suggestion(name, PARTS) or f"the parts are {', '.join(PARTS)}"
             raise BadInput(f"--only {text}: there is no part {name!r}; {hint}")

@@ -7,7 +7,7 @@ import struct
 
 from blocks.actuators.cubemars import asking as mit
 from blocks.actuators.robstride import asking, parameters
-from graph.block import suggestion
+from graph.names import suggestion
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import SETTLE, read, refuse_company
 

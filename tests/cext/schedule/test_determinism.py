@@ -12,7 +12,7 @@ from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
 from graph.compiler import Compilation
-from graph.diagram import Signal
+from graph.signal import Signal
 from tests.cext.reference import ARITY, BLOCKS, OPEN, SOURCES, Node, execute
 from tests.cext.rigs import Rig
 
