@@ -7,7 +7,6 @@ import json
 import os
 import select
 import signal
-import time
 from contextlib import suppress
 
 from cext.ring.rings import Lines
@@ -57,9 +56,8 @@ def carry(wires, lines, bell, control):
                 poll.unregister(descriptor)
                 places[descriptor].fail(errno.EIO, "the interface has hung up")
         for number, wire in enumerate(wires):
-            now = time.monotonic_ns()
-            for identifier, data in wire.receive():
-                lines.give(number, identifier, data, now)
+            for identifier, data, arrival in wire.receive():
+                lines.give(number, identifier, data, arrival)
             for identifier, data, _ in lines.take(number):
                 wire.send(identifier, data)
             if wire.trouble is not None:

@@ -174,7 +174,7 @@ class GuardianProcess(ChildProcess):
             time.sleep(0.0005)
             before = time.monotonic_ns()
             for index, wire in wires.items():
-                for identifier, data in wire.receive():
+                for identifier, data, _ in wire.receive():
                     stop.hear(index, identifier, data, time.monotonic_ns(), drained)
             drained = before
         for wire in wires.values():

@@ -228,8 +228,8 @@ class Guardian:
         before = time.monotonic_ns()
         frames = self.wires[index].receive()
         now = time.monotonic_ns()
-        for identifier, data in frames:
-            self.lines.give(self.buses[index]["line"], identifier, data, now)
+        for identifier, data, arrival in frames:
+            self.lines.give(self.buses[index]["line"], identifier, data, arrival)
             if self.stop is not None:
                 self.stop.hear(index, identifier, data, now, self.drained[index])
         if len(frames) < FRAMES_AT_ONCE:
@@ -241,7 +241,7 @@ class Guardian:
             if self.buses[index]["line"] is None:
                 before = time.monotonic_ns()
                 frames = wire.receive()
-                for identifier, data in frames:
+                for identifier, data, _ in frames:
                     self.stop.hear(index, identifier, data, time.monotonic_ns(), self.drained[index])
                 if len(frames) < FRAMES_AT_ONCE:
                     self.drained[index] = before

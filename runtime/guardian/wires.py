@@ -1,6 +1,7 @@
 """Interfaces as the guardian has them: non-blocking, and never an exception once they are open.
 
-receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data)
+receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data, arrival in ns of
+                CLOCK_MONOTONIC)
 send(id, data)  whether the frame went out
 fileno()        for poll, or None where there is nothing to poll
 counts          {what became of frames: how many}; trouble : (errno, words) once the interface has failed, else None
@@ -76,7 +77,7 @@ class PythonCanWire(Wire):
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
-        self.ear = self.bus if interface in NEVER_WAITS else Ear(self.bus)
+        self.ear = Stamped(self.bus) if interface in NEVER_WAITS else Ear(self.bus)
         self.fd = fd
         self.echoes = {}  # (id, data): when each was sent whose echo is awaited
 
@@ -91,7 +92,7 @@ class PythonCanWire(Wire):
         frames = []
         for _ in range(FRAMES_AT_ONCE):
             try:
-                message = self.ear.recv(0)
+                message, arrival = self.ear.recv(0)
             except Exception as error:  # a TypeError, for half a frame on some serial lines
                 self.failed_once(error)
                 if errno_of(error) or self.trouble:
@@ -107,7 +108,7 @@ class PythonCanWire(Wire):
             if self.is_echo(frame):
                 self.count("echoes")
             else:
-                frames.append(frame)
+                frames.append((*frame, arrival))
         return frames
 
     def send(self, identifier, data):
@@ -151,19 +152,46 @@ class PythonCanWire(Wire):
 
     def close(self):
         with suppress(Exception):  # of an interface that is gone already
-            if self.ear is not self.bus:
-                self.ear.close()
+            self.ear.close()
             self.bus.shutdown()
 
 
-class Ear:
-    """Hears a bus whose `recv` may wait, whatever it is told, in a thread of its own. To the guardian it is that bus:
-    `recv`, `fileno`.
+class Stamped:
+    """A bus of python-can whose `recv` returns each message with its arrival in ns of CLOCK_MONOTONIC.
+
+    The arrival is the time stamp of the interface if that is one of the system clock which lies between the previous
+    message, or the last time that the bus was empty, and now. It is the time at which the message is read otherwise:
+    some interfaces have no time stamps, and some stamp with a clock of the adapter.
     """
 
     def __init__(self, bus):
-        self.bus = bus
-        self.came = deque(maxlen=REMEMBERED)  # messages, and what the interface raised
+        self.bus, self.fileno = bus, bus.fileno
+        self.earliest = time.monotonic_ns()  # at which the next message may have arrived
+
+    def recv(self, timeout):
+        """Return (message, arrival), (None, None) if there is none within `timeout` s."""
+        began = time.monotonic_ns()
+        message = self.bus.recv(timeout)
+        if message is None:
+            self.earliest = began
+            return None, None
+        now = time.monotonic_ns()
+        stamp = message.timestamp * 1e9 - (time.time_ns() - now)
+        self.earliest = int(stamp) if self.earliest <= stamp <= now else now
+        return message, self.earliest
+
+    def close(self):
+        """The bus is closed by the wire."""
+
+
+class Ear:
+    """A thread that receives from a bus whose `recv` may wait longer than its timeout. The guardian uses it as it uses
+    `Stamped`.
+    """
+
+    def __init__(self, bus):
+        self.bus = Stamped(bus)
+        self.came = deque(maxlen=REMEMBERED)  # messages with their arrivals, and what the interface raised
         self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.hear, name="ear", daemon=True)
@@ -175,7 +203,7 @@ class Ear:
                 came = self.bus.recv(WAIT)
             except Exception as error:
                 came = error
-            if came is not None:
+            if came != (None, None):
                 self.came.append(came)
                 os.eventfd_write(self.bell, 1)
             if isinstance(came, Exception):
@@ -188,7 +216,7 @@ class Ear:
         with suppress(BlockingIOError):
             os.eventfd_read(self.bell)
         if not self.came:
-            return None
+            return None, None
         came = self.came.popleft()
         if self.came:
             os.eventfd_write(self.bell, 1)
@@ -246,7 +274,7 @@ class SocketCanWire(Wire):
                 self.count("echoes")
             elif len(frame) >= 8:
                 identifier, length = struct.unpack_from("=IB", frame)
-                frames.append((identifier, frame[8 : 8 + length]))
+                frames.append((identifier, frame[8 : 8 + length], time.monotonic_ns()))
         return frames
 
     def send(self, identifier, data):

@@ -127,7 +127,7 @@ def test_the_fence_is_up_before_the_first_frame_of_the_stop(robot):
 
 
 def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_came_before(robot):
-    answers = [(1, b"\1 answer")]
+    answers = [(1, b"\1 answer", 0)]
     robot.wires[0].receive = lambda: answers * 2  # they lie there when the stop begins: of the last torques
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert robot.guardian.stop.report()["confirmed"] == []
@@ -151,9 +151,9 @@ def test_the_stop_goes_on_until_both_have_answered_what_it_said_and_not_what_cam
 
 
 def test_what_lies_there_when_a_stop_begins_reaches_the_loop_before_the_answers_to_it(robot):
-    before = [[(1, b"\1 before")]]
+    before = [[(1, b"\1 before", 0)]]
     robot.wires[0].receive = lambda: before.pop() if before else []
-    robot.wires[0].then = lambda data: before.append([(1, b"\1 after")])
+    robot.wires[0].then = lambda data: before.append([(1, b"\1 after", 0)])
     robot.guardian.begin_stop("died", 0, time.monotonic_ns())
     assert [frame[2] for frame in robot.ends[0].receive()] == [b"\1 before"]
 

@@ -1,13 +1,14 @@
 """What else is on the wires of a run: its own frames handed back, and nodes that babble."""
 
 import re
+import signal
 import subprocess
 import sys
 import time
 
 import pytest
 
-from tests.runtime.guardian.bus import Bus
+from tests.runtime.guardian.bus import Bus, guardian_of
 from tests.runtime.rig.test_udp import Button, free_port
 from tests.runtime.runs import ROOT
 
@@ -55,6 +56,54 @@ def in_a_tick(out):
     """s that a tick took, at the 99th percentile, as the summary says."""
     number, unit = LOAD.search(out).groups()
     return float(number) * {"µs": 1e-6, "ms": 1e-3}[unit]
+
+
+TOLERANCE = 0.002  # s between the clock of the test and the times in the CAN log
+
+
+def test_recorded_frames_have_the_time_of_the_wire_though_the_loop_and_the_guardian_are_late(bus, tmp_path):
+    """The loop is 10 ms late in every fifth tick, and the guardian stands still for 20 ms after each frame."""
+    bus = bus
+    process = bus.start("--record", "out", law="time.sleep(0.005 if tick % 5 == 0 else 0.0)")
+    bus.await_torque()
+    guardian, sent = guardian_of(process), []
+    for number in range(10):
+        guardian.send_signal(signal.SIGSTOP)
+        sent.append(time.time())
+        bus.send(0x500 + number, b"stamp")
+        time.sleep(0.02)
+        guardian.send_signal(signal.SIGCONT)
+        bus.listen(0.06)
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    bus.listen(0.1)
+    assert process.returncode == 130, err
+    recorded = received_in(*(tmp_path / "out").glob("*.can.log"))
+    late = [recorded[0x500 + number, b"stamp".hex().upper()][0] - at for number, at in enumerate(sent)]
+    assert max(map(abs, late)) < TOLERANCE, late
+    answers = [(frame.time, frame.identifier) for frame in bus.frames if frame.identifier < 3 and not frame.is_command]
+    for motor in (1, 2):
+        on_the_wire = [at for at, identifier in answers if identifier == motor]
+        times = sorted(at for (identifier, _), found in recorded.items() if identifier == motor for at in found)
+        apart = [min(abs(at - other) for other in on_the_wire) for at in times]
+        assert len(times) > 30 and max(apart) < TOLERANCE, max(apart)
+
+
+def received_in(log):
+    """{(id, data in hex digits): s of the wall clock} of the frames that a CAN log has as received."""
+    found = {}
+    for line in log.read_text().splitlines():
+        at, _, frame, direction = line.split()
+        if direction == "R":
+            identifier, data = frame.split("#")
+            found.setdefault((int(identifier, 16), data), []).append(float(at.strip("()")))
+    return found
+
+
+@pytest.fixture
+def bus(tmp_path):
+    with Bus(tmp_path, number=6) as bus:
+        yield bus
 
 
 def counted(out, what):

@@ -2,15 +2,18 @@
 
 import errno
 import itertools
+import math
 import os
 import select
 import socket
 import time
+from types import SimpleNamespace
 
 import can
 import pytest
 
-from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, keep_apart
+from runtime.guardian import wires
+from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, Stamped, keep_apart
 from tests.runtime.guardian.drives import open_bus
 
 pytestmark = pytest.mark.timing
@@ -43,8 +46,13 @@ def heard(wire, count):
     """The next frames, as they come."""
     frames = []
     while len(frames) < count and select.select([wire], [], [], 5.0)[0]:
-        frames += wire.receive()
+        frames += received(wire)
     return frames
+
+
+def received(wire):
+    """The frames that have come, without their arrivals."""
+    return [frame[:2] for frame in wire.receive()]
 
 
 def message(identifier, data, extended=False, **kind):
@@ -93,7 +101,7 @@ def test_an_echo_that_was_lost_does_not_hide_a_frame_of_somebody_else_for_ever(c
     assert 0 < len(sent) <= 0.6 * 2.0 * ECHO / 0.002 and last - sent[0] <= ECHO
     time.sleep(ECHO)
     node.send(message(127, NOTHING))
-    assert wire.receive() == [(127, NOTHING)] and wire.counts == {}
+    assert received(wire) == [(127, NOTHING)] and wire.counts == {}
     wire.close()
     node.shutdown()
 
@@ -147,7 +155,7 @@ def test_an_interface_that_python_can_cannot_open_says_why():
 def test_an_interface_without_a_descriptor_is_read_all_the_same(channel):
     wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
     node.send(message(3, b"abc"))
-    assert wire.fileno() is None and wire.receive() == [(3, b"abc")] and wire.receive() == []
+    assert wire.fileno() is None and received(wire) == [(3, b"abc")] and wire.receive() == []
     assert wire.send(3, b"def") and node.recv(1.0).data == b"def"
     wire.close()
     node.shutdown()
@@ -166,3 +174,82 @@ def test_an_interface_that_fails_is_told_after_some_patience_and_never_raises(ch
 def test_a_socketcan_interface_that_is_not_there_is_told():
     with pytest.raises(CannotOpen, match="can_no_such"):
         SocketCanWire("can_no_such", False, False)
+
+
+# Arrivals
+
+TOLERANCE = 2_000_000  # ns between the clock of the test and a time stamp
+
+
+def sent_apart(node, stall=0.05, gap=0.01, count=3):
+    """Send frames `gap` s apart while the wire is not read for `stall` s. Returns the ns at which each was sent."""
+    times = []
+    for number in range(count):
+        times.append(time.monotonic_ns())
+        node.send(message(number, b"x"))
+        time.sleep(gap)
+    time.sleep(stall)
+    return times
+
+
+def assert_arrivals(frames, times, tolerance=TOLERANCE):
+    assert [frame[0] for frame in frames] == list(range(len(times)))
+    assert all(0 <= frame[2] - at < tolerance for frame, at in zip(frames, times)), [
+        frame[2] - at for frame, at in zip(frames, times)
+    ]
+
+
+def test_frames_that_wait_in_the_interface_keep_the_time_at_which_each_arrived(wire, node):
+    assert wire.receive() == []
+    times = sent_apart(node)
+    assert_arrivals(wire.receive(), times)
+
+
+def test_an_interface_without_a_descriptor_keeps_the_time_at_which_each_frame_arrived(channel):
+    wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
+    times = sent_apart(node)
+    assert_arrivals(wire.receive(), times)
+    wire.close()
+    node.shutdown()
+
+
+def test_a_thread_that_receives_notes_when_each_frame_arrived(channel, monkeypatch):
+    monkeypatch.setattr(wires, "NEVER_WAITS", set())
+    wire = PythonCanWire("virtual", channel, 1_000_000, False)
+    monkeypatch.setattr(wire.bus, "_recv_internal", without_stamps(wire.bus._recv_internal))
+    with can.Bus(channel, interface="virtual") as node:
+        times = sent_apart(node)
+    assert_arrivals(wire.receive(), times)
+    wire.close()
+
+
+def without_stamps(receive):
+    def stripped(timeout):
+        message, filtered = receive(timeout)
+        if message is not None:
+            message.timestamp = 0.0
+        return message, filtered
+
+    return stripped
+
+
+@pytest.mark.parametrize("stamp", [0.0, 12.5, 4e9, math.nan, math.inf, -1.0, 1e300])
+def test_a_time_stamp_of_another_clock_is_replaced_by_the_time_at_which_the_frame_is_read(stamp):
+    bus = Stamped(SimpleNamespace(fileno=None, recv=lambda timeout: SimpleNamespace(timestamp=stamp)))
+    before = time.monotonic_ns()
+    _, arrival = bus.recv(0)
+    assert before <= arrival <= time.monotonic_ns()
+
+
+def test_no_arrival_is_before_that_of_the_frame_before_it_or_before_the_bus_was_seen_empty():
+    """So a time stamp that is wrong makes a device silent too early at worst, and never too late."""
+    queue = []
+    bus = Stamped(SimpleNamespace(fileno=None, recv=lambda timeout: queue.pop(0) if queue else None))
+    time.sleep(0.02)
+    queue += [SimpleNamespace(timestamp=time.time() - back) for back in (0.005, 0.010)]
+    first, second = bus.recv(0)[1], bus.recv(0)[1]
+    assert first < second and time.monotonic_ns() - first == pytest.approx(5e6, abs=TOLERANCE)
+    assert bus.recv(0) == (None, None)
+    empty = time.monotonic_ns()
+    queue.append(SimpleNamespace(timestamp=time.time() - 0.005))
+    assert empty <= bus.recv(0)[1]
