@@ -23,7 +23,7 @@ def without_rates(lines):
 def test_the_scan_of_the_page_is_what_a_scan_prints(command_line):
     with Nodes(90, Mit(3, position=0.5), Private(9), OpenImu()) as nodes:
         code, out, err = command_line("scan", *nodes.words, "--listen", "0.1")
-    shown = [line for line in shown_after(PAGE, "## Who is there") if line and not line.startswith("python")]
+    shown = [line for line in shown_after(PAGE, "## Scanning a bus") if line and not line.startswith("python")]
     told = out.replace(f"bus can  udp_multicast {nodes.channel}", "bus can0  socketcan can0").splitlines()
     assert (code, err) == (OK, "") and without_rates(told) == without_rates(shown)
 
