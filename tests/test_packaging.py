@@ -166,7 +166,6 @@ CIRCLES = {  # {first module: how many}, to be untied
     "blocks.imus.invensense.emulator": 3,
     "graph": 4,
     "runtime.analysis.trial": 2,
-    "runtime.bench.views": 2,
     "runtime.rig.evdev_line": 6,
 }
 

@@ -1,6 +1,4 @@
-"""What eight drives cost a tick, beside a program on python-can; and eight motors at 1000 Hz on two buses, beside a
-loop in C.
-"""
+"""Cost of eight drives a tick; and eight motors at 1000 Hz on two buses, beside a loop in C."""
 
 import ctypes
 import signal
@@ -20,8 +18,7 @@ from cext.schedule.bus_cost import time_of_control, time_of_ticks
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
-from runtime.bench.by_hand import build
-from runtime.bench.c_grid import C_GRID
+from runtime.bench.c_program import C_GRID, build
 from runtime.bench.rate.robot import UNLIMITED
 from runtime.console.progress import rounds
 from runtime.machine.realtime import Realtime
@@ -41,8 +38,9 @@ C_LOOP = (
 #include <string.h>
 #include <sys/socket.h>
 
-/* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns how many commands had
-   no answer when the next went out, from tick room[15] on; room[14] becomes the number of grid points that were missed. */
+/* Commands zero torque to motors 1 to room[1] on each of room[0] sockets, room[2] and on, at a period in ns. Returns
+   the number of commands without an answer before the next one, from tick room[15] on; room[14] becomes the number of
+   grid points that were missed. */
 struct frame { uint32_t id; uint8_t length, spare[3], data[8]; };
 
 double run(long period, long ticks, double *room, double *unused)
@@ -115,14 +113,6 @@ def native(rounds):
         through = time_of_control(Program(schedule, [can.end]), far.end, ANSWERS, rounds, RATE)
         _, calls = time_of_ticks(can.end, own.fileno(), other.fileno(), DRIVES, rounds)
     return alone, through, calls
-
-
-def by_python_can(ticks):
-    """s of each tick, of python-can over the same kind of socket."""
-    from runtime.bench.python_can import time_of_ticks as time_of_python
-
-    with ends() as (own, other):
-        return time_of_python(own, SocketCan(other).end, ANSWERS, ticks)
 
 
 @contextmanager

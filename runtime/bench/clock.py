@@ -19,8 +19,7 @@ from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.clock.histogram import counts_of, percentile
 from graph import Block, Diagram, Input, Output, compile
-from runtime.bench.by_hand import build
-from runtime.bench.c_grid import C_GRID
+from runtime.bench.c_program import C_GRID, build
 from runtime.console.progress import rounds
 from runtime.diagrams.simulation import Simulation
 from runtime.machine.realtime import Realtime

@@ -1,12 +1,8 @@
-"""What the project wants to be true of its speed, compared with what was measured."""
+"""Speed that Tickwork aims for, beside what was measured."""
 
 from dataclasses import dataclass
 
-NATIVE = {"knee": 0.15, "wide": 0.8, "wide6": 1.8}  # µs a tick
-OVER_DRAKE = {"knee": 90.0, "wide": 200.0, "wide6": 100.0}
-OVER_C = 1.5  # for fused schedules, which are to come
-PYTHON_BLOCK = 90.0  # ns
-CHAIN = {"native": 5.0, "python": 150.0}  # ns a block
+CHAIN = {"native blocks": 5.0, "Python blocks": 150.0}  # ns a block
 COMPILE = 20.0  # ms, 200 blocks
 START = 450.0  # ms
 MEMORY = 60.0  # MB
@@ -19,7 +15,6 @@ KNEE_MINUTE = 0.2  # s
 BUS = 1.0  # µs a tick beyond two system calls
 GUARDIAN = 100.0  # µs of a round trip, p99
 DRIVES = 5.0  # µs a tick of eight drives, beyond the system calls
-PYTHON_CAN = 0.1  # of what python-can takes
 STOP = 20.0  # ms from kill -9, p99
 SENSORS = 0.1  # of one processor: eight at 500 Hz
 BESIDE = 1.5  # times the lateness of the loop alone
@@ -43,28 +38,9 @@ class Goal:
         return self.value >= self.bound if self.at_least else self.value <= self.bound
 
 
-def of_ticks(netlist, times):
-    """Goals that the rows of one diagram decide. times : {name: Times}"""
-    native, python = times["Tickwork, native blocks"], times["Tickwork, Python blocks"]
-    a_block = python.median * 1e3 / netlist.blocks
-    if netlist.name == "chain":
-        return [
-            Goal("chain, a native block", native.median * 1e3 / netlist.blocks, CHAIN["native"], "ns"),
-            Goal("chain, a Python block", a_block, CHAIN["python"], "ns"),
-        ]
-    goals = [Goal(f"{netlist.name}, native blocks", native.median, NATIVE[netlist.name], "µs a tick")]
-    if netlist.width == 1:
-        goals.append(Goal(f"{netlist.name}, a Python block", a_block, PYTHON_BLOCK, "ns"))
-    if "Drake, C++ systems" in times:
-        faster = times["Drake, C++ systems"].over(native)
-        goals.append(
-            Goal(f"{netlist.name}, faster than Drake's C++ systems", faster, OVER_DRAKE[netlist.name], "times", True)
-        )
-    if "C, one straight line" in times:
-        goals.append(
-            Goal(f"{netlist.name}, slower than straight C", native.over(times["C, one straight line"]), OVER_C, "times")
-        )
-    return goals
+def of_blocks(rows):
+    """Goals of a chain of blocks. rows : of measure.table"""
+    return [Goal(f"a chain, {name}", rows[name]["ns_a_block"], bound, "ns a block") for name, bound in CHAIN.items()]
 
 
 def of_compiles(compiles, exponent, n_log_n):
@@ -122,7 +98,6 @@ def of_bus(found):
 def of_can(found):
     return [
         Goal("eight drives, beyond the bus's system calls", found["native_us"]["p50"], DRIVES, "µs a tick"),
-        Goal("the same over a socket, of python-can's time", found["share"], PYTHON_CAN, "times"),
         Goal(
             "answers missed beyond those of the C loop",
             max(0, found["motors"]["tickwork"]["unanswered"] - found["motors"]["c"]["unanswered"]),

@@ -1,11 +1,11 @@
-"""Contenders in turn: first each must compute what the reference computes, then each is timed, round by round.
+"""Contenders that are timed in turn, round by round.
 
-A contender is made from a netlist and has
+A contender has
 
     name
-    restart()           back to before the first tick
-    advance(ticks)      so many ticks further; returns the processor time they took, in s. Some begin anew whenever they
-    advance sinks               what the last tick gave every sink, element by element
+    restart()           go back to before the first tick
+    advance(ticks)      run so many ticks more; returns the processor time that they took, in s. Some contenders start
+                        at tick 0 in each call
 """
 
 import gc
@@ -13,16 +13,9 @@ import statistics
 
 from runtime.console.progress import rounds
 
-CHECKED = (1, 2, 3, 257)  # ticks after which the sinks must agree with the reference
-TOLERANCE = 1e-9  # of the largest value: other frameworks add up time, and some sums, in another order
-
-
-class Disagreement(Exception):
-    """A contender computes something else than the reference: its time would mean nothing."""
-
 
 class Times:
-    """How long a tick took, in µs, one number a round."""
+    """Duration of a tick, in µs, one number a round."""
 
     def __init__(self, rounds):
         self.rounds = rounds
@@ -40,28 +33,12 @@ class Times:
         return max(self.rounds)
 
     def over(self, other):
-        """How many times as long as another contender, by the median of the rounds, each against its own neighbour in
-        time.
-        """
+        """Return the ratio to another contender: the median over the rounds, each against its neighbour in time."""
         return statistics.median(mine / theirs for mine, theirs in zip(self.rounds, other.rounds))
 
 
-def check(contender, reference):
-    """Raises Disagreement."""
-    for ticks in CHECKED:
-        contender.restart()
-        contender.advance(ticks)
-        reference.restart()
-        reference.advance(ticks)
-        got, wanted = list(contender.sinks), list(reference.sinks)
-        largest = max(map(abs, wanted))
-        off = max((abs(a - b) if a == a else largest for a, b in zip(got, wanted)), default=0.0)
-        if len(got) != len(wanted) or off > TOLERANCE * largest:
-            raise Disagreement(f"{contender.name} gives {got} after {ticks} ticks, and {reference.name} {wanted}")
-
-
 def calibrate(contender, seconds):
-    """How many ticks take about so long."""
+    """Return the number of ticks that take about so long."""
     contender.restart()
     ticks = 1
     while (took := contender.advance(ticks)) < 0.2 * seconds:
@@ -70,17 +47,42 @@ def calibrate(contender, seconds):
 
 
 def interleave(contenders, seconds, repeats):
-    """{name: Times} of `repeats` rounds in which each contender runs for about so many seconds."""
+    """Time contenders in turn. Returns {name: Times} of `repeats` rounds of about so many seconds each."""
     ticks = {contender: calibrate(contender, seconds) for contender in contenders}
-    found = {contender: [] for contender in contenders}
+    times = {contender: [] for contender in contenders}
     collecting = gc.isenabled()
     gc.disable()
     try:
         for _ in rounds("measuring", repeats):
             for contender in contenders:
-                found[contender].append(contender.advance(ticks[contender]) / ticks[contender] * 1e6)
+                times[contender].append(contender.advance(ticks[contender]) / ticks[contender] * 1e6)
             gc.collect()
     finally:
         if collecting:
             gc.enable()
-    return {contender.name: Times(times) for contender, times in found.items()}
+    return {contender.name: Times(rounds) for contender, rounds in times.items()}
+
+
+def table(times, blocks, reference):
+    """Lay out Times as a table.
+
+    times : {name: Times}; blocks : {name: blocks of its diagram}; reference : the name that the last column divides by
+
+    Returns (heading, lines, {name: row}).
+    """
+    rows = {
+        name: {
+            "min": row.least,
+            "median": row.median,
+            "max": row.most,
+            "ns_a_block": row.median * 1e3 / blocks[name],
+            "times_native": row.over(times[reference]),
+        }
+        for name, row in times.items()
+    }
+    lines = [
+        f"  {name:36}{row['min']:16.4g}{row['median']:12.4g}{row['max']:12.4g}{row['ns_a_block']:13.3g}"
+        f"{row['times_native']:11.3g}"
+        for name, row in rows.items()
+    ]
+    return f"{'µs a tick: min':>16}{'median':>12}{'max':>12}{'ns a block':>13}{'x native':>11}", lines, rows

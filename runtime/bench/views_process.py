@@ -1,29 +1,77 @@
-"""One chunk of `bench views`, in a process of its own, so that it shares no interpreter with another: `python -m
-runtime.bench.views_process ...`.
+"""One run of `bench views`, in a process of its own: `python -m runtime.bench.views_process`.
+
+The arguments are NONE or ALL, the duration in s, `--realtime`, a folder, and the UDP port of a listener. The process
+prints a line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`.
 """
 
 import json
+import socket
 import sys
+from importlib.util import find_spec
+from pathlib import Path
 
-from runtime.bench import views
+from blocks.mathematics import Gain
+from blocks.recorders import CsvRecorder
+from blocks.sinks import PlotJuggler, Rerun
+from blocks.sources import Sine
+from graph import Diagram, compile, subsystem
+from runtime.diagrams.simulation import Simulation
 from runtime.machine.realtime import RealtimeRefused
 from runtime.recorder import RecorderError
+from runtime.session.run import Prepared, Request, run
+
+RATE, SIGNALS = 1000, 100  # Hz
+NONE, ALL = "none", "all"
+
+
+def diagram(viewed, folder, port):
+    """Build SIGNALS signals in four subsystems. port : UDP port that PlotJuggler's packets go to"""
+    with Diagram("views", RATE) as made:
+        for side in range(4):
+            with subsystem(f"part{side}"):
+                for index in range(SIGNALS // 8):
+                    Gain(2.0, name=f"gain{index}")(Sine(frequency=0.1 + index, name=f"sine{index}")())
+        for index in range(SIGNALS % 8 // 2):
+            Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
+        if viewed:
+            CsvRecorder()
+            PlotJuggler(port=port)
+            if find_spec("rerun") is not None:
+                Rerun(target=str(Path(folder) / "views.rrd"), name="rerun_file")
+                Rerun(target="serve", port=free_port(), web_port=free_port(), name="rerun_server")
+    return made
+
+
+def chunk(viewed, seconds, realtime, folder, port):
+    """Run the diagram. Returns the Result."""
+    made = diagram(viewed, folder, port)
+    schedule = compile(made)
+    request = Request(
+        Path(__file__),
+        duration=seconds,
+        record=Path(folder) if viewed else None,
+        no_record=not viewed,
+        realtime=realtime,
+    )
+    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * RATE)))
 
 
 def main(name, seconds, realtime, folder, port):
-    """A line of JSON: `lateness` and `period` as counts, `ticks`, `missed`, `dropped`, `problems`; or `refused`, and
-    why.
-    """
     try:
-        result = views.chunk(name == views.ALL, float(seconds), realtime, folder, int(port))
+        result = chunk(name == ALL, float(seconds), realtime, folder, int(port))
     except (RealtimeRefused, RecorderError) as error:
-        told = {"refused": str(error)}
+        report = {"refused": str(error)}
     else:
-        told = {what: result.page.counts(what).tolist() for what in ("lateness", "period")}
-        told |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")} | {
-            "problems": result.recording["problems"]
-        }
-    print(json.dumps(told))
+        report = {what: result.page.counts(what).tolist() for what in ("lateness", "period")}
+        report |= {what: result.statistics[what] for what in ("ticks", "missed", "dropped")}
+        report["problems"] = result.recording["problems"]
+    print(json.dumps(report))
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 if __name__ == "__main__":

@@ -11,11 +11,7 @@ from runtime.cli.parsing import Parser, count, number
 
 def main(arguments):
     """Returns the exit code."""
-    parser = Parser(
-        "bench can",
-        "Measure what eight drives cost a tick, beside a program on python-can, and whether motors at "
-        "1000 Hz lose answers.",
-    )
+    parser = Parser("bench can", "Measure what eight drives cost a tick, and whether motors at 1000 Hz lose answers.")
     parser.add_argument(
         "--rounds",
         type=count("--rounds"),
@@ -36,17 +32,16 @@ def main(arguments):
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
     from runtime.bench import can_cost
-    from runtime.bench.by_hand import NoCompiler
+    from runtime.bench.c_program import NoCompiler
 
     report = Report(options.json)
     report.say(["over sockets of this machine; what is compared is taken in turn", *words()], **machine())
-    alone, through, calls, plain = [], [], [], []
+    alone, through, calls = [], [], []
     try:
         can_cost.native(max(1, options.rounds // 10))  # warm
         for _ in range(options.repeats):
             for pool, times in zip((alone, through, calls), can_cost.native(options.rounds)):
                 pool += times
-            plain += can_cost.by_python_can(max(1, options.rounds // 10))
         ours, theirs = can_cost.fast_motors(options.seconds, options.repeats)
     except (OSError, NoCompiler) as error:
         raise BadInput(str(error)) from None
@@ -54,13 +49,11 @@ def main(arguments):
         "native_us": spread(np.array(alone) * 1e-3),
         "socket_us": spread(np.array(through) * 1e-3),
         "calls_us": spread(np.array(calls) * 1e-3),
-        "python_can_us": spread(np.array(plain) * 1e6),
         "motors": {
             name: dict(zip(("unanswered", "lost", "commands"), values))
             for name, values in (("tickwork", ours), ("c", theirs))
         },
     }
-    found["share"] = found["socket_us"]["p50"] / found["python_can_us"]["p50"]
     title = f"{can_cost.DRIVES} motors at {can_cost.RATE:g} Hz on {can_cost.BUSES} buses"
     report.say(
         [
@@ -69,7 +62,6 @@ def main(arguments):
             row("native, without the system calls of a bus", found["native_us"]),
             row("native, over a socket", found["socket_us"]),
             row("its two system calls alone", found["calls_us"]),
-            row("python-can over such a socket", found["python_can_us"]),
             "",
             f"{title:46}{'commands':>9}{'unanswered':>12}{'ticks lost':>12}",
             *(

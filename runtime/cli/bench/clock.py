@@ -68,7 +68,7 @@ def main(arguments):
 
 def keep_part(report, rates, options, disturbed):
     from runtime.bench import clock
-    from runtime.bench.by_hand import NoCompiler
+    from runtime.bench.c_program import NoCompiler
     from runtime.machine.realtime import RealtimeRefused
 
     try:
@@ -97,8 +97,8 @@ def keep_part(report, rates, options, disturbed):
             }
             lost = f"{row['missed']}/{row['ticks'] + row['missed']}"
             lines.append(
-                f"  {f'{rate} Hz, {name}':36}{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{row['period_p50_us']:18.1f}"
-                f"{row['period_p99_us']:10.1f}{row['period_p99_times_c']:8.2f}{lost:>14}"
+                f"  {f'{rate} Hz, {name}':36}{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}"
+                f"{row['period_p50_us']:18.1f}{row['period_p99_us']:10.1f}{row['period_p99_times_c']:8.2f}{lost:>14}"
             )
     report.say(lines, clock=rows)
     report.goals += goals.of_clock(found, disturbed)

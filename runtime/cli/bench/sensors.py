@@ -53,7 +53,8 @@ def main(arguments):
             "",
             f"{f'a loop at {sensors.LOOP:g} Hz':46}{'late, µs: p50':>16}{'p99':>9}{'processor':>11}{'missed':>8}",
             *(
-                f"  {label:44}{found['late_p50_us'][name]:16.1f}{found['late_p99_us'][name]:9.1f}{found[share]:11.2%}{found['missed'][name]:8}"
+                f"  {label:44}{found['late_p50_us'][name]:16.1f}{found['late_p99_us'][name]:9.1f}"
+                f"{found[share]:11.2%}{found['missed'][name]:8}"
                 for label, name, share in (
                     ("alone", "alone", "processor_alone"),
                     (f"beside {sensors.SENSORS} sensors at {sensors.RATE:g} Hz", "beside", "processor"),
@@ -72,10 +73,11 @@ def main(arguments):
     report.say(
         [
             "",
-            f"{'a thread of an I2C bus, on chips in memory':46}{'exchanges a second':>20}{'µs of each':>12}{'processor':>11}",
-            f"  {f'{i2c.SENSORS} IMUs at {i2c.RATE:g} Hz behind a multiplexer':44}{cost.exchanges:20.0f}{cost.each * 1e6:12.2f}{cost.processor:11.2%}",
-            "  what the driver of the adapter takes comes on top: 0.4 ms of waiting a burst at 400 kbit/s, and what it "
-            "interrupts",
+            f"{'a thread of an I2C bus, on chips in memory':46}{'exchanges a second':>20}{'µs of each':>12}"
+            f"{'processor':>11}",
+            f"  {f'{i2c.SENSORS} IMUs at {i2c.RATE:g} Hz behind a multiplexer':44}{cost.exchanges:20.0f}"
+            f"{cost.each * 1e6:12.2f}{cost.processor:11.2%}",
+            "  the adapter's driver adds 0.4 ms of waiting a burst at 400 kbit/s, and its interrupts",
         ],
         i2c=asdict(cost),
     )

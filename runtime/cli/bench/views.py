@@ -1,4 +1,4 @@
-"""`python -m runtime bench views`: what it measures, and what it prints."""
+"""`python -m runtime bench views`."""
 
 from runtime.base.errors import OK
 from runtime.bench import goals
@@ -7,14 +7,14 @@ from runtime.cli.parsing import Parser, count, number
 
 
 def main(arguments):
-    """Returns the exit code."""
+    """Run the command. Returns the exit code."""
     parser = Parser("bench views", "Measure how late the loop is with every recorder and viewer on, and with none.")
     parser.add_argument(
         "--seconds",
         type=number("--seconds", "seconds", 60.0),
         default=5.0,
         metavar="S",
-        help="of each chunk (default 5)",
+        help="duration of each chunk (default 5)",
     )
     parser.add_argument(
         "--repeats",
@@ -24,11 +24,11 @@ def main(arguments):
         help="chunks of each row, taken in turn (default 6)",
     )
     parser.add_argument(
-        "--realtime", choices=("off", "try", "require"), default="off", help="as of `run` (default: off)"
+        "--realtime", choices=("off", "try", "require"), default="off", help="the same as for `run` (default: off)"
     )
-    parser.add_argument("--json", action="store_true", help="print the same for machines")
+    parser.add_argument("--json", action="store_true", help="print the results as JSON")
     options = parser.parse_args(arguments)
-    from runtime.bench import views
+    from runtime.bench import views, views_process
 
     report = Report(options.json)
     what = (
@@ -37,17 +37,17 @@ def main(arguments):
     )
     report.say([what, *words()], **machine())
     found, problems, dropped = views.measure(options.seconds, options.repeats, options.realtime)
-    title = f"{views.SIGNALS} signals, {views.RATE} Hz"
+    title = f"{views_process.SIGNALS} signals, {views_process.RATE} Hz"
     lines, rows = ["", f"{title:38}{'late, µs: p50':>16}{'p99':>10}{'of chunks':>14}{'p99.9':>10}{'missed':>14}"], {}
     for name, kept in found.items():
-        label = "nothing recorded, nobody looks on" if name == views.NONE else ", ".join(views.views())
+        label = "no recorder, no viewer" if name == views.NONE else ", ".join(views.viewers())
         row = rows[name] = {f"late_p{share}_us": kept.late(float(share) / 100) * 1e6 for share in ("50", "99", "99.9")}
         row |= {"missed": kept.missed, "ticks": kept.ticks, "late_p99_of_chunks_us": [late * 1e6 for late in kept.each]}
         spread = f"{min(row['late_p99_of_chunks_us']):.0f} to {max(row['late_p99_of_chunks_us']):.0f}"
         lost = f"{kept.missed}/{kept.ticks + kept.missed}"
         late = f"{row['late_p50_us']:16.1f}{row['late_p99_us']:10.1f}{spread:>14}{row['late_p99.9_us']:10.1f}{lost:>14}"
         lines += [f"  {label:36}{late}"] if len(label) <= 36 else [f"  {label}", f"{'':38}{late}"]
-    report.say([*lines, *(f"  {problem}" for problem in problems)], views=rows, on=views.views(), problems=problems)
+    report.say([*lines, *(f"  {problem}" for problem in problems)], views=rows, on=views.viewers(), problems=problems)
     report.goals += goals.of_views(found[views.ALL], found[views.NONE], dropped)
     report.finish()
     return OK

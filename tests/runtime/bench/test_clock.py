@@ -11,7 +11,7 @@ import pytest
 from cext.clock.histogram import counts_of, percentile, percentiles
 from runtime.base.errors import OK
 from runtime.bench import clock, costs
-from runtime.bench.by_hand import build
+from runtime.bench.c_program import build
 
 pytestmark = pytest.mark.timing
 

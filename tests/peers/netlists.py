@@ -18,7 +18,7 @@ RATE = 1000.0  # Hz
 #   sum         y = ± u ± v ± w
 #   saturation  y = min(max(u, lower), upper)
 #   lowpass     y = b0 u + s0;  s0 = b1 u - a1 y + s1;  s1 = b2 u - a2 y                  (direct form II transposed)
-#   pd          y = kp u + kd (u - f) / (filter_time + h);  f = f + h (u - f) / (filter_time + h);  f is `start` at first
+#   pd          y = kp u + kd (u - f) / (filter_time + h);  f = f + h (u - f) / (filter_time + h);  f(0) = start
 #   rate        y = u, but no further than rate h from the y before
 #   delay       y is the u before, 0 at first
 #   sink        takes u

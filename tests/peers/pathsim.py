@@ -7,7 +7,7 @@ from pathsim import Connection, Simulation
 from pathsim.blocks import Adder, Amplifier, Clip, Constant, SinusoidalSource
 from pathsim.blocks._block import Block
 
-from runtime.bench.netlists import RATE
+from tests.peers.netlists import RATE
 
 H = 1.0 / RATE
 

@@ -1,19 +1,11 @@
-"""A netlist as a person would write it by hand: one straight line of Python, or of C, without blocks."""
+"""A netlist as one straight line of Python, or of C, without blocks."""
 
 import ctypes
-import os
-import shlex
-import shutil
-import subprocess
-import sysconfig
-import tempfile
 import time
 from math import sin
-from pathlib import Path
 
-from runtime.bench.netlists import RATE
-
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", "-falign-loops=32")  # as our own native code is built
+from runtime.bench.c_program import build
+from tests.peers.netlists import RATE
 
 # The body of a tick, in words that both languages have; {y} is the node's own name, {u}, {v}, {w} what it hears.
 _STEPS = {
@@ -107,10 +99,6 @@ class PlainPython:
         return time.thread_time() - began
 
 
-class NoCompiler(Exception):
-    pass
-
-
 class StraightC:
     """The netlist as one C function, compiled here and now, loop included."""
 
@@ -153,27 +141,3 @@ class StraightC:
         seconds = self.run(self.k, ticks, self.memory, self.sinks)
         self.k += ticks
         return seconds
-
-
-def build(text):
-    """The function `run` of a C text, compiled in a temporary folder. NoCompiler where there is none."""
-    known = (os.environ.get("CC"), sysconfig.get_config_var("CC"), "cc", "gcc", "clang")
-    compiler = next((command for command in known if command and shutil.which(shlex.split(command)[0])), None)
-    if compiler is None:
-        raise NoCompiler("there is no C compiler here")
-    with tempfile.TemporaryDirectory() as folder:
-        source, library = Path(folder, "straight.c"), Path(folder, "straight.so")
-        source.write_text(text)
-        done = subprocess.run(
-            [*shlex.split(compiler), *FLAGS, "-shared", "-fPIC", "-o", str(library), str(source), "-lm"],
-            capture_output=True,
-            text=True,
-        )
-        if done.returncode != 0:
-            raise NoCompiler(
-                f"{compiler} fails: {done.stderr.strip().splitlines()[-1] if done.stderr.strip() else done.returncode}"
-            )
-        run = ctypes.CDLL(str(library)).run  # stays mapped without its file
-    run.restype = ctypes.c_double
-    run.argtypes = [ctypes.c_long, ctypes.c_long, ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_double)]
-    return run

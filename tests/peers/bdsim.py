@@ -12,7 +12,7 @@ from bdsim.blocks.functions import Clip, Gain, Sum
 from bdsim.blocks.sampled import ZOH
 from bdsim.blocks.sources import Constant
 
-from runtime.bench.netlists import RATE
+from tests.peers.netlists import RATE
 
 H = 1.0 / RATE
 

@@ -1,5 +1,4 @@
-"""A tick of drives as a program on python-can has it: a Message object a frame, a Notifier thread that takes the
-answers.
+"""A tick of eight drives in a program on python-can: a Message object for each frame, a Notifier thread for answers.
 
 The bus is python-can's SocketcanBus with its own code for sending and receiving, over a datagram socket in place of a
 CAN interface.
@@ -12,9 +11,12 @@ import time
 from can import BusABC, Listener, Message, Notifier
 from can.interfaces.socketcan.socketcan import SocketcanBus
 
+from cext.bus.socketcan import SocketCan
+from runtime.bench.can_cost import ANSWERS, ends
+
 POSITION, VELOCITY, TORQUE = 12.5, 50.0, 18.0  # half ranges of an AK80-9's wire
 LIMIT = 5.0  # N·m
-PATIENCE = 1.0  # s
+ANSWER_TIMEOUT = 1.0  # s
 
 
 class DatagramBus(SocketcanBus):
@@ -26,7 +28,7 @@ class DatagramBus(SocketcanBus):
         BusABC.__init__(self, channel="bench")
 
     def _apply_filters(self, filters):
-        pass  # there is nobody else on it
+        pass  # the socket has no other sender
 
 
 def code(x, low, high, bits):
@@ -44,7 +46,7 @@ def pack(torque):
 
 
 class Feedback(Listener):
-    """What the drives said last, by id."""
+    """The last answer of each drive, by id."""
 
     def __init__(self):
         self.newest, self.count = {}, 0
@@ -63,10 +65,16 @@ class Feedback(Listener):
         self.count += 1
 
 
-def time_of_ticks(socket, other, answers, ticks):
-    """s of processor time of each tick, of the loop and of the Notifier's thread together.
+def measure(ticks):
+    """Return the processor time of each tick, in µs, over the socket that Tickwork is timed with."""
+    with ends() as (own, other):
+        return [seconds * 1e6 for seconds in time_of_ticks(own, SocketCan(other).end, ANSWERS, ticks)]
 
-    other : BusEnd at the far end; answers : (id, data) of what the drives say to every tick
+
+def time_of_ticks(socket, other, answers, ticks):
+    """Return the processor time of each tick, in s, of the loop and of the Notifier's thread together.
+
+    other : BusEnd at the far end; answers : (id, data) that the drives send in every tick
     """
     bus, feedback = DatagramBus(socket), Feedback()
     notifier = Notifier(bus, [feedback], timeout=0.1)
@@ -79,18 +87,18 @@ def time_of_ticks(socket, other, answers, ticks):
             torque = 3.0 * math.sin(6.283185307179586 * tick / 1000.0)
             now = time.time()
             for can_id, _ in answers:
-                heard = feedback.newest.get(can_id)
-                if heard is not None and (heard[4] or now - heard[5] > 0.5):
-                    raise OSError("a drive is silent or has a fault")
+                answer = feedback.newest.get(can_id)
+                if answer is not None and (answer[4] or now - answer[5] > 0.5):
+                    raise OSError("a drive does not answer or reports a fault")
                 if not math.isfinite(torque):
-                    raise OSError("no torque")
+                    raise OSError("the torque is not finite")
                 bus.send(
                     Message(arbitration_id=can_id, is_extended_id=False, data=pack(min(max(torque, -LIMIT), LIMIT)))
                 )
             spent = time.thread_time() - began
             for can_id, data in answers:
                 other.send(can_id, data)
-            deadline = time.monotonic() + PATIENCE
+            deadline = time.monotonic() + ANSWER_TIMEOUT
             while feedback.count < len(answers) * (tick + 1):
                 if time.monotonic() > deadline:
                     raise OSError("an answer was lost")

@@ -14,7 +14,7 @@ from blocks.vectors import Stack
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Block, Diagram, Input, Output, Param, Sink, compile
-from runtime.bench.netlists import RATE
+from tests.peers.netlists import RATE
 
 
 class Tap(Sink):

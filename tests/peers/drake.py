@@ -17,7 +17,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from runtime.bench.netlists import RATE
+from tests.peers.netlists import RATE
 
 H = 1.0 / RATE
 

@@ -1,0 +1,96 @@
+"""The diagrams that peers are timed with: every contender computes the same."""
+
+import importlib
+import math
+import socket
+
+import pytest
+
+from cext.bus.socketcan import SocketCan
+from runtime.bench.c_program import NoCompiler
+from runtime.bench.can_cost import ANSWERS, ends
+from tests.peers import netlists, python_can
+from tests.peers.__main__ import PEERS, contenders_of
+from tests.peers.agreement import Disagreement, check
+from tests.peers.by_hand import PlainPython, StraightC
+from tests.peers.tickwork import NativeBlocks, PythonBlocks
+
+NETLISTS = [netlists.knee(), netlists.wide(), netlists.wide6(), netlists.chain()]
+
+
+@pytest.mark.parametrize("netlist", NETLISTS, ids=lambda netlist: netlist.name)
+def test_blocks_and_lines_written_by_hand_compute_the_same(netlist):
+    reference = PlainPython(netlist)
+    for kind in (NativeBlocks, PythonBlocks, StraightC):
+        contender = kind(netlist)
+        check(contender, reference)
+        contender.restart(), reference.restart()
+        contender.advance(1000), reference.advance(1000)
+        assert list(contender.sinks) == pytest.approx(list(reference.sinks), abs=1e-9) and any(contender.sinks)
+
+
+def test_the_diagrams_have_the_sizes_that_the_peers_were_measured_with():
+    assert [(netlist.name, netlist.blocks, netlist.width) for netlist in NETLISTS] == [
+        ("knee", 20, 1),
+        ("wide", 200, 1),
+        ("wide6", 200, 6),
+        ("chain", 102, 1),
+    ]
+
+
+def test_a_contender_with_other_results_is_not_timed():
+    class Half(PlainPython):
+        name = "half"
+
+        def advance(self, ticks):
+            super().advance(ticks)
+            self.sinks[0] *= 0.5
+
+    with pytest.raises(Disagreement, match="half computes .* after 1 ticks, plain Python, one straight line"):
+        check(Half(NETLISTS[0]), PlainPython(NETLISTS[0]))
+
+
+def test_nan_is_a_disagreement():
+    class Broken(PlainPython):
+        def advance(self, ticks):
+            super().advance(ticks)
+            self.sinks[0] = math.nan
+
+    with pytest.raises(Disagreement):
+        check(Broken(NETLISTS[0]), PlainPython(NETLISTS[0]))
+
+
+def test_without_a_compiler_straight_c_is_left_out(monkeypatch):
+    monkeypatch.setenv("CC", "false")
+    with pytest.raises(NoCompiler, match="false fails"):
+        StraightC(NETLISTS[0])
+    contenders, left_out = contenders_of(NETLISTS[0], with_peers=False)
+    assert [contender.name for contender in contenders] == [
+        "Tickwork, native blocks",
+        "Tickwork, Python blocks",
+        "plain Python, one straight line",
+    ]
+    assert list(left_out) == ["C, one straight line"]
+
+
+@pytest.mark.parametrize("module", PEERS)
+def test_a_peer_that_is_installed_computes_the_same(module):
+    pytest.importorskip("pydrake" if module == "drake" else module)
+    peers = importlib.import_module(f"tests.peers.{module}")
+    for kind in PEERS[module]:
+        check(getattr(peers, kind)(NETLISTS[0]), PlainPython(NETLISTS[0]))
+
+
+def test_python_can_sends_the_bytes_that_the_native_driver_sends():
+    assert python_can.pack(0.0) == bytes.fromhex("7fff7ff0000007ff")
+    times = python_can.measure(3)
+    assert len(times) == 3 and min(times) > 0.0
+
+
+def test_python_can_raises_when_an_answer_is_lost(monkeypatch):
+    monkeypatch.setattr(python_can, "ANSWER_TIMEOUT", 0.05)
+    with ends() as (own, _), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as unconnected:
+        unconnected.bind(("127.0.0.1", 0))
+        unconnected.connect(("127.0.0.1", 9))
+        with pytest.raises(OSError, match="an answer was lost"):
+            python_can.time_of_ticks(own, SocketCan(unconnected, mute=True).end, ANSWERS, 1)
