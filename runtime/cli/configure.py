@@ -12,7 +12,7 @@ from runtime.commissioning import rig_edit
 from runtime.commissioning.bus import opened, single_bus
 from runtime.commissioning.configure import apply, joint
 from runtime.commissioning.configure.robstride import VENDOR_ONLY, named, protocol, settings_of
-from runtime.console.confirm import sure
+from runtime.console.confirm import confirm
 from runtime.console.terminal import complain, tell
 from runtime.diagrams.file import compiled, load
 from runtime.rig import read
@@ -109,7 +109,7 @@ def configure_joint(options):
     compiled(Path(options.what), again)  # what it would break is told before it is written
     tell([f'[device."{block.path}"] of {options.rig}:'])
     tell([f"  {name}: {before.get(name, 'not said')} -> {value}" for name, value in found.items()])
-    if not sure(f"write that into {options.rig}", options.yes):
+    if not confirm(f"write that into {options.rig}", options.yes):
         complain(["nothing was written"])
         return OK
     rig_edit.write(options.rig, rig.text, text)

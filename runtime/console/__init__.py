@@ -1,1 +1,1 @@
-"""The terminal: styles, keys, progress, confirmation. No content of its own."""
+"""Terminal output and input: styles, status lines, keys and confirmation, without content."""

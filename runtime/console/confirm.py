@@ -1,4 +1,4 @@
-"""Asking a person: yes or no, and Enter when something has been done."""
+"""Confirmation by the operator on standard input."""
 
 import select
 import sys
@@ -7,22 +7,29 @@ from runtime.base.errors import BadInput
 from runtime.console.terminal import tell
 
 
-def sure(question, yes):
-    """Whether a person agrees. BadInput where there is nobody to ask. yes : nobody is asked"""
+def confirm(question, yes):
+    """Return whether the operator confirms a question.
+
+    question : what is about to happen, without a question mark
+    yes : confirm without asking
+
+    Raises BadInput if standard input is not a terminal.
+    """
     if yes:
         return True
     if sys.stdin is None or not sys.stdin.isatty():
         raise BadInput(
-            f"{question}: nobody is here to say yes (standard input is no terminal); --yes does it without asking"
+            f"{question}: cannot ask for confirmation: standard input is not a terminal. Pass --yes to skip the "
+            "question"
         )
     tell([f"{question}? yes or no"])
     return sys.stdin.readline().strip().lower() in ("y", "yes")
 
 
-def entered():
-    """Whether a line has been entered. BadInput once nothing more can come."""
+def enter_pressed():
+    """Return whether a line was entered. Raises BadInput at the end of standard input."""
     if not select.select([sys.stdin], [], [], 0)[0]:
         return False
     if not sys.stdin.readline():
-        raise BadInput("standard input has ended before everything was done; nothing was written")
+        raise BadInput("standard input ended before all steps were done; nothing was written")
     return True

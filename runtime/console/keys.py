@@ -1,10 +1,9 @@
-"""The keys of the run's terminal: read one by one, without echo, while the run is in the foreground; then put back as
-it was.
+"""Single-key input, without echo, from the terminal of a run in the foreground.
 
-The recorder process reads them through a descriptor that the control process has opened, for it has no terminal of its
-own. So job control does not hold it back, and it must hold back by itself: a shell that has taken the terminal over
-gets every key. Whoever puts the terminal back does so only if it is still as we have set it: else somebody else has it
-by now.
+The recorder process reads the keys through a descriptor that the control process opened, since it has no controlling
+terminal. Job control does not stop it from reading; it therefore reads only while the run is in the foreground, and
+restores the terminal only if its mode is still the one that was set here, so that it never overwrites the settings of
+another process.
 """
 
 import os
@@ -13,32 +12,34 @@ import select
 import termios
 
 STDIN, STDOUT = 0, 1
-# of what tcgetattr gives: indices of local flags and of characters
+# tcgetattr: local flags to clear, and the indices of the local flags and of the control characters
 LINE_MODE, LOCAL, CHARACTERS = termios.ICANON | termios.ECHO, 3, 6
 
 NAMES = {b" ": "space", b"\t": "tab", b"\x1b[Z": "shift tab", b"\n": "enter", b"\r": "enter"}
-# how their sequences end, whatever is held down with them
+# last bytes of arrow key sequences, with any modifier keys
 ARROWS = {b"A": "up", b"B": "down", b"C": "right", b"D": "left"}
 KEY = re.compile(rb"\x1b\[[0-9;]*[A-Za-z~]|\x1bO[A-Za-z]|\x1b[^\x1b[O]|[^\x1b]", re.DOTALL)
-LONGEST = 32  # bytes of an unfinished sequence, beyond which it is none
+SEQUENCE_LIMIT = 32  # bytes; a longer unfinished sequence is discarded
 
 
 def own_terminal():
-    """A descriptor of the terminal that this process reads and writes, to be passed on; None where there is none, or it
-    is another's.
+    """Open the terminal of this process's standard input and output, and return its descriptor.
+
+    Returns None if they are not a terminal, or not the controlling one.
     """
     if not (os.isatty(STDIN) and os.isatty(STDOUT)):
         return None
     try:
-        os.tcgetpgrp(STDIN)  # only of the terminal that its jobs are controlled by
+        os.tcgetpgrp(STDIN)  # fails unless it is the controlling terminal
         return os.open("/dev/tty", os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError:
         return None
 
 
 def key_mode(attributes):
-    """What tcgetattr gives, for single keys without echo. Ctrl-C still interrupts, and no key is not the end of the
-    file for others.
+    """Return terminal attributes for single keys without echo. attributes : of tcgetattr
+
+    Ctrl-C still raises SIGINT, and a read without a key does not report the end of the file to other readers.
     """
     changed = [*attributes[:CHARACTERS], list(attributes[CHARACTERS])]
     changed[LOCAL] &= ~LINE_MODE
@@ -47,7 +48,7 @@ def key_mode(attributes):
 
 
 def attributes_of(descriptor):
-    """What a terminal is set to; None where there is none any more."""
+    """Return the attributes of a terminal; None if it is closed."""
     try:
         return termios.tcgetattr(descriptor)
     except termios.error:
@@ -55,32 +56,33 @@ def attributes_of(descriptor):
 
 
 def put_back(descriptor, attributes):
-    """Give a terminal these attributes, if it is in the key mode of them."""
+    """Restore a terminal's attributes, if it is in the key mode derived from them."""
     try:
         if termios.tcgetattr(descriptor) == key_mode(attributes):
             termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
-    except termios.error:  # it has gone away
+    except termios.error:  # the terminal is closed
         pass
 
 
 class Keyboard:
-    """
-    descriptor : of the terminal, as own_terminal gives it
-    process : number of the process whose terminal it is
-    here : the run was in the foreground when `follow` last looked
-    taken : the keys are ours
+    """Keys of a terminal that is shared with the shell.
+
+    descriptor : of the terminal, as own_terminal returns it
+    process : ID of the process whose terminal it is
+    here : whether the run was in the foreground at the last `follow`
+    taken : whether the terminal is in key mode
     """
 
     def __init__(self, descriptor, process):
         self.descriptor, self.process = descriptor, process
         self.here = self.taken = False
-        self.attributes = None  # the terminal's own
+        self.attributes = None  # to restore
         self.unread = b""
         self.poll = select.poll()
         self.poll.register(descriptor, select.POLLIN)
 
     def foreground(self):
-        """Whether the process is what the terminal's person now talks to, and runs."""
+        """Return whether the process runs in the foreground of its terminal."""
         try:
             with open(f"/proc/{self.process}/stat") as file:
                 state, _, group, _, _, terminal_group = file.read().rpartition(")")[2].split()[:6]
@@ -89,26 +91,27 @@ class Keyboard:
         return group == terminal_group and state not in "TZX"
 
     def follow(self):
-        """Take the terminal when the run comes to the foreground, give it back when it has left."""
+        """Enter key mode when the run comes to the foreground, leave it when the run leaves the foreground."""
         try:
             self.here = self.foreground()
             if not self.here:
                 self.close()
                 return
             now = termios.tcgetattr(self.descriptor)
-            # else a shell has put it back into our mode
+            # unless a shell has restored key mode itself
             if self.attributes is None or now != key_mode(self.attributes):
                 termios.tcsetattr(self.descriptor, termios.TCSANOW, key_mode(now))
                 self.attributes = now
             if not self.taken:
-                termios.tcflush(self.descriptor, termios.TCIFLUSH)  # typed before, so not meant for us
+                termios.tcflush(self.descriptor, termios.TCIFLUSH)  # typed for another program
                 self.taken = True
-        except termios.error:  # it has gone away
+        except termios.error:  # the terminal is closed
             self.taken = False
 
     def read(self):
-        """Names of the keys pressed since the last time: "space", "tab", "shift tab", "enter", "up", "down", "left",
-        "right", or a character.
+        """Return the names of the keys pressed since the last call.
+
+        A name is "space", "tab", "shift tab", "enter", "up", "down", "left", "right", or a character.
         """
         if not self.taken:
             return []
@@ -116,19 +119,19 @@ class Keyboard:
             [(_, state)] = self.poll.poll(0) or [(0, 0)]
             if state & select.POLLIN and self.foreground():
                 self.unread += os.read(self.descriptor, 4096)
-        except BlockingIOError:  # somebody else has read it
+        except BlockingIOError:  # another process has read the input
             pass
-        except OSError:  # it has gone away
+        except OSError:  # the terminal is closed
             self.taken = False
         keys, end = [], 0
         while match := KEY.match(self.unread, end):
             keys.append(name(match[0]))
             end = match.end()
-        self.unread = self.unread[end:] if len(self.unread) - end < LONGEST else b""
+        self.unread = self.unread[end:] if len(self.unread) - end < SEQUENCE_LIMIT else b""
         return keys
 
     def close(self):
-        """Put the terminal back as it was."""
+        """Restore the terminal."""
         if self.taken:
             put_back(self.descriptor, self.attributes)
             self.taken = False

@@ -1,27 +1,29 @@
-"""How far something is that takes a while: one line on the terminal, refreshed in place, once it has taken a second."""
+"""Progress of a long operation, on one terminal line that is refreshed in place."""
 
 import time
 
 from runtime.console.status_layout import bar
 from runtime.console.stderr import Terminal
 
-PATIENCE = 1.0  # s before anything is shown
+SHOW_DELAY = 1.0  # s
 REFRESH = 0.1  # s
-BAR, LEAST = 20, 8  # characters, at most and at least
-ROOM = " 100 %, 1000 s left"  # that the longest ending takes: the bar keeps its width while it changes
+BAR_WIDTH, BAR_WIDTH_MINIMUM = 20, 8  # characters
+ENDING_RESERVE = " 100 %, 1000 s left"  # the longest ending; with it reserved, the bar keeps its width
 
 
 class Progress:
-    """with Progress("converting trial.mcap") as progress: ... progress(0.4)
+    """Progress of an operation that takes more than a second.
 
-    Nothing is shown where standard error is no terminal; the line is gone at the end.
+    with Progress("converting trial.mcap") as progress: ... progress(0.4)
+
+    It draws nothing if standard error is not a terminal, and erases its line at the end.
     """
 
     def __init__(self, what, terminal=None, clock=time.monotonic):
         self.what, self.clock = what, clock
         self.terminal = terminal or Terminal()
         self.began = self.clock()
-        self.next = self.began + PATIENCE
+        self.next = self.began + SHOW_DELAY
 
     def __enter__(self):
         return self
@@ -30,7 +32,7 @@ class Progress:
         self.terminal.erase()
 
     def __call__(self, share):
-        """share : of the whole that is done, 0 to 1"""
+        """Show the progress. share : fraction of the operation that is done, 0 to 1"""
         now = self.clock()
         if now < self.next or not self.terminal.interactive:
             return
@@ -40,22 +42,22 @@ class Progress:
         self.terminal.draw(self.line(share, left, self.terminal.columns - 1))
 
     def line(self, share, left, width):
-        """In `width` columns: where there are too few the bar gets narrower, then the end of the name goes."""
-        told = f" {100 * share:.0f} %{left}"
-        narrow = min(BAR, max(LEAST, width - len(self.what) - 1 - len(ROOM)))
-        text = f" {bar(share, self.terminal.unicode, narrow)}{told}"
-        what, most = self.what, max(0, width - LEAST - 1 - len(ROOM))
+        """Return the line in `width` columns: a narrow line gets a shorter bar, then a shortened name."""
+        ending = f" {100 * share:.0f} %{left}"
+        narrow = min(BAR_WIDTH, max(BAR_WIDTH_MINIMUM, width - len(self.what) - 1 - len(ENDING_RESERVE)))
+        text = f" {bar(share, self.terminal.unicode, narrow)}{ending}"
+        what, most = self.what, max(0, width - BAR_WIDTH_MINIMUM - 1 - len(ENDING_RESERVE))
         if len(what) > most:
             what = what[: max(0, most - 1)] + ("…" if self.terminal.unicode else "~")
         return f"{what}{text}"[: max(0, width)]
 
     def part(self, first, last):
-        """The same for a step that goes from one share of the whole to another."""
+        """Return a progress function for a step that covers the shares from `first` to `last`."""
         return lambda share: self(first + (last - first) * share)
 
 
 def rounds(what, repeats):
-    """for _ in rounds("measuring", 15): ... tells between the rounds how far it is."""
+    """Yield numbers below `repeats` and show the progress: for _ in rounds("measuring", 15): ..."""
     with Progress(what) as progress:
         for number in range(repeats):
             progress(number / repeats)

@@ -1,5 +1,6 @@
-"""One line of a terminal, made of parts. Where it is narrow they are shortened, then set closer, then left out, the
-least important first.
+"""Layout of a one-line status from parts of different importance.
+
+A narrow line first shortens its parts, then reduces the gaps, then drops parts, the least important first.
 """
 
 from dataclasses import dataclass
@@ -8,19 +9,19 @@ from runtime.console.terminal import IN_ASCII
 
 COLOURS = {"bold": "\x1b[1m", "green": "\x1b[32m", "yellow": "\x1b[33m", "red": "\x1b[31m"}
 RESET = "\x1b[0m"
-DOTS, CLOSE = (" | ", " · "), "  "  # between parts: in ASCII, in Unicode; where there is little room
+DOTS, CLOSE = (" | ", " · "), "  "  # gap between parts: in ASCII and Unicode; in a narrow line
 BAR = 8  # characters
 BAR_CHARACTERS = "━╌#."
 
 
 @dataclass(frozen=True)
 class Part:
-    """
-    importance : parts with the same one are shortened and left out together
-    forms : from the longest to the shortest, each a text, or (text, colour) of each of its pieces; an empty one is not
-        there
-    colour : of what has none of its own
-    joined : to the part before, by a space
+    """Part of a status line.
+
+    importance : parts of the same importance are shortened and dropped together
+    forms : from the longest to the shortest, each a text or a tuple of (text, colour); an empty form is not shown
+    colour : default colour of its texts
+    joined : separated from the part before by a space only
     """
 
     importance: float
@@ -29,8 +30,8 @@ class Part:
     joined: bool = False
 
     def pieces(self, form):
-        chosen = self.forms[min(form, len(self.forms) - 1)]
-        return ((chosen, self.colour),) if isinstance(chosen, str) else chosen
+        pieces = self.forms[min(form, len(self.forms) - 1)]
+        return ((pieces, self.colour),) if isinstance(pieces, str) else pieces
 
 
 def part(importance, *forms, colour=None, joined=False):
@@ -38,8 +39,9 @@ def part(importance, *forms, colour=None, joined=False):
 
 
 def fit(parts, width, coloured, unicode, kept=frozenset()):
-    """(one line of at most `width` characters, the steps of narrowing that it took). kept : steps that are taken
-    anyhow
+    """Return (line of at most `width` characters, set of the narrowing steps applied).
+
+    kept : steps to apply in any case
     """
     stages = narrowing(parts)
     taken = {stage for stage in stages if stage in kept}
@@ -51,7 +53,7 @@ def fit(parts, width, coloured, unicode, kept=frozenset()):
         if length(line(taken)) <= width:
             break
         taken.add(stage)
-    for stage in reversed(stages):  # what a later step has made room for stays, the most important first
+    for stage in reversed(stages):  # undo steps that a later one has made unnecessary, the most important first
         if stage in taken and stage not in kept and length(line(taken - {stage})) <= width:
             taken.discard(stage)
     pieces = line(taken)
@@ -67,7 +69,7 @@ def length(line):
 
 
 def narrowing(parts):
-    """The steps, in their order: ("form", importance, number of the form), ("close",), ("without", importance)."""
+    """Return all narrowing steps in order: ("form", importance, number), ("close",), ("without", importance)."""
     levels = sorted({part.importance for part in parts})
     longest = max((len(part.forms) for part in parts), default=1)
     shorter = [
@@ -80,7 +82,7 @@ def narrowing(parts):
 
 
 def compose(parts, steps, unicode):
-    """[(text, colour)] of a line after these steps."""
+    """Return a line after narrowing steps, as a list of (text, colour)."""
     forms = {}
     for _, level, form in (step for step in steps if step[0] == "form"):
         forms[level] = max(form, forms.get(level, 0))
@@ -94,7 +96,7 @@ def compose(parts, steps, unicode):
         if line:
             line.append((" " if part.joined else gap, None))
         line += pieces
-    # here, as it may get longer by that
+    # before the length is measured, as ASCII replacements may be longer
     return line if unicode else [(text.translate(IN_ASCII), colour) for text, colour in line]
 
 

@@ -1,4 +1,4 @@
-"""Standard error, written to so that it can neither stop nor stall the recorder: a full or broken one is left alone."""
+"""Output to standard error that never blocks or ends the recorder: it skips a full or broken terminal."""
 
 import os
 import select
@@ -9,9 +9,10 @@ STDOUT, STDERR = 1, 2
 
 
 class Terminal:
-    """
-    interactive : it is a terminal that can be drawn on
-    coloured, unicode : what it can show
+    """Standard error of a process.
+
+    interactive : it is a terminal that supports drawing
+    coloured, unicode : it supports colours, UTF-8
     """
 
     def __init__(self, descriptor=STDERR, environment=os.environ):
@@ -20,7 +21,7 @@ class Terminal:
         self.interactive = os.isatty(descriptor) and not dumb
         self.coloured = self.interactive and not environment.get("NO_COLOR")
         locale = next((environment[name] for name in ("LC_ALL", "LC_CTYPE", "LANG") if environment.get(name)), "")
-        self.unicode = "utf" in locale.lower() or not locale  # Python, too, takes UTF-8 where nothing is said
+        self.unicode = "utf" in locale.lower() or not locale  # Python's default is UTF-8, too
         self.poll = select.poll()
         self.drawn = False
         try:
@@ -36,13 +37,13 @@ class Terminal:
             return 80
 
     def write(self, text):
-        """Write if it can be done at once. A terminal held by Ctrl-S would otherwise hold the recording."""
+        """Write if this does not block. A terminal stopped by Ctrl-S would otherwise block the recorder."""
         try:
             if any(state & select.POLLOUT for _, state in self.poll.poll(0)):
                 encoding = "utf-8" if self.unicode else "ascii"
                 os.write(self.descriptor, readable(text, encoding).encode(encoding))
         except OSError:
-            self.interactive = False  # it has gone away
+            self.interactive = False  # the terminal is closed
 
     def draw(self, text):
         """Replace the status line."""
@@ -56,6 +57,6 @@ class Terminal:
             self.drawn = False
 
     def say(self, line):
-        """A line that stays."""
+        """Write a permanent line above the status line."""
         self.erase()
         self.write(harmless(line, self.coloured) + "\n")

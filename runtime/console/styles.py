@@ -1,5 +1,6 @@
-"""Text for a terminal or a pipe: as wide as the terminal and in colour there; in a pipe one fact a line, however
-long.
+"""Styled text for a terminal or a pipe.
+
+On a terminal, lines are wrapped to its width and coloured; in a pipe, each fact is one line of any length.
 """
 
 import os
@@ -11,45 +12,49 @@ from dataclasses import dataclass
 
 from runtime.console.terminal import relative
 
-LEAST, INDENT = 20, 8  # columns: beside a head, and where a text goes for which they are too few
-_INK = re.compile(r"\x1b\[[0-9]*m")
+TEXT_WIDTH_MINIMUM, NARROW_INDENT = 20, 8  # columns: of text beside a head; indent of text below a head instead
+_STYLE = re.compile(r"\x1b\[[0-9]*m")
 
 
 @dataclass(frozen=True)
-class Paper:
-    """What text is written on. width : columns, or None for no end."""
+class Console:
+    """Width and colour support of an output. width : columns, or None for unlimited"""
 
     width: int | None = None
     colour: bool = False
 
-    def ink(self, text, code):
+    def style(self, text, code):
         return f"\x1b[{code}m{text}\x1b[0m" if self.colour and text else text
 
     def bold(self, text):
-        return self.ink(text, 1)
+        return self.style(text, 1)
 
     def faint(self, text):
-        return self.ink(text, 2)
+        return self.style(text, 2)
 
-    def good(self, text):
-        return self.ink(text, 32)
+    def ok(self, text):
+        return self.style(text, 32)
 
-    def bad(self, text):
-        return self.ink(text, 31)
+    def error(self, text):
+        return self.style(text, 31)
 
-    def dubious(self, text):
-        return self.ink(text, 33)
+    def warn(self, text):
+        return self.style(text, 33)
 
-    def hang(self, head, text, ink=str, indent=None):
-        """Lines: the head, then the text beside it, continued where the paper ends: below its own beginning, or
-        `indent` columns in.
+    def hang(self, head, text, style=str, indent=None):
+        """Return lines with the head and, beside it, the text, wrapped at the width with a hanging indent.
+
+        style : function that styles the text
+        indent : columns of the continuation lines; the length of the head by default
         """
         column = length(head)
         indent = column if indent is None else indent
         if self.width is None or not text or column + len(text) <= self.width:
-            return [head + ink(text)]
-        if self.width - column < LEAST:  # too little is left beside the head
-            return [head.rstrip(), *self.hang(" " * INDENT, text, ink)] if column > INDENT else [head + ink(text)]
+            return [head + style(text)]
+        if self.width - column < TEXT_WIDTH_MINIMUM:
+            if column > NARROW_INDENT:
+                return [head.rstrip(), *self.hang(" " * NARROW_INDENT, text, style)]
+            return [head + style(text)]
         room = self.width - indent
         first, *rest = textwrap.wrap(
             text,
@@ -59,33 +64,33 @@ class Paper:
             break_on_hyphens=False,
             drop_whitespace=True,
         )
-        return [head + ink(first.lstrip()), *(" " * indent + ink(piece) for piece in rest)]
+        return [head + style(first.lstrip()), *(" " * indent + style(piece) for piece in rest)]
 
     def cut(self, text):
-        """One line that does not reach beyond the paper."""
+        """Return a text shortened to the width."""
         return text if self.width is None or len(text) <= self.width else text[: self.width - 1].rstrip() + "…"
 
 
-def paper(stream=None):
-    """The Paper that a stream ends on."""
+def console_for(stream=None):
+    """Return the Console of a stream, by default of standard output."""
     stream = stream or sys.stdout
     if not stream.isatty():
-        return Paper()
-    return Paper(
+        return Console()
+    return Console(
         shutil.get_terminal_size().columns, not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     )
 
 
 def length(text):
-    """Columns that a text takes, its colours aside."""
-    return len(_INK.sub("", text))
+    """Return the columns that a text takes, without its styles."""
+    return len(_STYLE.sub("", text))
 
 
 def count(number, thing):
-    """'1 block', '2 blocks'."""
+    """Return a number with its noun, such as '1 block' or '2 blocks'."""
     return f"{number} {thing}" + ("" if number == 1 else "s")
 
 
 def place(location):
-    """A Location as a person in the working folder types it."""
+    """Return a Location with its path relative to the working folder."""
     return relative(str(location))

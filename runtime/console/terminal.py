@@ -1,7 +1,6 @@
-"""What the command line says: results on standard output, complaints on standard error.
+"""Command-line output: results on standard output, errors on standard error.
 
-However that goes, the run keeps its exit code: a reader that has gone away (`| head -1`), a full disk, a terminal that
-was closed.
+A failure to write does not change the exit code: a closed pipe (`| head -1`), a full disk, a closed terminal.
 """
 
 import os
@@ -11,9 +10,7 @@ import sys
 
 
 def program():
-    """How the person can start us again: with words that their shell understands, whether or not an environment is
-    activated.
-    """
+    """Return the shell command that starts this program again, with or without an active environment."""
     script = os.path.abspath(sys.argv[0])
     if os.path.basename(script) == "tickwork":
         return "tickwork" if on_path("tickwork", script) else relative(script)
@@ -22,14 +19,15 @@ def program():
 
 
 def on_path(name, file):
-    """Whether the shell finds `file` by this name. Folders are compared: files of environments are links to one and the
-    same.
+    """Return whether the shell finds `file` under this name.
+
+    Compares folders, since the executables of different environments are links to the same file.
     """
-    found = shutil.which(name)
-    return found is not None and os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(file))
+    path = shutil.which(name)
+    return path is not None and os.path.realpath(os.path.dirname(path)) == os.path.realpath(os.path.dirname(file))
 
 
-# What stands for a character that the encoding of a terminal or file does not have.
+# Replacements for characters that the encoding of a terminal or file lacks.
 IN_ASCII = str.maketrans(
     {
         "µ": "u",
@@ -61,29 +59,30 @@ IN_ASCII = str.maketrans(
 )
 
 
-# What a terminal would obey, or show in another order, besides the ends of lines and tabs; and, first, the styles of
-# our own.
+# Control characters and bidirectional overrides that a terminal would execute, except line ends and tabs; the first
+# group matches the styles of Console.
 CONTROL = re.compile("(\x1b\\[(?:0|1|2|31|32|33)m)|[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 
 
 def harmless(text, coloured):
-    """A text whose control characters are written out, as in \\x1b. Names, notes and events of a recording may hold
-    any.
+    """Return a text with its control characters escaped, as in \\x1b.
 
-    coloured : whether our own styles may be in it
+    Names, notes and events of a recording may contain any characters.
+
+    coloured : keep the styles of Console
     """
     return CONTROL.sub(
-        lambda found: found[0] if found[1] and coloured else found[0].encode("unicode_escape").decode(), text
+        lambda match: match[0] if match[1] and coloured else match[0].encode("unicode_escape").decode(), text
     )
 
 
 def tell(lines):
-    """Lines for standard output."""
+    """Write lines to standard output."""
     write(lines, sys.stdout)
 
 
 def complain(lines):
-    """Lines for standard error, with paths below the working folder as a person there would write them."""
+    """Write lines to standard error, with paths relative to the working folder."""
     write([relative(line) for line in lines], sys.stderr)
 
 
@@ -103,7 +102,7 @@ def write(lines, stream):
 
 
 def readable(text, encoding):
-    """A text without characters that an encoding lacks."""
+    """Return a text with replacements for the characters that an encoding lacks."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -120,16 +119,16 @@ def encodable(character, encoding):
 
 
 def silence(stream):
-    """What is still in the stream's buffer goes nowhere, rather than into an error at the interpreter's end."""
+    """Redirect a stream to /dev/null, so that flushing its buffer at exit raises no error."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
 
 
 def relative(text):
-    """A text with paths relative to the working folder, where they lie in it."""
+    """Return a text whose paths below the working folder are relative to it."""
     try:
         here = os.getcwd().rstrip("/") + "/"
-    except OSError:  # it was removed
+    except OSError:  # the folder was removed
         return text
     return re.sub(rf"(?<![\w./~-]){re.escape(here)}(?=[^/\s])", "", text) if here != "/" else text

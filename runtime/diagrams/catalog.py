@@ -15,7 +15,7 @@ from graph.names import suggestion
 from graph.store import ENTRY_POINTS
 from runtime.base.errors import BadInput
 from runtime.base.exception_text import name_and_text
-from runtime.console.styles import count, paper
+from runtime.console.styles import console_for, count
 from runtime.console.terminal import program
 
 OWN = "blocks"  # our library's package
@@ -38,22 +38,22 @@ def catalog(name=None, library=None, models=False):
     """Lines: every block, or those of `library`; one block or family, with `name`; the models of actuators. Raises
     BadInput.
     """
-    sheet = paper()
+    console = console_for()
     if models:
-        return actuators(sheet)
+        return actuators(console)
     found = libraries()
     if library is not None:
         found = [find_library(library, found)]
     if name is None:
-        return listing(found, sheet, described=library is not None)
+        return listing(found, console, described=library is not None)
     homes = {kind: home for entry in found for kind, home in entry.homes.items()}
     in_family = [kind for kind, home in homes.items() if name.lower() in (family_of(home), home)]
     if in_family:
-        return rows(in_family, sheet)
+        return rows(in_family, console)
     return [
         line
         for index, kind in enumerate(find(name, homes))
-        for line in ([""] if index else []) + describe(kind, homes[kind], sheet)
+        for line in ([""] if index else []) + describe(kind, homes[kind], console)
     ]
 
 
@@ -139,21 +139,21 @@ def import_line(kind, home):
 # Lists
 
 
-def listing(found, sheet, described):
+def listing(found, console, described):
     """Every block in one line, by library and family."""
     lines = []
     for library in found:
-        lines += about(library, sheet) if described else [title(library, sheet)]
+        lines += about(library, console) if described else [title(library, console)]
         for family in dict.fromkeys(map(family_of, library.homes.values())):
             own = [kind for kind, home in library.homes.items() if family_of(home) == family]
             modules = dict.fromkeys(import_line(kind, library.homes[kind]).split()[1] for kind in own)
             lines += [
                 "",
-                f"  {sheet.bold(family)}  {sheet.faint('from ' + ', '.join(modules))}",
-                *rows(own, sheet, "    "),
+                f"  {console.bold(family)}  {console.faint('from ' + ', '.join(modules))}",
+                *rows(own, console, "    "),
             ]
         for module, why in library.broken:
-            lines += ["", sheet.bad(f"  {module} cannot be imported: {why}")]
+            lines += ["", console.error(f"  {module} cannot be imported: {why}")]
         lines.append("")
     return [
         *lines,
@@ -162,9 +162,9 @@ def listing(found, sheet, described):
     ]
 
 
-def rows(kinds, sheet, indent=""):
+def rows(kinds, console, indent=""):
     width = max(len(kind.__name__) for kind in kinds)
-    return [sheet.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
+    return [console.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
 
 
 def metadata(library):
@@ -175,17 +175,17 @@ def metadata(library):
         return None
 
 
-def title(library, sheet):
+def title(library, console):
     data = metadata(library)
     return (
-        sheet.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
+        console.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
     )
 
 
-def about(library, sheet):
+def about(library, console):
     """A library's version, author, and what it was tested with: Pythons that it names, and the Tickwork it needs."""
     data = metadata(library)
-    lines = [title(library, sheet)]
+    lines = [title(library, console)]
     if data is None:
         return [*lines, "  not installed as a distribution: run from a checkout"]
     pythons = re.compile(r"Programming Language :: Python :: \d\.\d+")
@@ -207,7 +207,7 @@ def about(library, sheet):
         ("Python", data.get("Requires-Python")),
     )
     for label, value in facts:
-        lines += sheet.hang(f"  {label:<13}", " ".join(value.split())) if value else []
+        lines += console.hang(f"  {label:<13}", " ".join(value.split())) if value else []
     return lines
 
 
@@ -226,23 +226,24 @@ def find(name, kinds):
     return found
 
 
-def describe(kind, home, sheet):
+def describe(kind, home, console):
     """All that one block declares."""
     card = class_card(kind)
     lines = [
-        sheet.bold(card["type"]) + f"  {import_line(kind, home)}",
-        sheet.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}"),
+        console.bold(card["type"]) + f"  {import_line(kind, home)}",
+        console.faint(f"{card['runs']}; {source_line(kind)}{exceptions(card)}"),
     ]
     for paragraph in documentation(kind) or ("no docstring",):
         code = re.search(r"^\s", paragraph, re.M)
-        lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else sheet.hang("  ", paragraph))]
+        lines += ["", *(textwrap.indent(paragraph, "  ").splitlines() if code else console.hang("  ", paragraph))]
     width = max((len(item["name"]) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
     units = max((len(unit_text(item)) for key in ("inputs", "outputs", "parameters") for item in card[key]), default=0)
     for title in ("inputs", "outputs"):
         if card[title]:
             lines += [
                 "",
-                sheet.bold(title) + (sheet.faint("  of an example: its parameters make them") if card["made"] else ""),
+                console.bold(title)
+                + (console.faint("  of an example: its parameters make them") if card["made"] else ""),
             ]
         for port in card[title]:
             words = [
@@ -250,18 +251,18 @@ def describe(kind, home, sheet):
                 f"default {port['default']}" if "default" in port else "",
                 port.get("range", ""),
             ]
-            lines += sheet.hang(
+            lines += console.hang(
                 f"  {port['name']:<{width}}  {unit_text(port):<{units}}  ", "; ".join(word for word in words if word)
             )
     if card["variadic"]:
-        lines += ["", sheet.bold("inputs") + "  any number of signals; unwired, every port"]
+        lines += ["", console.bold("inputs") + "  any number of signals; unwired, every port"]
     if card["parameters"]:
-        lines += ["", sheet.bold("parameters")]
+        lines += ["", console.bold("parameters")]
     for item in card["parameters"]:
         default = "required" if item["default"] == "required" else f"default {item['default']}"
         live = "live" if item["live"] else "" if kind.parameters[item["name"]].fixed else "may be Live"
         words = [item["description"], default, item["bounds"], live]
-        lines += sheet.hang(
+        lines += console.hang(
             f"  {item['name']:<{width}}  {unit_text(item):<{units}}  ", "; ".join(word for word in words if word)
         )
     return [line.rstrip() for line in lines]
@@ -283,7 +284,7 @@ def source_line(kind):
 # Actuators
 
 
-def actuators(sheet):
+def actuators(console):
     """The models of actuators, by family: what each holds, what it gives for seconds, and what its wire can say."""
     from blocks.actuators.cubemars import models as cubemars
     from blocks.actuators.cubemars import models_v3 as cubemars_v3
@@ -291,18 +292,18 @@ def actuators(sheet):
 
     lines = [
         *family(
-            sheet, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS
+            console, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS
         ),
         "",
         *family(
-            sheet,
+            console,
             "CubeMars, boards V3.0",
             "CubeMarsV3 in force control, CubeMarsServo in servo mode",
             cubemars_v3.MODELS,
         ),
         "",
         *family(
-            sheet,
+            console,
             "RobStride and CyberGear",
             "RobStride, or RobStrideMIT for the vendor's MIT protocol",
             robstride.MODELS,
@@ -316,10 +317,10 @@ def actuators(sheet):
         "it is the rated torque, "
         "limit= is needed; where it is Kt, torque_constant= in servo mode."
     )
-    return [*lines, "", *sheet.hang("  ", words)]
+    return [*lines, "", *console.hang("  ", words)]
 
 
-def family(sheet, name, blocks, models):
+def family(console, name, blocks, models):
     """The table of one family."""
     columns = "".join(
         f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt")
@@ -328,11 +329,11 @@ def family(sheet, name, blocks, models):
         f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A")
     )
     lines = [
-        sheet.bold(name) + f"  from blocks.actuators import {blocks}",
+        console.bold(name) + f"  from blocks.actuators import {blocks}",
         "",
-        sheet.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"),
+        console.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"),
         f"  {'model':<12}{'gear':>8}{columns}",
-        sheet.faint(f"  {'':<12}{'':>8}{units}"),
+        console.faint(f"  {'':<12}{'':>8}{units}"),
     ]
     ranges = [f"wire_{name}" for name in ("torque", "velocity", "position", "stiffness", "damping")]
     for model in models.values():

@@ -11,7 +11,7 @@ from struct import Struct
 
 from cext.bus.bits import payload_bits
 from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
-from runtime.console.styles import Paper
+from runtime.console.styles import Console
 from runtime.live import table
 from runtime.recorder.canlog import CanLog, on_can
 from runtime.recorder.mcap import FlightLog
@@ -58,7 +58,7 @@ class Recording:
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
         self.say = lambda line: None
-        self.paper, self.asks = Paper(), False
+        self.console, self.asks = Console(), False
         self.before = before["files"]  # {path: remark}
         self.backlog = Backlog(before["logs"])  # their flight logs, which are not finished
         if "lost" in before:
@@ -168,7 +168,7 @@ class Recording:
     def tell(self, event):
         """What of the events a person shall read at once."""
         if event.get("event") == "preflight":
-            for line in preflight.text(event, self.paper):
+            for line in preflight.text(event, self.console):
                 self.say(line)
             self.asks = event["confirm"]
         for line in event.get("lines", ()):

@@ -12,7 +12,7 @@ import time
 from cext.safety.thresholds import GUARDIAN_DEATH
 from runtime.console.keys import Keyboard, attributes_of, put_back
 from runtime.console.stderr import Terminal
-from runtime.console.styles import Paper
+from runtime.console.styles import Console
 from runtime.recorder.panel import Panel
 from runtime.recorder.recording import Recording, RecordingFailed
 from runtime.recorder.status import StatusLine
@@ -38,9 +38,9 @@ def write(page, answers, control, keys, plan, checkpoint):
         answer(answers, {"error": str(error)})
         return
     terminal = Terminal()
-    recording.say, recording.paper = (
+    recording.say, recording.console = (
         terminal.say,
-        Paper(terminal.columns if terminal.interactive else None, terminal.coloured),
+        Console(terminal.columns if terminal.interactive else None, terminal.coloured),
     )
     before = attributes_of(keys) if keys >= 0 else None
     checkpoint.save(recording.checkpoint())

@@ -1,1 +1,1 @@
-"""What a person is told: results and complaints on the terminal, the pre-flight table, faults, and the end of a run."""
+"""Text of results, faults, checks and progress for the command line: data in, lines out."""

@@ -1,4 +1,4 @@
-"""Which failures of a run on a rig still end in the safe stop of a bus, and which component sees to it."""
+"""Failures of a run on a rig that still end in the safe stop of a bus, and the component that performs it."""
 
 GUARDIAN, WATCHDOG, RUN, DRIVES = (
     "the guardian",
@@ -9,13 +9,13 @@ GUARDIAN, WATCHDOG, RUN, DRIVES = (
 
 
 def coverage(devices, everything):
-    """Return the failures of a run as a list of {"failure", "covered", "by"}; an empty list for a bus with nothing to
-    stop.
+    """Return the failures of a run, as a list of {"failure", "covered", "by"}.
+
+    The list is empty for a bus without anything to stop. `by` names the component that stops the drives, or the drives
+    that nothing stops.
 
     devices : graph.Device on the bus
     everything : graph.Device of the whole diagram
-
-    `by` names the component that stops the drives, or the drives that nothing stops.
     """
     movers = [device for device in devices if moves(device)]
     if not movers:
@@ -30,7 +30,7 @@ def coverage(devices, everything):
         entry("hung block", WATCHDOG),
         entry("loss of the guardian", RUN),
         entry("kill -9 of guardian and control process together", by, covered=not alone),
-        entry("loss of power of the computer", by, covered=not alone),
+        entry("power loss of the computer", by, covered=not alone),
     ]
 
 
@@ -39,30 +39,31 @@ def moves(device):
 
 
 def stops(device, everything):
-    """Return what stops a drive without the run and without the guardian: its own time-out, or the charge pumps that
-    hold its power.
+    """Return the mechanisms that stop a drive without the control process and the guardian.
+
+    They are the drive's own time-out, or the charge pumps that hold its power.
     """
     own = [DRIVES] if device.own_timeout is not None else []
     return own or [f"the charge pump {other.path!r}" for other in everything if other.holds_power_of(device)]
 
 
 def unstopped(devices, everything):
-    """Return the paths of the drives that keep their last command once both processes are gone."""
+    """Return the paths of the drives that keep their last command after both processes have ended."""
     return [device.path for device in devices if moves(device) and not stops(device, everything)]
 
 
 def nothing_stops(paths):
-    return f"nothing stops {', '.join(paths)} once both processes are gone"
+    return f"nothing stops {', '.join(paths)} after both processes have ended"
 
 
 def entry(failure, by, covered=True):
     return {"failure": failure, "covered": covered, "by": by}
 
 
-def in_words(found):
-    """Return (what is covered, what is not) as texts, '' for none. found : as `coverage` returns it"""
+def in_words(coverage):
+    """Return (covered, not covered) as texts, '' for none. coverage : list that coverage() returns"""
     by = {}
-    for each in found:
+    for each in coverage:
         by.setdefault((each["covered"], each["by"]), []).append(each["failure"])
     texts = {
         covered: "; ".join(

@@ -1,4 +1,4 @@
-"""What went wrong in a run, for whoever has to mend it: where, with which numbers, in which line of theirs."""
+"""Explanation of a fault: block, status, values, and the line in the user's file."""
 
 import math
 
@@ -12,7 +12,7 @@ from runtime.report.timing import micro
 
 
 def explain(result):
-    """Lines about a fault."""
+    """Return the lines that explain the fault of a run. result : runtime.session.run.Result"""
     outcome = result.outcome
     diagram, schedule, program = result.diagram, result.schedule, result.control
     if result.failed_in_plant:
@@ -33,7 +33,7 @@ def explain(result):
         lines += [f"  {line}" for line in fault_context.ticks(result, block)]
     if schedule.devices:
         lines += [f"  {line}" for line in fault_context.actuators(result)]
-        lines.append("  nothing re-enables an actuator by itself: mend it, and arm again")
+        lines.append("  actuators stay disabled until the next arming: fix the cause, then arm again")
     return lines
 
 
@@ -43,7 +43,7 @@ def when(result):
 
 
 def what(result, block, program):
-    """The fault in words."""
+    """Return the fault as text."""
     outcome = result.outcome
     timeout = f" ({block.timeout:g} s)" if isinstance(block, Device) else ""
     if isinstance(block, Device) and block.medium == "stream" and result.rig is not None:
@@ -52,8 +52,8 @@ def what(result, block, program):
         {
             "not finite": "a command is NaN or infinite"
             if not result.failed_in_plant
-            else "what it would answer is NaN or infinite",
-            "out of limits": "a command has left the interval that was proved",
+            else "its emulated reply contains NaN or infinity",
+            "out of limits": "a command is outside the proved interval",
             "exception": raised(outcome),
             "no answer": unanswered(result),
             "silent": f"no reply for longer than its timeout{timeout}" + read_instead(result, block),
@@ -63,36 +63,37 @@ def what(result, block, program):
             "fenced": fenced(result),
             "unguarded": unguarded(result),
             "foreign command": foreign_command(block),
-            "rms torque": "its RMS torque is above the rated one" + seen(program, block, "rms", "N·m"),
-            "too hot": "it is too hot" + seen(program, block, "temperature", "°C"),
+            "rms torque": "RMS torque exceeds the rated torque" + seen(program, block, "rms", "N·m"),
+            "too hot": "the temperature exceeds its limit" + seen(program, block, "temperature", "°C"),
             "e-stop": "the emergency stop was pressed",
             "hung": hung(outcome),
             "unclear pose": unclear(result),
         }.get(outcome.status)
         or drive_faults.text(outcome.status, block, program)
-        or f"it ended with {outcome.status}"
+        or f"ended with status {outcome.status!r}"
     )
 
 
 def unclear(result):
-    """Which joints may stand elsewhere than their drives read."""
+    """Return why the positions of joints are ambiguous."""
     return (
         "; ".join(result.poses.refusals.values())
         if getattr(result, "poses", None) is not None
-        else "a joint may stand elsewhere than its drive reads"
+        else "a joint may be at another position than its drive reports"
     )
 
 
 def raised(outcome):
-    """What a Python block did: an exception is a bug, leaving the program is not one but ends the run just as
-    safely.
+    """Return whether a Python block raised an exception or exited the program.
+
+    An exception is a defect; an exit is not, but ends the run with the same safe stop.
     """
     leaves = isinstance(outcome.error, (SystemExit, KeyboardInterrupt))
-    return f"it left the program ({words(outcome.error)})" if leaves else "its step raised an exception"
+    return f"its step exited the program ({words(outcome.error)})" if leaves else "its step raised an exception"
 
 
 def seen(program, block, what, unit):
-    """': 9.1 N·m' of what the watch has seen at its most."""
+    """Return the highest monitored value as text, such as ': 9.1 N·m'; '' without one."""
     return next(
         (f": {row[what]:.1f} {unit}" for row in program.watched if block is not None and row["device"] == block.path),
         "",
@@ -100,29 +101,31 @@ def seen(program, block, what, unit):
 
 
 def unanswered(result):
-    """Who did not answer, and what was heard instead."""
+    """Return which devices did not reply, and what was received instead."""
     silent = [result.diagram[path] for path in result.outcome.unanswered]
     names = ", ".join(f"{block.path} ({where_it_is(block, result.rig)})" for block in silent)
     instead = [f"{block.path}: {words}" for block in silent if (words := fault_context.instead(result, block))]
     if len(instead) == len(silent):
-        return f"no answer from {names}; {'; '.join(instead)}"
-    heard, strangers = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
+        return f"no reply from {names}; {'; '.join(instead)}"
+    received, foreign = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
     frames = (
-        f"{heard} frames were heard, {strangers} of them for nobody here" if heard else "nothing was heard on any bus"
+        f"{received} frames were received, {foreign} of them with an unknown ID"
+        if received
+        else "no frame was received on any bus"
     )
-    return f"no answer from {names}; {'; '.join([*instead, frames])}" + (
+    return f"no reply from {names}; {'; '.join([*instead, frames])}" + (
         on_the_rig(result.rig) if result.rig is not None else ""
     )
 
 
 def read_instead(result, block):
-    """'; 20 replies of 7 bytes' of a device that fell silent."""
+    """Return the rejected replies of a silent device as text, such as '; 20 replies of 7 bytes'."""
     words = fault_context.rejected(result, block) if isinstance(block, Device) and not result.failed_in_plant else ""
     return f"; {words}" if words else ""
 
 
 def where_it_is(block, rig):
-    """On which bus a device is, and as whom; of one with a line of its own, which that is and whether it is there."""
+    """Return the bus and address of a device, or the serial line and its state."""
     if block.medium == "stream":
         return f"on {block.bus}" + (f", {rig.line(block.bus)}" if rig is not None else "")
     what = "id" if block.medium == "can" else "address"
@@ -130,10 +133,10 @@ def where_it_is(block, rig):
 
 
 def on_the_rig(rig):
-    """What the buses themselves know of why nobody answered."""
-    words = [f" (on {name} ids {', '.join(ids)})" for name, ids in rig.strangers().items()]
+    """Return what the buses report about missing replies."""
+    words = [f" (unknown IDs on {name}: {', '.join(ids)})" for name, ids in rig.strangers().items()]
     words += [
-        f"; nobody acknowledges a frame on {channel}: drives without power, a wire, a terminator, the bitrate"
+        f"; no node acknowledges frames on {channel}: check drive power, wiring, termination and bitrate"
         for channel in rig.unheard()
     ]
     words += [f"; {path} failed {told['failures']} times: {why}" for path, told, why in rig.failures()]
@@ -141,97 +144,97 @@ def on_the_rig(rig):
 
 
 def fenced(result):
-    """What the guardian saw."""
+    """Return how long the control loop had stalled when the guardian fenced the run."""
     stop = result.rig.report["stop"] if result.rig is not None else None
     if stop is None:
         return "the run was fenced by another process"
-    return f"fenced by the guardian: the loop had stood still for {stop['silent'] * 1e3:.0f} ms"
+    return f"fenced by the guardian: the control loop had stalled for {stop['silent'] * 1e3:.0f} ms"
 
 
 def unguarded(result):
-    """How the guardian ended, and what was done without it."""
+    """Return how the guardian ended, and how the motors were stopped without it."""
     if result.rig is None:
-        return "there is no guardian"
+        return "the guardian is not running"
     report = result.rig.report
     how = (
-        f"the guardian did not answer, and nothing moves without it (process {result.rig.guardian.pid}, "
-        f"{report['died']})"
+        f"the guardian does not respond, and actuators run only under its supervision (process "
+        f"{result.rig.guardian.pid}, {report['died']})"
     )
     if "taken_over" not in report:
         return how
     unopened = "".join(f"; {bus} could not be opened: {why}" for bus, why in report["troubles"].items())
-    return f"{how}; the motors were stopped from here{unopened}"
+    return f"{how}; the control process stopped the motors{unopened}"
 
 
 def foreign_command(block):
-    """Who was commanded by somebody else."""
+    """Return which drive received a command from another node."""
     if not isinstance(block, Device):
-        return "somebody else commands its actuators"
+        return "another node on the bus commands its actuators"
     ids = ", ".join(str(identifier) for identifier, _ in block.addresses())
-    return f"somebody else commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
+    return f"another node commands it: a frame to id {ids} on bus {block.bus} that this run did not send"
 
 
 def hung(outcome):
-    """How long a tick worked, and how it came to an end."""
-    broken = "until it was broken off" if isinstance(outcome.error, KeyboardInterrupt) else "before it came back"
-    return f"it hung: {micro(outcome.hung)} of work {broken}; the motors were stopped meanwhile"
+    """Return how long a step ran, and how it ended."""
+    end = "until the watchdog interrupted it" if isinstance(outcome.error, KeyboardInterrupt) else "before it returned"
+    return f"it hung: its step ran for {micro(outcome.hung)} {end}; the motors were stopped meanwhile"
 
 
 def overran(result):
-    """What was missed, and the time that it took."""
+    """Return the number of missed grid points, and the longest time of the step that caused them."""
     row = next((row for row in result.overruns if row["name"] == result.outcome.culprit), None)
     took = f"it took {micro(row['longest'])} (tick {row['at_tick']}); " if row else ""
-    missed = f"{result.statistics['missed']} grid points were missed in all"
-    return f"{took}{missed}, which is more than --overrun {result.request.overrun} allows"
+    missed = f"{result.statistics['missed']} grid points were missed in total"
+    return f"{took}{missed}, more than --overrun {result.request.overrun} allows"
 
 
 def circumstances(outcome, diagram, schedule, program, block):
-    """The numbers at the block that failed, and what is odd about them."""
+    """Return lines with the inputs of the failed block and the values that are out of range."""
     inputs = program.inputs(block.path)
     lines = []
     if outcome.status in ("exception", "not finite", "out of limits", "hung") and inputs:
         lines.append("its inputs: " + ", ".join(f"{name} = {value:g}" for name, value in inputs.items()))
     if outcome.status == "hung" and outcome.error is None:
-        lines.append(f"it was made at {block.location}")
+        lines.append(f"created at {block.location}")
     if outcome.status == "out of limits":
         for name, limit in block.command_limits().items():
             if inputs.get(name) not in limit:
                 unit = block.inputs[name].unit
                 lines.append(
-                    f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream promises a "
-                    "range it does not keep"
+                    f"{name} = {inputs[name]:g} is outside {limit} {unit}: a block upstream exceeds the range that "
+                    "it declares"
                 )
     if outcome.status == "not finite":
         source = origin(diagram, schedule, program.final, block)
         if source is not None:
             given = ", ".join(f"{name} = {value:g}" for name, value in program.inputs(source.block.path).items())
-            value = worst(signal_values(schedule, program.final, source))
+            value = first_non_finite(signal_values(schedule, program.final, source))
             lines.append(
-                f"it arose in {source.path} = {value:g}, made at {source.block.location}"
-                + (f", from {given}" if given else "")
+                f"first non-finite signal: {source.path} = {value:g}, created at {source.block.location}"
+                + (f", with inputs {given}" if given else "")
             )
     if outcome.status == "device fault":
         outputs = {name: program.final[schedule.signals[Signal(block, name).path].slot] for name in block.outputs}
-        said = ", ".join(
+        message = ", ".join(
             f"{name} = {int(value)}" if block.outputs[name].dtype == "int" else f"{name} = {value:g}"
             for name, value in outputs.items()
         )
-        lines.append(f"it says: {block.fault_in_words(int(outputs['fault']))} ({said})")
+        lines.append(f"reported fault: {block.fault_in_words(int(outputs['fault']))} ({message})")
     return lines
 
 
 def origin(diagram, schedule, values, block):
-    """The signal upstream of a block that is NaN or infinite although every input of its own block is finite.
+    """Return the non-finite signal upstream of a block whose own block has only finite inputs.
 
-    A limiter makes NaN of an infinity, so both count. None where every input of the block is finite. Of a loop in which
-    no signal is finite any more, the last one that was looked at.
+    Infinities count like NaN, since a limiter turns an infinity into NaN. Return None if every input of the block is
+    finite, and the last signal of the search if every signal of a loop is non-finite.
     """
     wires = {}
     for wire in diagram.wires:
         if isinstance(wire.source, Signal):
             wires.setdefault(wire.block, []).append(wire.source)
 
-    def spoilt(at):
+    def non_finite(at):
         measures = isinstance(at, Device) and at is not block  # its inputs are of the end of the tick
         return (
             []
@@ -243,34 +246,34 @@ def origin(diagram, schedule, values, block):
             ]
         )
 
-    found, waiting, seen = None, spoilt(block), {block}
+    candidate, waiting, seen = None, non_finite(block), {block}
     while waiting:
-        found = waiting.pop(0)
-        before = spoilt(found.block)
+        candidate = waiting.pop(0)
+        before = non_finite(candidate.block)
         if not before:
             break
-        if found.block not in seen:
-            seen.add(found.block)
+        if candidate.block not in seen:
+            seen.add(candidate.block)
             waiting += before
-    return found
+    return candidate
 
 
 def signal_values(schedule, values, signal):
-    """The elements of a signal among all values of a tick."""
+    """Return the elements of a signal from all values of a tick."""
     place = schedule.signals[signal.path]
     return values[place.slot : place.slot + place.size]
 
 
-def worst(elements):
-    """The first element that is not finite."""
+def first_non_finite(elements):
+    """Return the first non-finite element."""
     return next(value for value in elements if not math.isfinite(value))
 
 
 def own_traceback(file, error):
-    """The exception of a user's block: its own lines, none of ours."""
-    # that one is the watchdog's, not the block's
-    said = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)
+    """Return the lines of an exception that are in the user's files, then its message."""
+    # the watchdog raises KeyboardInterrupt, not the block
+    message = [] if isinstance(error, KeyboardInterrupt) else last_lines(error)
     return [
         *(f"{frame.filename}:{frame.lineno} in {frame.name}: {frame.line}" for frame in own_frames(file, error)),
-        *said,
+        *message,
     ]

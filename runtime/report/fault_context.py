@@ -1,29 +1,30 @@
-"""What a fault leaves for whoever has to mend it: the last ticks before it, and each actuator: what it was asked, what
-it said.
-"""
+"""State before a fault: the newest ticks, and the last command and feedback of each actuator."""
 
 import math
 
 from graph import Actuator
 from graph.signal import Signal
 
-MOST = 8  # signals of the last ticks
+TABLE_SIGNAL_LIMIT = 8  # signals in the table of the newest ticks
 
 
 def ticks(result, block):
-    """Lines: the signals at a block over the last ticks, with the one that failed at the end. Of the actuators where it
-    is no block's fault.
+    """Return a table of the signals at a block over the newest ticks, ending with the fault.
+
+    Without a block, the table has the signals of all actuators.
 
     result : runtime.session.run.Result
     """
     schedule, rows = result.schedule, result.newest
-    near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in schedule.signals][:MOST]
+    near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in schedule.signals][
+        :TABLE_SIGNAL_LIMIT
+    ]
     columns = {column.path: index for index, column in enumerate(schedule.recorded)}
     kept = [path for path in near if path in columns]
     if not rows or not kept:
         return []
     failed = result.outcome.tick > rows[-1][0]
-    header = ["tick", *(f"{row[0]:g}" for row in rows), *([f"{result.outcome.tick}, the fault"] if failed else [])]
+    header = ["tick", *(f"{row[0]:g}" for row in rows), *([f"{result.outcome.tick} (fault)"] if failed else [])]
     table = [header]
     for path in kept:
         values = [row[2 + columns[path]] for row in rows]
@@ -31,38 +32,36 @@ def ticks(result, block):
             values.append(result.control.final[schedule.signals[path].slot])
         unit = schedule.signals[path].unit
         table.append([path + (f" in {unit}" if unit not in ("1", "any") else ""), *map(number, values)])
-    return ["the last ticks before it:", *aligned(table)]
+    return ["ticks before the fault:", *aligned(table)]
 
 
 def rejected(result, block):
-    """Frames of a device's own id that it could not read, in words; '' for none."""
-    found = result.control.malformed.get(block.path)
-    return block.malformed_in_words(*found) if found else ""
+    """Return the malformed frames with a device's ID as text, '' for none."""
+    malformed = result.control.malformed.get(block.path)
+    return block.malformed_in_words(*malformed) if malformed else ""
 
 
 def instead(result, block):
-    """What a device did that has not answered arming, in words; '' for nothing."""
+    """Return what a device that did not reply to arming sent instead, as text, '' for nothing."""
     return block.unready_in_words() if block.path in result.control.unready else rejected(result, block)
 
 
 def nearby(diagram, block):
-    """Paths of the scalar signals that a block takes and gives; of what is asked of every actuator and heard from it if
-    there is no block.
-    """
-    wanted = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
-    for each in wanted:
+    """Yield the paths of a block's scalar inputs and outputs; without a block, those of every actuator."""
+    blocks = [block] if block is not None else [each for each in diagram if isinstance(each, Actuator)]
+    for each in blocks:
         yield from (
             wire.source.path for wire in diagram.wires if wire.block is each and isinstance(wire.source, Signal)
         )
-    for each in wanted:
+    for each in blocks:
         yield from (
             Signal(each, name).path for name in each.outputs if block is not None or name in ("position", "torque")
         )
 
 
 def actuators(result):
-    """Lines: what each actuator was asked last, what it said last, and what that means."""
-    table = [["actuator", "asked", "heard", "meaning"]]
+    """Return a table of each actuator's last command, last feedback and state."""
+    table = [["actuator", "command", "feedback", "state"]]
     schedule, values, inputs = result.schedule, result.control.final, result.control.inputs
     for block in result.diagram:
         if not isinstance(block, Actuator):
@@ -78,9 +77,9 @@ def actuators(result):
         table.append(
             [
                 block.path,
-                spelled(block.inputs, asked, "_command")
-                + "".join(f"; {text}" for text in [spelled(block.outputs, sent)] if text),
-                spelled(
+                values_text(block.inputs, asked, "_command")
+                + "".join(f"; {text}" for text in [values_text(block.outputs, sent)] if text),
+                values_text(
                     block.outputs,
                     {
                         name: value
@@ -88,13 +87,13 @@ def actuators(result):
                         if name not in ("fault", "age") and not absent(name, value)
                     },
                 ),
-                meaning(block, outputs, result),
+                state_text(block, outputs, result),
             ]
         )
     return aligned(table) if len(table) > 1 else []
 
 
-def spelled(ports, values, suffix=""):
+def values_text(ports, values, suffix=""):
     return ", ".join(
         f"{name.removesuffix(suffix).replace('_', ' ')} {number(value)} {ports[name].unit}"
         for name, value in values.items()
@@ -102,22 +101,22 @@ def spelled(ports, values, suffix=""):
 
 
 def absent(name, value):
-    """Whether a drive's replies carry no such thing."""
+    """Return whether the replies of a drive do not contain a value."""
     return name == "temperature" and value != value
 
 
-def meaning(block, heard, result):
-    """What an actuator's state says, in words."""
+def state_text(block, feedback, result):
+    """Return an actuator's state as text."""
     words = []
     if block.path in result.outcome.unanswered:
-        return instead(result, block) or "it never answered"
-    if heard.get("fault"):
-        words.append(f"fault: {block.fault_in_words(int(heard['fault']))}")
-    age = heard.get("age", 0.0)
+        return instead(result, block) or "never replied"
+    if feedback.get("fault"):
+        words.append(f"fault: {block.fault_in_words(int(feedback['fault']))}")
+    age = feedback.get("age", 0.0)
     if block.timeout and age > block.timeout:
-        words.append(f"silent for {age * 1e3:.0f} ms")
+        words.append(f"no reply for {age * 1e3:.0f} ms")
     else:
-        words.append(f"heard {age * 1e3:.1f} ms before")
+        words.append(f"last reply {age * 1e3:.1f} ms before")
     words.append("stop NOT confirmed" if block.path in result.outcome.unconfirmed else "stop confirmed")
     return ", ".join(words)
 
@@ -127,7 +126,7 @@ def number(value):
 
 
 def aligned(table):
-    """Rows of cells as lines, each column as wide as its widest cell; numbers to the right."""
+    """Return rows of cells as lines with aligned columns, numbers to the right."""
     widths = [max(len(row[place]) for row in table if place < len(row)) for place in range(max(map(len, table)))]
     numeric = {
         place for place in range(1, len(widths)) if all(is_number(row[place]) for row in table[1:] if place < len(row))

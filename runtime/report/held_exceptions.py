@@ -1,4 +1,4 @@
-"""Exceptions of Python blocks that were no fault, since the block may hold some: told at the end of a run."""
+"""Exceptions that Python blocks held without a fault, for the end of a run."""
 
 from runtime.base.exception_text import TEXT_LIMIT, within
 from runtime.console.styles import count, relative
@@ -6,9 +6,12 @@ from runtime.diagrams.file import own_frames, words
 
 
 def held(file, program, plant=None):
-    """Of each block that held any: block, count, first_tick, last (what the last one said), at (its line, "file:line").
+    """Return the held exceptions, one dict for each block that held any.
 
-    file : of the diagram; program, plant : cext.schedule.program.Program, the plant's None on a rig
+    Keys: block, count, first_tick, last (message of the last exception), at (its line, "file:line").
+
+    file : path of the diagram
+    program, plant : cext.schedule.program.Program; plant is None on a rig
     """
     rows = program.held + (plant.held if plant is not None else [])
     left = within(TEXT_LIMIT)
@@ -19,13 +22,13 @@ def held(file, program, plant=None):
 
 
 def place(file, error):
-    """The innermost line of the user's own that an exception came through; "" where there is none."""
+    """Return the innermost line in the user's files that raised an exception; "" if there is none."""
     frames = own_frames(file, error)
     return relative(f"{frames[-1].filename}:{frames[-1].lineno}") if frames else ""
 
 
 def text(entry, rate):
-    """One of `held`, in words."""
+    """Return an entry of held() as text."""
     at = f" ({entry['at']})" if entry["at"] else ""
     first = (
         f"the first at {entry['first_tick'] / rate:g} s"

@@ -1,16 +1,16 @@
-"""Ticks that the loop lost before a fault: a drive that seems silent may have answered a loop that did not run."""
+"""Ticks that the loop lost before a fault: a drive that seems silent may have replied to a stalled loop."""
 
 from cext.clock.stopwatch import MACHINE
 from runtime.console.styles import count
 from runtime.report.timing import micro
 
-CURE = "machine too busy, see --realtime"
-LOST_TICKS_MINIMUM = 2  # that are lost among the newest rows; a single one is common and explains no fault
-EXPLAINED = ("silent", "no answer", "not following")  # faults that a loop which does not run can cause
+REMEDY = "machine too busy, see --realtime"
+LOST_TICKS_MINIMUM = 2  # ticks lost among the newest rows; a single one is common and explains no fault
+EXPLAINED = ("silent", "no answer", "not following")  # faults that a stalled loop can cause
 
 
 def before_fault(result):
-    """Return '; the loop had lost 20 ticks before that: ...' for a fault that this may have caused, else ''.
+    """Return text such as '; the loop had lost 20 ticks before that: ...' for a fault that lost ticks may explain.
 
     result : runtime.session.run.Result
     """
@@ -18,7 +18,7 @@ def before_fault(result):
     if result.failed_in_plant:
         return ""
     if outcome.status == "overrun":
-        return f"; {CURE}" if outcome.culprit == MACHINE else ""
+        return f"; {REMEDY}" if outcome.culprit == MACHINE else ""
     if outcome.status not in EXPLAINED or not result.newest:
         return ""
     first = result.newest[0][0]
@@ -32,13 +32,14 @@ def before_fault(result):
 
 
 def cause(overruns, first):
-    """What took the time of the ticks lost since tick `first`: a block by its path, or the machine. overruns : of the
-    Result
+    """Return what took the time of the ticks lost since tick `first`: the path of a block, or the machine.
+
+    overruns : list of runtime.session.run.Result
     """
     recent = [row for row in overruns if row["at_tick"] >= first]
     worst = max(recent, key=lambda row: row["longest"], default=None)
     return (
-        CURE
+        REMEDY
         if worst is None or worst["name"] == MACHINE
         else (f"{worst['name']} took {micro(worst['longest'])} (tick {worst['at_tick']})")
     )

@@ -1,28 +1,28 @@
-"""The pre-flight table: devices, buses, what the guardian was granted, and what is out of the ordinary."""
+"""Pre-flight table: devices, buses, privileges of the guardian, and problems."""
 
 from runtime.console.styles import count
 from runtime.report.failure_coverage import in_words
 
 ASK = "press Enter to arm; space, q or Ctrl-C end the run without arming"
-ASK_AGAIN = "press Enter to look again; space, q or Ctrl-C end the run without arming"
+ASK_AGAIN = "press Enter to check again; space, q or Ctrl-C end the run without arming"
 
 
-def text(event, paper):
-    """Lines. event : of Preflight; paper : runtime.console.styles.Paper"""
-    lines = [paper.bold("before arming"), *devices(event["devices"], paper), *buses(event["buses"], paper)]
+def text(event, console):
+    """Return the lines of the table. event : of Preflight; console : runtime.console.styles.Console"""
+    lines = [console.bold("before arming"), *devices(event["devices"], console), *buses(event["buses"], console)]
     if event["guardian"]:
-        lines += paper.hang("  guardian  ", ", ".join(event["guardian"]), paper.faint)
-    strange = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
-    if strange:
-        lines += paper.hang("", f"{count(len(strange), 'thing')} out of the ordinary: {'; '.join(strange)}", paper.bad)
+        lines += console.hang("  guardian  ", ", ".join(event["guardian"]), console.faint)
+    problems = [f"{row['device']}: {why}" for row in event["devices"] for why in row["marks"].values()]
+    if problems:
+        lines += console.hang("", f"{count(len(problems), 'problem')}: {'; '.join(problems)}", console.error)
     else:
-        lines.append(paper.good(f"{count(len(event['devices']), 'device')}, nothing out of the ordinary"))
+        lines.append(console.ok(f"{count(len(event['devices']), 'device')}, no problems"))
     for why in event["refused"]:
-        lines += paper.hang("NOT armed: ", why, paper.bad)
-    return [*lines, paper.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
+        lines += console.hang("NOT armed: ", why, console.error)
+    return [*lines, console.bold(ASK_AGAIN if event["refused"] else ASK)] if event["confirm"] else lines
 
 
-def devices(rows, paper):
+def devices(rows, console):
     heads = ("device", "bus and id", "answered", "age", "position", "velocity", "temperature", "fault")
     keys = (None, None, "answered", "age", "position", "velocity", "temperature", "fault")
     table = [cells(row) for row in rows]
@@ -31,13 +31,13 @@ def devices(rows, paper):
         if table
         else [0] * len(heads)
     )
-    lines = ["  " + paper.faint("  ".join(f"{head:<{width}}" for head, width in zip(heads, widths)).rstrip())]
+    lines = ["  " + console.faint("  ".join(f"{head:<{width}}" for head, width in zip(heads, widths)).rstrip())]
     for row, line in zip(rows, table):
-        painted = [
-            paper.bad(f"{cell:<{width}}") if key in row["marks"] else f"{cell:<{width}}"
+        styled = [
+            console.error(f"{cell:<{width}}") if key in row["marks"] else f"{cell:<{width}}"
             for key, cell, width in zip(keys, line, widths)
         ]
-        lines += paper.hang("  " + "  ".join(painted) + "  ", standing(row), paper.faint, indent=4)
+        lines += console.hang("  " + "  ".join(styled) + "  ", standing(row), console.faint, indent=4)
     return lines
 
 
@@ -62,30 +62,28 @@ def cells(row):
 
 
 def standing(row):
-    """What does not change: the limit, the drive's own time-out, the safe stop."""
+    """Return the constant properties of a device: torque limit, own time-out, safe stop."""
     words = [] if row["limit"] is None else [f"limit {row['limit']:g} N·m"]
     if row["stop"] != "nothing to stop":
         words.append(
-            "own time-out: none known"
-            if row["own_timeout"] is None
-            else f"own time-out: {row['own_timeout'] * 1e3:g} ms"
+            "own time-out: unknown" if row["own_timeout"] is None else f"own time-out: {row['own_timeout'] * 1e3:g} ms"
         )
     return "; ".join([*words, f"safe stop: {row['stop']}"])
 
 
-def buses(rows, paper):
+def buses(rows, console):
     lines = []
     for bus in rows:
         load = f", load {bus['typical']:.0%}, {bus['worst']:.0%} at worst" if bus["typical"] is not None else ""
-        lines += paper.hang(
+        lines += console.hang(
             f"  bus {bus['bus']}  ", f"{bus['interface'] or 'simulated'} {bus['channel'] or ''}".rstrip() + load
         )
-        lines += covered(bus["coverage"], paper, "    ")
+        lines += covered(bus["coverage"], console, "    ")
     return lines
 
 
-def covered(found, paper, margin):
-    """Two lines of what is covered on a bus, and what is not."""
-    yes, no = in_words(found)
-    lines = paper.hang(f"{margin}covered: ", yes, paper.faint) if yes else []
-    return lines + (paper.hang(f"{margin}not covered: ", no, paper.dubious) if no else [])
+def covered(coverage, console, margin):
+    """Return two lines: the failures that a bus covers, and those that it does not."""
+    yes, no = in_words(coverage)
+    lines = console.hang(f"{margin}covered: ", yes, console.faint) if yes else []
+    return lines + (console.hang(f"{margin}not covered: ", no, console.warn) if no else [])

@@ -1,4 +1,4 @@
-"""Where the time of a tick goes: block by block, as a table with bars, and as a picture."""
+"""Execution time of each block in a tick: a table with bars, and a plot."""
 
 import sys
 from pathlib import Path
@@ -6,22 +6,23 @@ from pathlib import Path
 from runtime.base.errors import BadInput
 from runtime.report.timing import details
 
-SHOWN = 40  # rows of a table
+TABLE_ROW_LIMIT = 40
 BAR = 24  # characters
-DRAWN = 30  # bars of the picture
+PLOT_BAR_LIMIT = 30
 COLOURS = {"native": "#2a78b8", "Python": "#e08a1e", "device": "#3a9b5c", "phase": "#8a8f98", "plant": "#b7a4d6"}
 
 
 def rows_of(result):
-    """(rows of the robot, rows of its plant): those of cext.schedule.executor.Executor.profile with `share`, of all time in
-    ticks.
+    """Return (rows of the robot, rows of its plant) with `share`, the fraction of all time in ticks.
+
+    The other keys are those of cext.schedule.executor.Executor.profile.
     """
     busy = result.statistics["busy"] or 1.0
     return tuple([row | {"share": row["total"] / busy} for row in rows] for rows in result.profile)
 
 
 def table(result, stamp):
-    """Lines for the terminal. stamp : s that a look at the clock takes, one of which is in every row"""
+    """Return the lines of the table. stamp : s that a clock reading takes, one of which is in every row"""
     robot, plant = rows_of(result)
     statistics = result.statistics
     ticks = statistics["ticks"]
@@ -30,8 +31,7 @@ def table(result, stamp):
     a_tick = statistics["busy"] / ticks
     lines = [
         f"profile: {ticks} ticks of {short(a_tick)} on average, {100 * a_tick * result.schedule.rate:.3g} % of the "
-        "period; "
-        f"{short(stamp)} of each call are the look at the clock",
+        f"period; each call includes {short(stamp)} for reading the clock",
         *(f"  {label:<12}{text}" for label, text in details(statistics)),
         "",
         *listed(robot, "where"),
@@ -42,11 +42,11 @@ def table(result, stamp):
 
 
 def listed(rows, title):
-    width = max([len(title), *(len(row["name"]) for row in rows[:SHOWN])])
+    width = max([len(title), *(len(row["name"]) for row in rows[:TABLE_ROW_LIMIT])])
     full = "█" if "utf" in (getattr(sys.stdout, "encoding", None) or "").lower() else "#"
     longest = max([row["share"] for row in rows], default=1.0)
     lines = [f"  {title:<{width}}  {'kind':<14}{'calls':>9}{'p50':>9}{'p99':>9}{'max':>9}{'(tick)':>10}{'share':>9}"]
-    for row in rows[:SHOWN]:
+    for row in rows[:TABLE_ROW_LIMIT]:
         bar = full * round(BAR * row["share"] / longest)
         durations = "".join(f"{short(row[name]):>9}" for name in ("p50", "p99", "max"))
         lines.append(
@@ -56,14 +56,14 @@ def listed(rows, title):
                 f"{bar}"
             ).rstrip()
         )
-    rest = rows[SHOWN:]
+    rest = rows[TABLE_ROW_LIMIT:]
     if rest:
         lines.append(f"  and {len(rest)} more, {100 * sum(row['share'] for row in rest):.1f} % together")
     return lines
 
 
 def short(seconds):
-    """'45 ns', '1.25 µs', '32 ms': three digits."""
+    """Return a duration with three digits, such as '45 ns', '1.25 µs' or '32 ms'."""
     for unit, size in (("ns", 1e-9), ("µs", 1e-6), ("ms", 1e-3)):
         if seconds < 999.5 * size:
             return f"{seconds / size:.3g} {unit}"
@@ -71,8 +71,9 @@ def short(seconds):
 
 
 def picture(result, file):
-    """A PNG with a bar for every block, its share of the tick, and what a call takes at the median, at p99 and at most.
-    Returns its path.
+    """Write a PNG with each block's share of the tick and its median, p99 and maximum time per call.
+
+    Returns its path. Raises BadInput if the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -82,7 +83,7 @@ def picture(result, file):
         [*robot, *(row | {"kind": "plant", "name": f"{row['name']} (plant)"} for row in plant)],
         key=lambda row: -row["share"],
     )
-    rows = [row for row in rows if not (plant and row["name"] == "the plant")][:DRAWN]
+    rows = [row for row in rows if not (plant and row["name"] == "the plant")][:PLOT_BAR_LIMIT]
     figure = Figure(figsize=(10.0, 1.6 + 0.24 * len(rows)), layout="constrained")
     FigureCanvasAgg(figure)
     shares, calls = figure.subplots(1, 2, sharey=True, gridspec_kw={"width_ratios": (3, 2)})
@@ -103,7 +104,7 @@ def picture(result, file):
             [1e6 * row[name] for row in rows], places, marker=marker, s=size, label=name, color="#30343a", zorder=3
         )
     calls.set_xscale("log")
-    calls.set_xlabel("a call, µs")
+    calls.set_xlabel("time per call, µs")
     calls.legend(loc="lower right", fontsize=8)
     for axes in (shares, calls):
         axes.grid(axis="x", alpha=0.25)
@@ -115,7 +116,7 @@ def picture(result, file):
     try:
         figure.savefig(file, dpi=120)
     except OSError as error:
-        raise BadInput(f"cannot write the picture {file}: {error.strerror or error}") from None
+        raise BadInput(f"cannot write {file}: {error.strerror or error}") from None
     return Path(file)
 
 

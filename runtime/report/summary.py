@@ -1,4 +1,4 @@
-"""The end of a run, in words and numbers."""
+"""Summary of a run: its last lines on the terminal, exit code and hints."""
 
 import shlex
 import signal
@@ -13,26 +13,26 @@ from runtime.report.failure_coverage import nothing_stops, unstopped
 from runtime.report.held_exceptions import text as held_text
 from runtime.report.timing import spread, timing
 
-SPOILT = {  # kinds of frames that are no replies
+REJECTED = {  # kinds of frames other than valid replies
     "foreign": "foreign",
     "malformed": "malformed",
     "corrupt": "corrupt",
-    "echoes": "of this machine",
-    "errors": "about errors",
-    "overflows": "about frames lost",
-    "refused": "not sent as the queue was full",
+    "echoes": "echoed",
+    "errors": "error frames",
+    "overflows": "overflow reports",
+    "refused": "not sent because of a full queue",
 }
 
 
 def exit_code(outcome):
-    """0, 3 after a fault, or 128 + the number of the signal that ended the run."""
+    """Return 0, 3 after a fault, or 128 + the number of the signal that ended the run."""
     if outcome.faulted:
         return FAULT
     return 128 + outcome.signal if outcome.signal else OK
 
 
 def stopped(outcome):
-    """What a signal or a key did, or None."""
+    """Return which signal or key stopped the run, or None."""
     if outcome.stopped:
         return "stopped by the space bar"
     if not outcome.signal:
@@ -42,7 +42,7 @@ def stopped(outcome):
 
 
 def summary(result):
-    """Lines for standard output."""
+    """Return the lines for standard output. result : runtime.session.run.Result"""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
     how = (
@@ -59,7 +59,7 @@ def summary(result):
         rows.append(f"  {label:<12}{text}")
 
     if schedule.devices and result.rig is None and not result.simulation.given:
-        row("plant", "the file has none: every device is emulated, each actuator turns a free inertia")
+        row("plant", "none in the file: every device is emulated, and each actuator drives a free inertia")
     row("ticks", ticks_text(statistics, result.ticks))
     for label, text in timing(result, passed):
         row(label, text)
@@ -73,9 +73,9 @@ def summary(result):
             "changes",
             f"{count(events.count('set'), 'change')} of live parameters, {count(events.count('mark'), 'mark')}",
         )
-    for index, (path, found) in enumerate(result.control.latencies.items()):
-        if found["count"]:
-            row("" if index else "answers", f"{path} after {spread(found)}")
+    for index, (path, histogram) in enumerate(result.control.latencies.items()):
+        if histogram["count"]:
+            row("" if index else "replies", f"{path} after {spread(histogram)}")
     for index, words in enumerate(result.rig.sensors() if result.rig is not None else ()):
         row("" if index else "sensors", words)
     for entry in result.control.watched:
@@ -113,60 +113,62 @@ def ticks_text(statistics, asked):
 
 
 def buses_text(buses, frames):
-    spoilt = ", ".join(f"{frames[kind]} {words}" for kind, words in SPOILT.items() if frames.get(kind))
+    rejected = ", ".join(f"{frames[kind]} {words}" for kind, words in REJECTED.items() if frames.get(kind))
     return f"{', '.join(buses)}: {frames['sent']} frames sent, {frames['received']} received" + (
-        f" ({spoilt})" if spoilt else ""
+        f" ({rejected})" if rejected else ""
     )
 
 
 def watch_text(entry, rate):
-    """What the watch has told of one actuator, with how long it was so; "" where that is nothing."""
-    told = [
+    """Return what the drive monitor reported about one actuator, and for how long; "" for nothing."""
+    reports = [
         f"{words} for {entry[key] / rate:.3g} s"
         for key, words in (
             ("rms_ticks", f"RMS torque too high, up to {entry['rms']:.1f} N·m,"),
             ("warm_ticks", f"warm, up to {entry['temperature']:.0f} °C,"),
-            ("derated_ticks", "its limit lowered by temperature"),
-            ("acceleration_ticks", "stiffness and damping taken away by its acceleration"),
+            ("derated_ticks", "torque limit reduced by temperature"),
+            ("acceleration_ticks", "stiffness and damping removed because of acceleration"),
         )
         if entry[key]
     ]
-    return f"{entry['device']}: {'; '.join(told)}" if told else ""
+    return f"{entry['device']}: {'; '.join(reports)}" if reports else ""
 
 
 def stride_text(stride):
     peak = f"peak torque {stride['peak_torque']:.1f} N·m"
-    left_out = f" ({stride['left_out']} left out)" if stride["left_out"] else ""
+    left_out = f" ({stride['left_out']} excluded)" if stride["left_out"] else ""
     if not stride["strides"]:
-        return f"no whole stride{left_out}; {peak}"
+        return f"no complete stride{left_out}; {peak}"
     return (
         f"{stride['strides']} stride{'s' * (stride['strides'] > 1)} of {stride['stride_time']:.2f} s{left_out}; "
         f"{peak}; "
-        f"positive work {stride['positive_work']:.2f} J a stride, negative {stride['negative_work']:.2f} J"
+        f"positive work {stride['positive_work']:.2f} J per stride, negative {stride['negative_work']:.2f} J"
     )
 
 
 def stride_details(stride):
-    """Which signals the figures of a stride are of, and what is in none of the strides."""
+    """Yield the signals that the figures of a stride are computed from, and what no stride contains."""
     if stride["left_out"]:
-        yield f"left out: {left_out_text(stride)}"
-    unused = (("standing", "without walking"), ("unfinished", "of walking outside whole strides"))
-    told = [f"{stride['unused'][key]:.1f} s {words}" for key, words in unused if stride["unused"][key] >= 0.05]
-    yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(told)}"] if told else [])])
+        yield f"excluded: {left_out_text(stride)}"
+    unused = (("standing", "without walking"), ("unfinished", "of walking outside complete strides"))
+    durations = [f"{stride['unused'][key]:.1f} s {words}" for key, words in unused if stride["unused"][key] >= 0.05]
+    yield "; ".join([", ".join(signals_texts(stride)), *([f"not used: {', '.join(durations)}"] if durations else [])])
 
 
 def stop_text(outcome, schedule):
-    told = [device.name for device in schedule.devices if device.zero or device.disable]
+    stopped = [device.name for device in schedule.devices if device.zero or device.disable]
     if outcome.unconfirmed:
         return f"zero torque, then disable: NOT confirmed by {', '.join(outcome.unconfirmed)}"
-    return f"zero torque, then disable: confirmed by {', '.join(told) or 'nobody, as nothing moves'}"
+    if not stopped:
+        return "zero torque, then disable: not needed, as no device moves"
+    return f"zero torque, then disable: confirmed by {', '.join(stopped)}"
 
 
 def left_over(diagram):
-    """Return which drives only the run and its guardian can stop, in words; "" for none."""
+    """Return which drives only the control process and the guardian can stop, as text; "" for none."""
     devices = [block for block in diagram if isinstance(block, Device)]
     alone = unstopped(devices, devices)
-    return f"{nothing_stops(alone)}, the run and its guardian: docs/rigs.md has what does" if alone else ""
+    return f"{nothing_stops(alone)} (control process and guardian): see docs/rigs.md for what does" if alone else ""
 
 
 def note(file):
@@ -174,7 +176,7 @@ def note(file):
 
 
 def hints(result, program):
-    """Three things to try next. program : how the person starts us"""
+    """Return three commands to try next. program : command that starts this program"""
     name = shlex.quote(str(result.request.file))
     on_rig = "" if result.rig is None else f" --rig {shlex.quote(str(result.request.rig))}"
     start = f"{program} {name}{on_rig}"
@@ -186,25 +188,25 @@ def hints(result, program):
     log = next((path for path in paths if path.endswith(".mcap")), None)
     tries = []
     if strides and not any(stride["strides"] for stride in strides):
-        tries.append(f"walk longer, to see whole strides: {start} --duration 20")
+        tries.append(f"record complete strides: {start} --duration 20")
     if picture:
-        tries.append(f"look at the average stride: {picture}")
+        tries.append(f"view the average stride: {picture}")
     elif log:
-        tries.append(f"draw the recording: {program} plot {shlex.quote(log)}")
+        tries.append(f"plot the recording: {program} plot {shlex.quote(log)}")
     change = other_value(result.diagram)
     if change:
         tries.append(f"change a parameter: {start} --duration 10 --set {change}")
     if not result.request.fast and result.rig is None:
-        tries.append(f"a minute in virtual time: {start} --duration 60 --fast")
+        tries.append(f"simulate a minute in virtual time: {start} --duration 60 --fast")
     if any(isinstance(sink.block, PlotJuggler) for sink in result.schedule.sinks):
-        tries.append("watch it live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
-    tries.append(f"see what was proved: {program} check {name}{on_rig}")
+        tries.append("watch live in PlotJuggler: Streaming, UDP Server, port 9870, JSON, field `timestamp` as time")
+    tries.append(f"show what is proved: {program} check {name}{on_rig}")
     tries.append(f"measure this machine: {program} bench")
     return ["try next", *(f"  {line}" for line in tries[:3])]
 
 
 def other_value(diagram):
-    """'left/profile.scale=0.5': a live parameter, and a value it may take that it has not. None without one."""
+    """Return a live parameter with another valid value, as 'left/profile.scale=0.5'; None without one."""
     for block in diagram:
         for name in block.parameters:
             bounds = block.live(name)

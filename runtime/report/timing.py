@@ -1,15 +1,15 @@
-"""How the clock was kept, in words; and the words in which a person asks for it."""
+"""Text of a run's timing statistics, and parsing of the timing options."""
 
 import re
 
 from runtime.base.errors import BadInput
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-LONGEST_SPIN = 1.0  # s
+SPIN_LIMIT = 1.0  # s
 
 
 def timing(result, passed):
-    """(label, text) of how the clock was kept, or in virtual time how fast it went. passed : grid points"""
+    """Yield (label, text) of the timing, or of the speed in virtual time. passed : grid points"""
     statistics, rate = result.statistics, result.schedule.rate
     late = statistics["lateness"]
     if not late["count"]:
@@ -21,7 +21,7 @@ def timing(result, passed):
             (
                 f"{passed / rate / result.seconds:.0f} times real time: "
                 f"{micro(statistics['busy'] / statistics['ticks'])} a tick"
-                + (f", {waited:.1f} s of waiting for the recorder" if waited > 0.05 else "")
+                + (f", {waited:.1f} s waiting for the recorder" if waited > 0.05 else "")
             ),
         )
         return
@@ -36,14 +36,14 @@ def timing(result, passed):
 
 
 def details(statistics):
-    """(label, text) of what else is counted in real time."""
+    """Yield (label, text) of the other statistics in real time."""
     if statistics["period"]["count"]:
         yield "period", f"off by {spread(statistics['period'])}"
     if statistics["gil"]["count"]:
         yield (
             "GIL",
             (
-                f"taken {statistics['gil_taken'] / statistics['ticks']:.3g} times a tick; waits "
+                f"acquired {statistics['gil_taken'] / statistics['ticks']:.3g} times per tick; waits "
                 f"{spread(statistics['gil'])}"
             ),
         )
@@ -53,19 +53,19 @@ def details(statistics):
         yield "spinning", f"before {statistics['spins']} of {statistics['ticks']} ticks, {statistics['sleeps']} sleeps"
 
 
-def spread(found):
-    """The percentiles of a histogram."""
+def spread(histogram):
+    """Return the percentiles of a histogram as text."""
     return (
-        f"{micro(found['p50'])} median, {micro(found['p99'])} p99, {micro(found['p99.9'])} p99.9, "
-        f"{micro(found['max'])} at most (tick {found['max_at_tick']})"
+        f"{micro(histogram['p50'])} median, {micro(histogram['p99'])} p99, {micro(histogram['p99.9'])} p99.9, "
+        f"{micro(histogram['max'])} max (tick {histogram['max_at_tick']})"
     )
 
 
 def overrun_text(row):
-    """row : of cext.schedule.executor.Executor.overruns"""
+    """Return a row of cext.schedule.executor.Executor.overruns as text."""
     points = f"{row['missed']} grid point{'s' * (row['missed'] > 1)}"
     times = f", {row['times']} times" if row["times"] > 1 else ""
-    return f"{points} lost to {row['name']}{times}: {micro(row['longest'])} at most (tick {row['at_tick']})"
+    return f"{points} lost to {row['name']}{times}: {micro(row['longest'])} max (tick {row['at_tick']})"
 
 
 def micro(seconds):
@@ -77,7 +77,7 @@ def micro(seconds):
 
 
 def overrun_policy(text):
-    """The words of --overrun, as they are. BadInput where there is no such policy."""
+    """Return the argument of --overrun unchanged. Raises BadInput if there is no such policy."""
     from cext.clock.overrun import Overrun
 
     try:
@@ -88,11 +88,11 @@ def overrun_policy(text):
 
 
 def spin_window(text):
-    """'50us' to 5e-5 s."""
-    found = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(s|ms|us|µs|ns)", text)
-    if not found:
+    """Convert a duration with its unit to seconds, such as '50us' to 5e-5. Raises BadInput."""
+    match = re.fullmatch(r"([0-9]*\.?[0-9]+)\s*(s|ms|us|µs|ns)", text)
+    if not match:
         raise BadInput(f"--spin {text}: expected a duration with its unit, as in 50us or 0.1ms")
-    seconds = float(found[1]) * UNITS[found[2]]
-    if seconds > LONGEST_SPIN:
-        raise BadInput(f"--spin {text}: at most {LONGEST_SPIN:g} s")
+    seconds = float(match[1]) * UNITS[match[2]]
+    if seconds > SPIN_LIMIT:
+        raise BadInput(f"--spin {text}: maximum is {SPIN_LIMIT:g} s")
     return seconds

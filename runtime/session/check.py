@@ -14,7 +14,7 @@ from graph.drawing import wired_to
 from graph.drawing.cards import block_card
 from graph.interval import EVERYTHING
 from runtime.base.errors import BadInput
-from runtime.console.styles import paper, place
+from runtime.console.styles import console_for, place
 from runtime.diagrams.file import blamed, load
 from runtime.diagrams.simulation import Simulation
 from runtime.report.check import text
@@ -47,7 +47,7 @@ KEYS = """The keys of --json. Numbers are in the unit beside them; null stands f
 
 def told(found, as_json):
     """Lines of what was found."""
-    return [json.dumps(found, indent=1, ensure_ascii=False)] if as_json else text(found, paper())
+    return [json.dumps(found, indent=1, ensure_ascii=False)] if as_json else text(found, console_for())
 
 
 def check(path, settings=(), rate=None, rig=None):

@@ -383,13 +383,13 @@ def test_the_drives_that_it_protects_are_covered_when_both_processes_or_the_powe
         left(torque_command=0.0), right(torque_command=0.0)
         pump = ChargePump(protects=("left_knee",), name="pump")
     everything = [left, right, pump]
-    both = "kill -9 of guardian and control process together, loss of power of the computer"
+    both = "kill -9 of guardian and control process together, power loss of the computer"
     assert (
         f"{both} (the charge pump 'pump')" in in_words(coverage([left], everything))[0]
         and in_words(coverage([left], everything))[1] == ""
     )
     assert in_words(coverage([right], everything))[1].startswith(
-        f"{both} (nothing stops right_knee once both processes are gone"
+        f"{both} (nothing stops right_knee after both processes have ended"
     )
     assert coverage([pump], everything) == []
     pump.protects = ("right_leg",)

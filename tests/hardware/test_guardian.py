@@ -159,4 +159,4 @@ def test_kill_9_of_the_guardian(run):
     listener.listen(0.5)
     _, err = process.communicate(timeout=30)
     listener.assert_stopped(killed)
-    assert process.returncode == 3 and "the guardian did not answer" in err
+    assert process.returncode == 3 and "the guardian does not respond" in err

@@ -124,8 +124,8 @@ def test_a_rig_on_which_nobody_answers_says_who_was_heard_instead(rig, tmp_path)
         stranger.send(0x181, b"hello")
         _, err = process.communicate(timeout=30)
     assert process.returncode == 3
-    assert "no answer from left/knee (id 3 on bus legs), right/knee (id 2 on bus legs)" in err
-    assert "1 frames were heard, 1 of them for nobody here (on legs ids 181)" in err
+    assert "no reply from left/knee (id 3 on bus legs), right/knee (id 2 on bus legs)" in err
+    assert "1 frames were received, 1 of them with an unknown ID (unknown IDs on legs: 181)" in err
 
 
 def test_a_bus_that_goes_off_ends_the_run_with_the_cure(rig, tmp_path):

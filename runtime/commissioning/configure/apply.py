@@ -5,7 +5,7 @@ from blocks.actuators.robstride import asking, parameters
 from runtime.commissioning.configure import cubemars
 from runtime.commissioning.configure.robstride import Drive, NotPrivate, same
 from runtime.commissioning.scan import refuse_company
-from runtime.console.confirm import sure
+from runtime.console.confirm import confirm
 from runtime.console.terminal import tell
 
 # of RobStride's MIT protocol: to the private one, from the next power on
@@ -41,7 +41,7 @@ def carry_out(bus, wanted):
     before = {parameter.name: drive.read(parameter.name) for parameter, _ in wanted.writes}
     position = drive.read("mechPos") if wanted.zero else None
     tell(planned(drive, wanted, before, position))
-    if not sure("change that", wanted.yes):
+    if not confirm("change that", wanted.yes):
         tell(["nothing was changed"])
         return True
     return all(
@@ -160,7 +160,7 @@ def from_mit(bus, wanted):
     if found is None or found.family != mit.ROBSTRIDE_MIT:
         return None
     tell([f"  id {wanted.can_id}: protocol: mit -> private, from its next power on"])
-    if not sure("change that", wanted.yes):
+    if not confirm("change that", wanted.yes):
         tell(["nothing was changed"])
         return True
     bus.send((wanted.can_id, False, SWITCH_BACK), "set protocol")

@@ -15,7 +15,7 @@ from blocks.actuators.cubemars import asking, frames
 from blocks.actuators.mit_frames import SET_ZERO
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import servo_drives
-from runtime.console.confirm import sure
+from runtime.console.confirm import confirm
 from runtime.console.terminal import tell
 
 STILL = 0.02  # rad that it may seem to move between two looks
@@ -55,7 +55,7 @@ def carry_out(bus, wanted):
     if found.family == asking.MIT:
         kept = "whether it is kept when its power goes, a `scan` after that tells"
     tell([f"id {wanted.can_id}, {found.family}", f"  position: {found.position:.4f} rad -> 0 rad, {kept}"])
-    if not sure("change that", wanted.yes):
+    if not confirm("change that", wanted.yes):
         tell(["nothing was changed"])
         return True
     bus.send(found.frame, "set zero")

@@ -15,7 +15,7 @@ from blocks.actuators.robstride import RobStride, RobStrideMIT
 from blocks.actuators.robstride import asking as private
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
-from runtime.console.confirm import entered
+from runtime.console.confirm import enter_pressed
 from runtime.console.terminal import tell
 
 KNOWN = (CubeMars, CubeMarsV3, CubeMarsServo, RobStride, RobStrideMIT)
@@ -77,7 +77,7 @@ def until_entered(motor, instruction):
     tell([f"{instruction}, then press Enter"])
     seen = []
     live = sys.stdout.isatty()
-    while not entered():
+    while not enter_pressed():
         seen.append((time.monotonic(), motor.angle()))
         if live and len(seen) % 5 == 0:
             sys.stdout.write(f"\r  {seen[-1][1]:8.3f} rad ")

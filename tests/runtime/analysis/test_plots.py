@@ -98,7 +98,9 @@ def test_summary_picture_and_plot_have_the_same_figures_of_the_same_signals(comm
     assert found == told and [leg["title"] for leg in found] == ["left", "right"]
     for leg in found:
         assert leg["signals"]["velocity"] == f"{leg['title']}/butterworth.y"
-        assert f"positive work {leg['positive_work']:.2f} J a stride, negative {leg['negative_work']:.2f} J" in summary
+        assert (
+            f"positive work {leg['positive_work']:.2f} J per stride, negative {leg['negative_work']:.2f} J" in summary
+        )
         assert f"work a stride {leg['positive_work']:+.2f} J and −{-leg['negative_work']:.2f} J" in texts
     assert open("strides.png", "rb").read() == path.with_suffix(".png").read_bytes()
     assert "work of knee.torque and butterworth.y, angle knee.position, phase gait_phase.phase; not used: " in summary

@@ -280,7 +280,7 @@ def test_check_refuses_what_a_run_would_refuse(command_line):
         (("--rate", "30"), "a cutoff of 20 Hz needs a rate above 40 Hz"),
     ):
         code, out, err = command_line("check", KNEE_EXO, *options)
-        assert code == CHECK_FAILED and said in out and "this diagram does not run" in out and not err
+        assert code == CHECK_FAILED and said in out and "the diagram cannot run" in out and not err
 
 
 def test_warnings_are_told_and_do_not_keep_a_run_from_starting(command_line):
@@ -367,7 +367,7 @@ def test_the_console_script_is_the_same(tmp_path):
         timeout=60,
     )
     assert process.returncode == OK, process.stderr
-    assert "  see what was proved: tickwork check robot.py\n" in process.stdout
+    assert "  show what is proved: tickwork check robot.py\n" in process.stdout
 
 
 def test_a_reader_that_goes_away_does_no_harm(tmp_path):

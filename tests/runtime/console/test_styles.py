@@ -1,39 +1,41 @@
 """Text on a terminal and in a pipe."""
 
-from runtime.console.styles import Paper, count, length
+from runtime.console.styles import Console, count, length
 
 
 def test_a_long_text_hangs_below_its_own_beginning():
-    lines = Paper(width=40).hang("  name  ", "one two three four five six seven eight nine ten")
+    lines = Console(width=40).hang("  name  ", "one two three four five six seven eight nine ten")
     assert lines == ["  name  one two three four five six", "        seven eight nine ten"]
 
 
 def test_it_may_hang_elsewhere():
-    lines = Paper(width=30).hang("name: ", "one two three four five six seven eight", indent=2)
+    lines = Console(width=30).hang("name: ", "one two three four five six seven eight", indent=2)
     assert lines == ["name: one two three four five", "  six seven eight"]
 
 
 def test_where_too_little_room_is_left_the_text_goes_below():
-    lines = Paper(width=40).hang("  a head that takes most of the line  ", "one two three four five six seven")
+    lines = Console(width=40).hang("  a head that takes most of the line  ", "one two three four five six seven")
     assert lines == ["  a head that takes most of the line", "        one two three four five six", "        seven"]
 
 
 def test_in_a_pipe_nothing_is_wrapped_or_cut_or_coloured():
-    pipe = Paper()
+    pipe = Console()
     assert (
-        pipe.hang("a ", "b " * 500) == ["a " + "b " * 500] and pipe.cut("x" * 500) == "x" * 500 and pipe.bad("x") == "x"
+        pipe.hang("a ", "b " * 500) == ["a " + "b " * 500]
+        and pipe.cut("x" * 500) == "x" * 500
+        and pipe.error("x") == "x"
     )
 
 
 def test_colours_take_no_room():
-    screen = Paper(width=30, colour=True)
+    screen = Console(width=30, colour=True)
     assert length(screen.bold("name")) == 4
     lines = screen.hang(screen.bold("name") + "  ", "one two three four five six", screen.faint)
     assert lines == ["\x1b[1mname\x1b[0m  \x1b[2mone two three four five\x1b[0m", "      \x1b[2msix\x1b[0m"]
 
 
 def test_a_path_without_a_blank_is_not_broken():
-    assert Paper(width=20).hang("", "a left/very/long/path/that/is/wide b") == [
+    assert Console(width=20).hang("", "a left/very/long/path/that/is/wide b") == [
         "a",
         "left/very/long/path/that/is/wide",
         "b",
@@ -41,11 +43,11 @@ def test_a_path_without_a_blank_is_not_broken():
 
 
 def test_an_empty_text_leaves_the_head():
-    assert Paper(width=4).hang("long head", "") == ["long head"]
+    assert Console(width=4).hang("long head", "") == ["long head"]
 
 
 def test_what_is_too_wide_is_cut():
-    assert Paper(width=8).cut("abcdefghij") == "abcdefg…" and Paper(width=10).cut("abcdefghij") == "abcdefghij"
+    assert Console(width=8).cut("abcdefghij") == "abcdefg…" and Console(width=10).cut("abcdefghij") == "abcdefghij"
 
 
 def test_one_and_many():

@@ -10,7 +10,7 @@ import pytest
 
 from runtime.console.status_layout import COLOURS, RESET
 from runtime.console.stderr import Terminal
-from runtime.console.styles import Paper
+from runtime.console.styles import Console
 from runtime.console.terminal import complain, harmless, tell, write
 
 LINE = "late by 61 µs at −4.5 N·m, 30° … ━╌ 漢"
@@ -36,14 +36,14 @@ SHOWN = "knee\\x1b]0;title\\x07 \\x1b[2J\\x1b[8m \\x9b31m \\x7f\\r \\u202e end\t
 
 def test_control_characters_of_a_text_are_written_out_and_our_own_styles_stay():
     assert harmless(NASTY, True) == harmless(NASTY, False) == SHOWN
-    styled = Paper(80, True)
+    styled = Console(80, True)
     ours = " ".join(
         (
             styled.bold("a"),
             styled.faint("b"),
-            styled.good("c"),
-            styled.bad("d"),
-            styled.dubious("e"),
+            styled.ok("c"),
+            styled.error("d"),
+            styled.warn("e"),
             *COLOURS.values(),
             RESET,
         )

@@ -11,7 +11,7 @@ from blocks.actuators.cubemars.models import MODELS
 from blocks.actuators.robstride import models as robstride
 from graph.drawing.cards import summary
 from runtime.base.errors import OK
-from runtime.console.styles import Paper, length
+from runtime.console.styles import Console, length
 from runtime.diagrams.catalog import describe, libraries, listing
 from tests.runtime.diagrams.test_library import installed  # noqa: F401  (the example of a lab's library, as pip installs it)
 from tests.runtime.runs import ROOT, write
@@ -48,7 +48,7 @@ def test_no_block_is_without_a_docstring_that_tells_it_in_one_sentence(kinds):
 
 
 def test_a_list_on_a_terminal_is_cut_at_its_edge():
-    lines = listing(libraries(), Paper(width=80), described=False)
+    lines = listing(libraries(), Console(width=80), described=False)
     assert max(length(line) for line in lines if line.startswith("    ")) <= 80 and any(
         line.endswith("…") for line in lines
     )
@@ -110,7 +110,7 @@ def test_a_misspelt_name_gets_a_suggestion(command_line):
 
 def test_every_block_can_be_described_within_a_terminal(homes):
     for kind, home in homes.items():
-        for line in describe(kind, home, Paper(width=100)):
+        for line in describe(kind, home, Console(width=100)):
             assert length(line) <= 100 or line.startswith("   "), line  # code in a docstring stays as it is
 
 

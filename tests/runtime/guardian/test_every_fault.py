@@ -131,7 +131,9 @@ def swallow():
     except KeyboardInterrupt:
         pass
 """
-LATE = "the guardian did not answer"  # in time, on a busy machine: its silence is then taken for why a drive is silent
+LATE = (
+    "the guardian does not respond"  # in time, on a busy machine: its silence is then taken for why a drive is silent
+)
 AT_80 = r"tick 80 \(0.4 s\)"
 FAULTS = {
     "an exception in a block": Fault(
@@ -143,7 +145,7 @@ FAULTS = {
         confirmed=False,
     ),
     "a frame of another controller that equals ours": Fault(
-        "FAULT at left/knee, .*somebody else commands it", act=our_own_frame_again
+        "FAULT at left/knee, .*another node commands it", act=our_own_frame_again
     ),
     "a block that hangs and takes its interruption for itself": Fault(
         f"FAULT at left/law, {AT_80}: it hung", law="tick == 80 and swallow()", seconds=PERIOD + 0.015, before=SWALLOW
@@ -160,11 +162,13 @@ MORE = {
         options=", hold_exceptions=2",
     ),
     "a status of a native kernel's own": Fault(
-        f"FAULT at left/own, {AT_80}: it ended with kernel status 77", more="Own(name='own')"
+        f"FAULT at left/own, {AT_80}: ended with status .kernel status 77.", more="Own(name='own')"
     ),
     "NaN": Fault(f"FAULT at left/knee, {AT_80}: a command is NaN", torque="float('nan') if tick == 80 else 2.0"),
     "a fault bit": Fault("FAULT at left/knee, .*the device reports a fault", act=drive_gets(signal.SIGUSR1)),
-    "a drive that is too hot": Fault("FAULT at left/knee, .*it is too hot", act=drive_gets(signal.SIGALRM)),
+    "a drive that is too hot": Fault(
+        "FAULT at left/knee, .*the temperature exceeds its limit", act=drive_gets(signal.SIGALRM)
+    ),
     "overruns": Fault(
         "FAULT at .*grid points",
         law="if tick == 160: time.sleep(0.011)",

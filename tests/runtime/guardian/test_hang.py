@@ -54,7 +54,7 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
         and "still hangs" not in err
     )
     assert re.search(
-        r"FAULT at left/law, tick 4\d .*: it hung: [\d.]+ ms of work until it was broken off; the motors were "
+        r"FAULT at left/law, tick 4\d .*: it hung: its step ran for [\d.]+ ms until the watchdog interrupted it; the motors were "
         r"stopped meanwhile",
         err,
     )

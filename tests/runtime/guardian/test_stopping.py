@@ -165,7 +165,7 @@ def test_whoever_else_commands_a_drive_ends_the_run(bus):
     assert (
         process.returncode == 3
         and "FAULT at right/knee" in err
-        and ("somebody else commands it: a frame to id 2 on bus legs") in err
+        and ("another node commands it: a frame to id 2 on bus legs") in err
     )
     assert "confirmed by left/knee, right/knee" in out
     said = [frame.data for frame in bus.commands(1)]
@@ -182,7 +182,7 @@ def test_own_commands_that_look_like_replies_are_none(tmp_path):
         bus.listen()
         assert any(frame.data == NOTHING and frame.identifier == 127 for frame in bus.frames)
         assert (
-            "no answer from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); nothing was heard on "
+            "no reply from left/knee (id 127 on bus legs), right/knee (id 126 on bus legs); no frame was received on "
             "any bus"
         ) in err
 

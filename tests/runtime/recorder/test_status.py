@@ -401,7 +401,7 @@ def test_progress_shows_how_far_it_is_whatever_the_length_of_a_name(columns, exp
 
 def test_rounds_tell_between_them_how_far_it_is_and_leave_nothing_if_one_fails(screen, monkeypatch):
     monkeypatch.setattr("runtime.console.progress.Terminal", lambda: terminal(screen[0]))
-    monkeypatch.setattr("runtime.console.progress.PATIENCE", 0.0)
+    monkeypatch.setattr("runtime.console.progress.SHOW_DELAY", 0.0)
     with pytest.raises(ZeroDivisionError):
         for number in rounds("measuring", 4):
             1 / (2 - number)

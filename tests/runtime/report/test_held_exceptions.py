@@ -72,7 +72,7 @@ def test_sys_exit_in_a_block_is_told_as_such(tmp_path):
     file = robot(tmp_path, "tick == 30 and sys.exit('enough')")
     process = finished(file.name, "--duration", "1", "--fast", "--no-record", cwd=tmp_path)
     assert process.returncode == FAULT and "Traceback" not in process.stderr
-    assert "FAULT at sensor, tick 30 (0.3 s): it left the program (SystemExit: enough)" in process.stderr
+    assert "FAULT at sensor, tick 30 (0.3 s): its step exited the program (SystemExit: enough)" in process.stderr
     assert f"flaky.py:{line_of(file, 'sys.exit')}" in process.stderr
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from cext.clock.stopwatch import MACHINE
 from runtime.report import fault
-from runtime.report.lost_ticks import CURE, before_fault
+from runtime.report.lost_ticks import REMEDY, before_fault
 from runtime.session.run import Request, prepare, run
 from tests.runtime.runs import write
 
@@ -67,7 +67,7 @@ def test_a_block_that_took_the_time_is_named_instead_of_the_machine():
 
 def test_ticks_that_run_late_instead_of_being_lost_count_as_well():
     rows = [*STEADY[:-1], (100.0, 0.1)]
-    assert before_fault(ended("silent", 101, rows)) == f"; the loop was up to 100.0 ms late before that: {CURE}"
+    assert before_fault(ended("silent", 101, rows)) == f"; the loop was up to 100.0 ms late before that: {REMEDY}"
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_fault_that_lost_ticks_do_not_explain_is_told_as_before(result):
 
 
 def test_an_overrun_of_the_machine_names_the_cure():
-    assert before_fault(ended("overrun", culprit=MACHINE)) == f"; {CURE}"
+    assert before_fault(ended("overrun", culprit=MACHINE)) == f"; {REMEDY}"
 
 
 def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
@@ -110,5 +110,5 @@ def test_the_first_line_of_a_report_holds_it(tmp_path):
     first = fault.explain(result)[0]
     assert first == (
         "FAULT at late, tick 230 (1.15 s): no reply for longer than its timeout; the loop had lost 30 "
-        f"ticks before that: {CURE}"
+        f"ticks before that: {REMEDY}"
     )

@@ -58,7 +58,7 @@ def test_the_summary_counts_ticks_strides_torque_and_work(walked):
     assert "  buses       legs: 4008 frames sent, 4008 received" in lines
     for side in ("left", "right"):
         [line] = [line for line in lines if line.startswith(f"  {side}")]
-        for part in ("strides of 1.10 s", "peak torque 9.", "positive work ", " J a stride, negative -"):
+        for part in ("strides of 1.10 s", "peak torque 9.", "positive work ", " J per stride, negative -"):
             assert part in line
     assert lines[-1] == "  safe stop   zero torque, then disable: confirmed by left/knee, right/knee"
 
@@ -72,7 +72,7 @@ def test_the_clock_is_told_in_real_time_only(walked, tmp_path):
 
 def test_a_plant_that_the_file_does_not_have_is_told(tmp_path):
     lines = summary.summary(carry_out(knee(tmp_path)))
-    assert "  plant       the file has none: every device is emulated, each actuator turns a free inertia" in lines
+    assert "  plant       none in the file: every device is emulated, and each actuator drives a free inertia" in lines
 
 
 def test_speed_is_by_the_wall_clock(walked):
@@ -106,9 +106,9 @@ def test_strides_in_words():
         "negative_work": -4.0,
     }
     assert summary.stride_text(stride) == (
-        "1 stride of 1.10 s (2 left out); peak torque 9.2 N·m; positive work 3.46 J a stride, negative -4.00 J"
+        "1 stride of 1.10 s (2 excluded); peak torque 9.2 N·m; positive work 3.46 J per stride, negative -4.00 J"
     )
-    assert summary.stride_text(stride | {"strides": 0, "left_out": 0}) == "no whole stride; peak torque 9.2 N·m"
+    assert summary.stride_text(stride | {"strides": 0, "left_out": 0}) == "no complete stride; peak torque 9.2 N·m"
 
 
 def test_signals_of_strides_and_what_is_not_used_in_words():
@@ -126,9 +126,9 @@ def test_signals_of_strides_and_what_is_not_used_in_words():
         },
     }
     assert list(summary.stride_details(stride)) == [
-        "left out: 1 with missed ticks, 2 longer than 4 s",
+        "excluded: 1 with missed ticks, 2 longer than 4 s",
         "work of knee.torque and filter.y, angle knee.position, phase gait.phase; not used: 1.5 s without walking, "
-        "2.3 s of walking outside whole strides",
+        "2.3 s of walking outside complete strides",
     ]
     whole = stride | {"left_out": 0, "left_out_because": {}, "unused": {"standing": 0.0, "unfinished": 0.0}}
     assert list(summary.stride_details(whole)) == [
@@ -142,19 +142,19 @@ def test_three_things_to_try_next(walked, tmp_path):
     assert f"  change a parameter: tickwork {KNEE_EXO} --duration 10 --set left/profile.scale=0.5" in lines
     lines = summary.hints(carry_out(knee(tmp_path)), "python -m runtime")
     assert lines[1:] == [
-        f"  see what was proved: python -m runtime check {tmp_path / 'robot.py'}",
+        f"  show what is proved: python -m runtime check {tmp_path / 'robot.py'}",
         "  measure this machine: python -m runtime bench",
     ]
 
 
 def test_a_file_with_a_space_in_its_name_is_quoted(tmp_path):
     path = write(tmp_path, KNEE.format(law="return 1.0"), "my robot.py")
-    assert summary.hints(carry_out(path), "tickwork")[1] == f"  see what was proved: tickwork check '{path}'"
+    assert summary.hints(carry_out(path), "tickwork")[1] == f"  show what is proved: tickwork check '{path}'"
 
 
 def test_who_walked_too_short_for_a_stride_is_told_to_walk_longer():
     lines = summary.hints(carry_out(KNEE_EXO, 1.0), "tickwork")
-    assert lines[1] == f"  walk longer, to see whole strides: tickwork {KNEE_EXO} --duration 20"
+    assert lines[1] == f"  record complete strides: tickwork {KNEE_EXO} --duration 20"
 
 
 def test_what_is_suggested_works(walked):
@@ -183,23 +183,23 @@ def test_an_exception_shows_the_users_lines_only(tmp_path):
         f"  {tmp_path / 'gains_of_mine.py'}:2 in gain: return table['gain']",
         "  KeyError: 'gain'",
     ]
-    assert lines[-1] == "  nothing re-enables an actuator by itself: mend it, and arm again"
+    assert lines[-1] == "  actuators stay disabled until the next arming: fix the cause, then arm again"
 
 
 def test_a_fault_shows_the_last_ticks_before_it_and_what_every_actuator_was_asked_and_said(tmp_path):
     path = write(tmp_path, KNEE.format(law="return math.nan if tick == 9 else tick / 8"))
     result = carry_out(path)
     lines = fault.explain(result)
-    begin = lines.index("  the last ticks before it:")
+    begin = lines.index("  ticks before the fault:")
     header, *rows = [line.split() for line in lines[begin + 1 : begin + 10]]
-    assert header == ["tick", "3", "4", "5", "6", "7", "8", "9,", "the", "fault"]
+    assert header == ["tick", "3", "4", "5", "6", "7", "8", "9", "(fault)"]
     [torque] = [row for row in rows if row[0] == "torque_limiter.limited"]
     assert torque[3:] == ["0.375", "0.5", "0.625", "0.75", "0.875", "1", "nan"]
     [angle] = [row for row in rows if row[0] == "knee.position"]
     known = result.control.final[result.schedule.signals["knee.position"].slot]
     # before the stop was answered
     assert float(angle[-1]) == pytest.approx(known, rel=1e-3) and f"position {known:.4g} rad" in lines[-2]
-    assert lines[-3].split() == ["actuator", "asked", "heard", "meaning"]
+    assert lines[-3].split() == ["actuator", "command", "feedback", "state"]
     sent = result.newest[-1][
         2 + next(column.index for column in result.schedule.recorded if column.path == "knee.torque_sent")
     ]
@@ -236,7 +236,7 @@ def test_nan_is_traced_to_the_block_that_made_it(tmp_path):
     lines = fault.explain(carry_out(path))
     assert lines[0] == "FAULT at knee, tick 42 (0.21 s): a command is NaN or infinite"
     assert lines[2].startswith(
-        f"  it arose in law.torque = nan, made at {path}:{line_of(path, 'Law(name')}, from position = "
+        f"  first non-finite signal: law.torque = nan, created at {path}:{line_of(path, 'Law(name')}, with inputs position = "
     )
 
 
@@ -260,7 +260,7 @@ def test_an_infinity_is_traced_through_the_limiter_that_made_nan_of_it(tmp_path)
         'Divide(name="share")(torque, StepSource(before=2.0, after=0.0, time=0.2, unit="1", name="step")())',
         "from blocks.mathematics import Divide\nfrom blocks.sources import StepSource",
     )
-    assert line == "  it arose in share.y = inf, made at /robot.py:27, from a = 1, b = 0"
+    assert line == "  first non-finite signal: share.y = inf, created at /robot.py:27, with inputs a = 1, b = 0"
 
 
 def test_a_filter_that_remembers_a_nan_is_named(tmp_path):
@@ -272,7 +272,9 @@ def test_a_filter_that_remembers_a_nan_is_named(tmp_path):
         "Switch",
         law="return math.nan if tick == 10 else 1.0",
     )
-    assert line.startswith("  it arose in smooth.y = nan, made at /robot.py:") and line.endswith(", from u = 1")
+    assert line.startswith("  first non-finite signal: smooth.y = nan, created at /robot.py:") and line.endswith(
+        ", with inputs u = 1"
+    )
 
 
 def test_a_loop_that_holds_an_infinity_does_not_hide_where_it_arises(tmp_path):
@@ -285,7 +287,7 @@ def test_a_loop_that_holds_an_infinity_does_not_hide_where_it_arises(tmp_path):
         law="return math.inf if tick >= 10 else 1.0",
         before='delay = UnitDelay(name="delay"); total = Sum("++")(delay.y, torque); delay(total)',
     )
-    assert line.startswith("  it arose in law.torque = inf, made at /robot.py:")
+    assert line.startswith("  first non-finite signal: law.torque = inf, created at /robot.py:")
 
 
 FAULTY_PLANT = '''
@@ -321,8 +323,8 @@ def test_a_device_that_reports_a_fault_shows_its_readings(tmp_path):
         ),
     )
     assert lines[0].startswith("FAULT at knee, tick 10") and lines[0].endswith(": the device reports a fault")
-    assert lines[1].startswith("  it says: over-voltage (position = ") and ", fault = 3," in lines[1]
-    assert "fault: over-voltage, heard 5.0 ms before, stop confirmed" in lines[-2]
+    assert lines[1].startswith("  reported fault: over-voltage (position = ") and ", fault = 3," in lines[1]
+    assert "fault: over-voltage, last reply 5.0 ms before, stop confirmed" in lines[-2]
 
 
 def test_a_fault_in_the_plant_says_so(tmp_path):
@@ -346,7 +348,7 @@ def test_a_fault_in_the_plant_says_so(tmp_path):
             wiring="limb(torque=Trouble()())\n        drive(position=limb.position, velocity=limb.velocity)",
         ),
     )
-    assert ": what it would answer is NaN or infinite" in lines[0] and "the plant" in lines[0]
+    assert ": its emulated reply contains NaN or infinity" in lines[0] and "the plant" in lines[0]
 
 
 def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ from blocks.imus import MicroStrain
 from blocks.recorders import CsvRecorder
 from graph import Device, Diagram, Output, Param, compile
 from runtime.base.errors import BadInput
-from runtime.console.styles import Paper
+from runtime.console.styles import Console
 from runtime.report.preflight import ASK, ASK_AGAIN, text
 from runtime.rig.poses import Poses, readings
 from runtime.session.preflight import Preflight
@@ -154,11 +154,11 @@ def test_the_table_says_what_is_in_the_way_and_what_enter_does():
     table = Preflight(robot, schedule, {"legs": ("socketcan", "can0")}, True, poses=Poses(robot, schedule))
     values = schedule.arena.copy()
     values[schedule.signals["knee.position"].slot], values[schedule.signals["knee.temperature"].slot] = 0.52, 30.0
-    lines = text(table.event(values), Paper(200))
+    lines = text(table.event(values), Console(200))
     assert lines[-1] == ASK_AGAIN and any(
         line.startswith("NOT armed: knee reads 0.520 rad; a power cycle can shift") for line in lines
     )
     clear = Preflight(
         robot, schedule, {"legs": ("socketcan", "can0")}, True, poses=Poses(robot, schedule, {"knee": 0.5})
     )
-    assert text(clear.event(values), Paper(200))[-1] == ASK
+    assert text(clear.event(values), Console(200))[-1] == ASK

@@ -12,7 +12,7 @@ import pytest
 from blocks.actuators import CubeMars
 from blocks.safety import EStopHeartbeat
 from graph import Diagram, compile
-from runtime.console.styles import Paper
+from runtime.console.styles import Console
 from runtime.report.failure_coverage import coverage, in_words
 from runtime.report.preflight import ASK, text
 from runtime.session.preflight import Preflight
@@ -22,8 +22,8 @@ from tests.runtime.terminals import Terminal
 
 pytestmark = pytest.mark.timing
 
-WIDE = Paper(200)
-BOTH_GONE = "kill -9 of guardian and control process together, loss of power of the computer"
+WIDE = Console(200)
+BOTH_GONE = "kill -9 of guardian and control process together, power loss of the computer"
 NO_MEANS = "no time-out in the drive, no charge pump"
 
 
@@ -54,14 +54,14 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
     assert (
         shown.count("0.100 rad in [-12.5, 12.5]") == 2
         and shown.count("30 °C        none") == 2
-        and shown.count("limit 18 N·m; own time-out: none known;") == 2
+        and shown.count("limit 18 N·m; own time-out: unknown;") == 2
     )
     assert f"bus legs  udp_multicast {bus.channel}, load 9%, 11% at worst" in shown
     assert (
-        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})"
+        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee after both processes have ended: {NO_MEANS})"
         in " ".join(shown.split())
     )
-    assert "2 devices, nothing out of the ordinary\n" in shown
+    assert "2 devices, no problems\n" in shown
     terminal.wait_for(r"ready .*0\.0/60 s .* Enter arms, space ends")
     terminal.press(b"rmx")  # any other key arms nothing
     bus.listen(1.2)  # longer than arming may take
@@ -73,7 +73,7 @@ def test_nothing_but_zero_torque_until_somebody_has_read_the_table_and_pressed_e
     terminal.wait_for("running")
     terminal.press(b" ")
     assert terminal.end() == 0 and "zero torque, then disable: confirmed by left/knee, right/knee" in terminal.look()
-    assert "caution     nothing stops left/knee, right/knee once both processes are gone" in terminal.look()
+    assert "caution     nothing stops left/knee, right/knee after both processes have ended" in terminal.look()
     files = Files(tmp_path / "out")
     assert files.table["tick"][0] == 0 and files.sidecar["missed"] == 0
     [table] = [event for event in files.sidecar["events"] if event["event"] == "preflight"]
@@ -141,8 +141,8 @@ def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_y
         and "FAULT at knees, while arming: left/knee reads 0.100 rad; a power cycle can shift" in run.stderr
     ), run.stderr
     terminal.run(robot, "--rig", bus.rig, "--realtime", "off", "--no-record", cwd=bus.folder)
-    terminal.wait_for("press Enter to look again")
-    assert "out of the ordinary: left/knee: in doubt" in terminal.look()
+    terminal.wait_for("press Enter to check again")
+    assert "1 problem: left/knee: in doubt" in terminal.look()
     terminal.wait_for("ready .* Enter arms")
     terminal.press(b"\n")
     terminal.wait_for("NOT armed: left/knee reads 0.100 rad")
@@ -221,12 +221,12 @@ def test_a_drive_as_it_should_be(knee):
         "before arming",
         "  device  bus and id  answered  age     position                    velocity    temperature  fault",
         "  knee    legs 7      yes       2.0 ms  0.500 rad in [-12.5, 12.5]  0.10 rad/s  31 °C        none   "
-        "limit 9 N·m; own time-out: none known; safe stop: zero torque then disable",
+        "limit 9 N·m; own time-out: unknown; safe stop: zero torque then disable",
         "  bus legs  socketcan can0, load 5%, 5% at worst",
         "    covered: exception, loss of the guardian (the run itself); kill -9, kill -STOP (the guardian); hung "
         "block (the watchdog, then the guardian)",
-        f"    not covered: {BOTH_GONE} (nothing stops knee once both processes are gone: {NO_MEANS})",
-        "1 device, nothing out of the ordinary",
+        f"    not covered: {BOTH_GONE} (nothing stops knee after both processes have ended: {NO_MEANS})",
+        "1 device, no problems",
         ASK,
     ]
 
@@ -245,9 +245,9 @@ def test_a_drive_as_it_should_be(knee):
 )
 def test_what_is_out_of_the_ordinary_is_marked_and_counted(knee, outputs, mark, why):
     lines = text(knee(**outputs), WIDE)
-    assert mark in lines[2] and lines[-2] == f"1 thing out of the ordinary: knee: {why}"
-    two = text(knee(**{"velocity": 0.0, "temperature": 99.0, **outputs}), Paper(200, colour=True))
-    assert "\x1b[31m" in two[2] and ("2 things" in two[-2] or outputs.get("temperature"))
+    assert mark in lines[2] and lines[-2] == f"1 problem: knee: {why}"
+    two = text(knee(**{"velocity": 0.0, "temperature": 99.0, **outputs}), Console(200, colour=True))
+    assert "\x1b[31m" in two[2] and ("2 problems" in two[-2] or outputs.get("temperature"))
 
 
 def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both_processes():
@@ -259,11 +259,12 @@ def test_a_drive_with_a_time_out_of_its_own_covers_the_loss_of_power_and_of_both
 
     failures = BOTH_GONE.split(", ")
     assert last() == [
-        (failure, False, f"nothing stops knee1, knee2 once both processes are gone: {NO_MEANS}") for failure in failures
+        (failure, False, f"nothing stops knee1, knee2 after both processes have ended: {NO_MEANS}")
+        for failure in failures
     ]
     one.own_timeout = 0.025
     assert last() == [
-        (failure, False, f"nothing stops knee2 once both processes are gone: {NO_MEANS}") for failure in failures
+        (failure, False, f"nothing stops knee2 after both processes have ended: {NO_MEANS}") for failure in failures
     ]
     other.own_timeout = 0.025
     assert (
@@ -295,7 +296,7 @@ def test_check_tells_what_is_covered(command_line):
         "block (the watchdog, then the guardian)"
     ) in out
     assert (
-        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee once both processes are gone: {NO_MEANS})"
+        f"not covered: {BOTH_GONE} (nothing stops left/knee, right/knee after both processes have ended: {NO_MEANS})"
         in out
     )
     [bus] = json.loads(command_line("check", KNEE_EXO, "--json")[1])["buses"]
@@ -306,7 +307,7 @@ def test_check_tells_what_is_covered(command_line):
         "hung block": True,
         "loss of the guardian": True,
         "kill -9 of guardian and control process together": False,
-        "loss of power of the computer": False,
+        "power loss of the computer": False,
     }
 
 

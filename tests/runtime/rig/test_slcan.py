@@ -157,7 +157,7 @@ def test_an_adapter_without_drives_does_not_arm(tmp_path):
         process = run(tmp_path, adapter)
         _, errors = process.communicate(timeout=20)
         assert (
-            process.returncode == FAULT and "no answer from knee (id 1 on bus legs)" in errors and not adapter.torque()
+            process.returncode == FAULT and "no reply from knee (id 1 on bus legs)" in errors and not adapter.torque()
         )
 
 

@@ -327,7 +327,7 @@ def test_nothing_is_armed_without_the_button(tmp_path):
         bus.listen(0.1)
         assert process.returncode == FAULT
         # of a machine that stood still
-        assert "no answer from button (id 256 on bus estop)" in errors or "fenced by the guardian" in errors
+        assert "no reply from button (id 256 on bus estop)" in errors or "fenced by the guardian" in errors
         assert all(
             not frame.is_command or frame.data in (DISABLE, NOTHING) or frame.data.startswith("FFFFFFFF")
             for frame in bus.frames

@@ -14,7 +14,7 @@ import pytest
 
 from graph import compile
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
-from runtime.console.styles import Paper, length
+from runtime.console.styles import Console, length
 from runtime.diagrams.file import load
 from runtime.report.check import bar, interval, text
 from runtime.session.check import KEYS, check
@@ -65,7 +65,7 @@ def block(found, path):
 
 
 def columns(found, width=100):
-    return text(found, Paper(width=width))
+    return text(found, Console(width=width))
 
 
 def test_every_port_has_its_unit_its_wire_and_its_range(exo):
@@ -164,7 +164,7 @@ def test_what_rests_on_an_assumption_or_on_the_drive_is_not_called_proved(tmp_pa
     assert said[-1] == (
         "ok: every command of 1 actuator is proved, the torque of elbow is limited by the drive alone, the torque "
         "limit of knee holds while "
-        "|α| <= 500 rad/s², nothing here limits the torque of wrist, 0 warnings"
+        "|α| <= 500 rad/s², nothing limits the torque of wrist, 0 warnings"
     )
 
 
@@ -199,14 +199,17 @@ def test_rates_conditions_and_holds_of_the_gil_are_told(tmp_path):
     ]
     said = "\n".join(columns(found))
     assert (
-        "fast.y        → slow/level.u  one value in 10 is taken" in said
+        "fast.y        → slow/level.u  every 10th value is used" in said
         and ("slow/level.y  → direct.u  held for 10 ticks") in said
     )
     assert re.search(r"slow/level +native +50 Hz +while on\.y", said) and re.search(
         r"first +Python +500 Hz +GIL 1", said
     )
     assert (
-        "a tick takes the GIL 1 time" in said and found["plant"] is None and "proof" not in said and "buses" not in said
+        "each tick acquires the GIL 1 time" in said
+        and found["plant"] is None
+        and "proof" not in said
+        and "buses" not in said
     )
 
 
@@ -282,9 +285,7 @@ def test_what_is_wrong_is_told_with_code_place_and_cure_and_exit_code_1(command_
     [proof] = [p for p in found["proofs"] if p["command"] == "left/knee.torque_command"]
     assert not proof["holds"]
     code, out, err = command_line("check", KNEE_EXO, "--set", "left/torque_limiter.limit=30")
-    assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == (
-        "1 error, 0 warnings: this diagram does not run"
-    )
+    assert (code, err) == (CHECK_FAILED, "") and out.splitlines()[-1] == ("1 error, 0 warnings: the diagram cannot run")
 
 
 def test_a_block_that_could_not_be_made_fails_the_check_too(command_line):
@@ -351,6 +352,6 @@ def test_check_tells_how_fast_a_torque_can_change(tmp_path, command_line):
     for that.
     """
     out = command_line("check", knee(tmp_path))[1]
-    assert "; from end to end in 0.1 s at the fastest, 100 N·m/s" in " ".join(out.split())
+    assert "; at most 100 N·m/s: full range in 0.1 s" in " ".join(out.split())
     text = knee(tmp_path).read_text().replace("(limit=5.0)", "(limit=5.0, slew=math.inf)")
-    assert "; it may step" in " ".join(command_line("check", write(tmp_path, text))[1].split())
+    assert "; rate not limited" in " ".join(command_line("check", write(tmp_path, text))[1].split())

@@ -222,7 +222,7 @@ def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(t
     assert lines[0] == "FAULT at knee, tick 100 (0.5 s): a command is NaN or infinite"
     assert "torque_command = nan" in lines[1]
     assert lines[2].startswith(
-        f"  it arose in law.torque = {value.replace('math.', '')}, made at "
+        f"  first non-finite signal: law.torque = {value.replace('math.', '')}, made at "
         f"robot.py:{line_of(path, 'Law(name=')}, from position = "
     )
     # 100 commands, of the ticks 0 to 99, between zero torque of arming and of the safe stop.
@@ -246,7 +246,7 @@ def test_no_record_leaves_no_file_and_still_counts_strides(tmp_path):
     assert process.returncode == 0, process.stderr
     assert list(tmp_path.iterdir()) == []
     assert re.search(
-        r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J a stride, negative "
+        r"  left        \d strides of 1\.10 s; peak torque \d+\.\d N·m; positive work \d\.\d\d J per stride, negative "
         r"-\d\.\d\d J\n",
         process.stdout,
     )
@@ -404,7 +404,7 @@ def plant(robot):
     files = Files(tmp_path / "recordings")
     assert process.returncode == 3
     assert process.stderr.splitlines()[0] == (
-        "FAULT at knee, while arming: no answer from knee (id 1 on bus legs); nothing was heard on any bus"
+        "FAULT at knee, while arming: no reply from knee (id 1 on bus legs); no frame was received on any bus"
     )
     assert "safe stop   zero torque, then disable: NOT confirmed by knee" in process.stdout
     assert set(files.sent(1)) == {ENABLE, NOTHING, DISABLE} and files.sent(1)[-2:] == [NOTHING, DISABLE]
@@ -427,11 +427,11 @@ def plant(robot):
     assert process.returncode == 3
     first, *rest = process.stderr.splitlines()
     assert re.fullmatch(
-        r"FAULT at knee, while arming: no answer from knee \(id 1 on bus legs\); knee: \d+ replies of 7 bytes from "
+        r"FAULT at knee, while arming: no reply from knee \(id 1 on bus legs\); knee: \d+ replies of 7 bytes from "
         r"id 1: set reply=7",
         first,
     )
     assert (
         any(re.search(r"\d+ replies of 7 bytes from id 1: set reply=7", line) for line in rest)
-        and "never answered" not in process.stderr
+        and "never replied" not in process.stderr
     )
