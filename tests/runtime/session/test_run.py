@@ -222,8 +222,8 @@ def test_what_is_not_finite_is_a_fault_and_never_a_frame_also_behind_a_limiter(t
     assert lines[0] == "FAULT at knee, tick 100 (0.5 s): a command is NaN or infinite"
     assert "torque_command = nan" in lines[1]
     assert lines[2].startswith(
-        f"  first non-finite signal: law.torque = {value.replace('math.', '')}, made at "
-        f"robot.py:{line_of(path, 'Law(name=')}, from position = "
+        f"  first non-finite signal: law.torque = {value.replace('math.', '')}, created at "
+        f"robot.py:{line_of(path, 'Law(name=')}, with inputs position = "
     )
     # 100 commands, of the ticks 0 to 99, between zero torque of arming and of the safe stop.
     sent = files.sent(1)
