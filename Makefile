@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run test test-hardware soak build wheel clean FORCE
+.PHONY: help run lint test test-hardware soak build wheel clean FORCE
 
 RUN ?= diagrams/knee_exo.py --duration 10
 TESTS ?=
@@ -33,7 +33,8 @@ SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 
 help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
-	echo "make test           set up .venv, build, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make test           set up .venv, build, lint, and run the tests; TESTS='tests/graph -k units' chooses"
+	echo "make lint           check style and format with ruff"
 	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
 	echo "make soak           the long tests"
 	echo "make build          compile what has changed"
@@ -45,12 +46,16 @@ run: $(VENV)/installed
 	exec $(VENV)/bin/python -m runtime $(RUN)
 
 # Tests that keep time (marked `timing`) run alone, after all others.
-test: $(VENV)/installed-test
+test: lint
 	if [ -z "$(TESTS)" ]; then
 	    $(VENV)/bin/python -m pytest -n auto --dist worksteal -m 'not soak and not timing'
 	    exec $(VENV)/bin/python -m pytest -m 'timing and not soak'
 	fi
 	exec $(VENV)/bin/python -m pytest $(TESTS)
+
+lint: $(VENV)/installed-test
+	$(VENV)/bin/ruff check --quiet
+	$(VENV)/bin/ruff format --check --quiet
 
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)

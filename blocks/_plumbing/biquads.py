@@ -97,7 +97,7 @@ def notch(frequency, q, dt):
 
 
 def reach(sections):
-    """How far the output of a cascade of such biquads can go: a blocks._plumbing.filter_bounds.Reach, or None without a bound."""
+    """Return the Reach (blocks._plumbing.filter_bounds) of a cascade of biquads, or None if it has no bound."""
     return reach_of_cascade(tuple(((b0, b1, b2), (1.0, a1, a2)) for b0, b1, b2, a1, a2 in sections))
 
 

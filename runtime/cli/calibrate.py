@@ -12,9 +12,9 @@ EPILOG = """\
   calibrate diagrams/leg.py left/shank_imu --rig lab.toml
   calibrate diagrams/leg.py --only gyroscope --duration 10 --rig lab.toml
 
-On a rig: put the sensor on a table, first on one side and then on the five others, for two seconds each; then turn it slowly to all
-sides, away from iron. What has been seen is told meanwhile; it ends when that is enough, or with Ctrl-C. No actuator is armed. Without
-a rig the plant of the file turns an emulated sensor.
+On a rig: rest the sensor on a table on each of its six sides for two seconds; then turn it slowly in all directions,
+away from iron. The command reports its progress and ends when it has enough readings, or on Ctrl-C. No actuator is
+armed. Without a rig, the file's plant turns an emulated sensor.
 """
 PARTS = ("gyroscope", "accelerometer", "magnetometer")
 LONGEST = 600.0  # s

@@ -27,8 +27,9 @@ EPILOG = """\
   configure 3 --channel can0 --write limit_torque=10        one of them
   configure --joint left/knee --rig lab.toml knee.py        offset, sign and range of a joint, into lab.toml
 
-Before anything is changed the drive is stopped, and a person is asked. A drive that runs is left alone. What is not saved is forgotten
-with the power. A CyberGear cannot save: to it that frame means another baud rate, and it is never sent to a drive that may be one.
+The command stops the drive and asks for confirmation before it changes anything. It does not change a drive that runs.
+Changes that are not saved are lost when the drive is switched off. A CyberGear cannot save: it reads the save frame as
+a change of baud rate, so the frame is never sent to a drive that may be one.
 """
 
 

@@ -1,5 +1,6 @@
 """`diff A B`: compare two recordings."""
 
+from functools import partial
 from pathlib import Path
 
 from runtime.analysis import difference_picture
@@ -28,9 +29,6 @@ def main(arguments):
     tell(difference_picture.table(here, there, comparison))
     if comparison.differences:
         need("matplotlib.figure", "a picture")
-        tell(
-            [
-                f"  {drawing.write(lambda file, kind: difference_picture.draw(file, kind, here, there, comparison), options.output, 'diff')}"
-            ]
-        )
+        draw = partial(difference_picture.draw, here=here, there=there, comparison=comparison)
+        tell([f"  {drawing.write(draw, options.output, 'diff')}"])
     return OK if comparison.identical else CHECK_FAILED

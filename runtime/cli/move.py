@@ -28,8 +28,8 @@ EPILOG = """\
   move 9 --rig lab.toml --bus legs --model RS02 --velocity 1 --duration 3
   move 4 --channel can0 --model AK60-6-V1.1 --servo --torque 0.2
 
-It is a run as any other on a rig: a guardian watches, the table before arming wants Enter, torque fades in, everything is recorded, and at
-the end comes the safe stop. Have an emergency stop that cuts the power in your hand, and nobody in the robot.
+This is a full run on a rig: with a guardian, a pre-flight table to confirm with Enter, torque that fades in, a
+recording, and a safe stop at the end. Hold an emergency stop that cuts the power, and do not wear the robot.
 """
 
 

@@ -17,7 +17,7 @@ DUMMY = [
 RATE = 200.0  # Hz of a stream without a diagram
 EPILOG = """\
   plotjuggler diagrams/knee_exo.py                      writes knee_exo.xml: in PlotJuggler, File, Load Layout
-  plotjuggler diagrams/knee_exo.py --dummy              sends waves under the names of its signals, to 127.0.0.1 port 9870
+  plotjuggler diagrams/knee_exo.py --dummy              sends waves named as its signals to 127.0.0.1, port 9870
   plotjuggler --dummy 192.168.1.7:9870                  sends four waves there
 """
 

@@ -160,7 +160,7 @@ run systemctl enable --now tickwork-clocks.service
 def modules(wants, findings):
     """The pins: NVIDIA's Jetson Linux Developer Guide, Controller Area Network."""
     return f"""
-# If no interface appears, or nothing is heard on it, its pins are not CAN pins yet: sudo /opt/nvidia/jetson-io/jetson-io.py
+# If no interface appears, or no frame is received, configure the pins for CAN: sudo /opt/nvidia/jetson-io/jetson-io.py
 # The pins need a transceiver (3.3 V) between them and the bus.
 put /etc/modules-load.d/tickwork-can.conf <<'END'
 can
@@ -179,7 +179,7 @@ def overlay(wants, findings):
         lines = "\n".join(f"config_line {shlex.quote('dtoverlay=' + text)}" for text in wants.overlays)
     else:
         lines = """\
-# Which line depends on the HAT, on its crystal and on its interrupt pin. Take the # from yours, or name it to the doctor:
+# The line depends on the HAT, its crystal and its interrupt pin. Uncomment yours, or pass it to the doctor:
 # --overlay mcp251xfd,spi0-0,interrupt=25
 # config_line 'dtoverlay=mcp2515-can0,oscillator=12000000,interrupt=25'      # Waveshare RS485 CAN HAT, 12 MHz
 # config_line 'dtoverlay=mcp2515-can0,oscillator=16000000,interrupt=23'      # Waveshare 2-CH CAN HAT, first bus, 16 MHz
@@ -205,7 +205,7 @@ def can_files(wants, names, downs=""):
         for name in names.split()
     )
     return f"""
-# {speed(wants.bitrate)}, back {wants.restart} ms after a bus-off, and room for {wants.queue} frames: those of a tick, none that is old.
+# {speed(wants.bitrate)}, restart {wants.restart} ms after a bus-off, transmit queue of one tick ({wants.queue} frames).
 put /etc/systemd/network/80-tickwork-can.network <<'END'
 [Match]
 Name={names}

@@ -106,8 +106,8 @@ def write(trial, path, progress):
     units = "\t".join(trial.signals[name]["unit"] for name in paths)
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         file.write(
-            f"{trial.about['name'].replace('=', '_')}\nversion=1\nnRows={len(trial)}\nnColumns={1 + len(paths)}\ninDegrees=no\nDataType=double\n"
-            f"units=s\t{units}\nendheader\n"
+            f"{trial.about['name'].replace('=', '_')}\nversion=1\nnRows={len(trial)}\nnColumns={1 + len(paths)}\n"
+            f"inDegrees=no\nDataType=double\nunits=s\t{units}\nendheader\n"
         )
         file.write("\t".join(["time", *labels(trial.signals[path].get("coordinate", path) for path in paths)]) + "\n")
         for first in range(0, len(trial), CHUNK):

@@ -148,4 +148,6 @@ def listed(angles):
     shown = sorted(angles, key=abs)[:LISTED]
     words = [f"{angle:.3f}" for angle in sorted(shown)]
     more = f" and {len(angles) - LISTED} more" if len(angles) > LISTED else ""
-    return f"{', '.join(words[:-1])}{' and ' if len(words) > 1 and not more else ', ' if len(words) > 1 else ''}{words[-1]}{more} rad"
+    last = words.pop()
+    joint = "" if not words else ", " if more else " and "
+    return f"{', '.join(words)}{joint}{last}{more} rad"

@@ -76,7 +76,8 @@ def permission(path):
     with suppress(OSError, KeyError):
         user = getpass.getuser()
     kind = Path(os.path.realpath(path)).name.rstrip("0123456789")
-    rule = f"""echo 'KERNEL=="{kind}[0-9]*", MODE="0666"' | sudo tee {RULES} && sudo udevadm control --reload && sudo udevadm trigger"""
+    rule = f'KERNEL=="{kind}[0-9]*", MODE="0666"'
+    rule = f"echo '{rule}' | sudo tee {RULES} && sudo udevadm control --reload && sudo udevadm trigger"
     if group in ("root", "tty"):
         return f"give everybody such ports: {rule}"
     return f"sudo usermod -aG {group} {user}, then log in again; or give everybody such ports: {rule}"

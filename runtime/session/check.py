@@ -24,23 +24,28 @@ from runtime.session.preflight import stop_of
 
 KEYS = """The keys of --json. Numbers are in the unit beside them; null stands for no bound.
   diagram, file, rate, ok       name; path; Hz; whether nothing is wrong
-  blocks                        path, type, module, made (file:line), runs, rate, conditions, hold_exceptions, inputs, outputs
+  blocks                        path, type, module, made (file:line), runs, rate, conditions, hold_exceptions, inputs,
+                                outputs
     inputs                        name, unit, shape, dtype, and source (a port), constant or default
     outputs                       name, unit, shape, dtype, low, high, targets (ports)
   schedule                      null where something is wrong
     devices, recorded             paths, in order; how many numbers are recorded each tick
-    output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the GIL, or null)
+    output, update                steps in order: block, native, every, rate (Hz), while, gil (number of the hold of the
+                                  GIL, or null)
     gil_sections                  how often a tick takes the GIL
   holds                         where rates meet: source, source_every, target, target_every (ticks)
-  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line), slew (fastest change
-                                of the command in its unit per second; null where nothing bounds it), holds, safe_stop,
+  proofs                        command, unit, low, high, limit_low, limit_high, rating, bounded_by, at (file:line),
+                                slew (fastest change of the command in its unit per second; null where nothing bounds
+                                it), holds, safe_stop,
                                 assumes (on what the torque limit of its actuator rests besides; null for nothing)
-  torque                        what bounds the torque of each actuator: actuator, bound, limit (N·m), holds, acceleration (rad/s²), figures
+  torque                        what bounds the torque of each actuator: actuator, bound, limit (N·m), holds,
+                                acceleration (rad/s²), figures
     bound                         proved; assumed, while |α| <= acceleration; drive, by a limit in the drive; none
     figures                       name, value, unit, description: usable damping, smallest inertia, what a stall can add
-  buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known bitrate (bit/s),
-                                frames (1/s), typical, worst (of the bitrate)
-    coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or which drives nothing stops)
+  buses                         bus, medium (can, stream, i2c), devices, coverage, and where its traffic is known
+                                bitrate (bit/s), frames (1/s), typical, worst (of the bitrate)
+    coverage                      of each failure of a run on a rig: failure, covered, by (what stops the drives, or
+                                  which drives nothing stops)
   plant                         given (by the file), blocks, rate; null without devices
   errors, warnings              code, title, path, port, at (file:line), message, hint"""
 

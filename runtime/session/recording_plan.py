@@ -26,7 +26,11 @@ def ring_bytes(schedule):
 
 
 def plan(prepared, realtime):
-    """What the recorder process has to do. prepared : runtime.session.run.Prepared; realtime : runtime.machine.realtime.Realtime"""
+    """Return the plan of the recorder process.
+
+    prepared : runtime.session.run.Prepared
+    realtime : runtime.machine.realtime.Realtime
+    """
     from blocks.recorders import CsvRecorder
 
     request, schedule, rig = prepared.request, prepared.schedule, prepared.rig

@@ -154,7 +154,9 @@ int main() {                                    // each line of the input: at wh
     said = 1;
     while (scanf("%lu %4095s", &until, digits) == 2) {
         for (; now < until; now += 100) loop();
-        for (const char *at = digits; at[0] != '-' && at[0]; at += 2) { unsigned byte; sscanf(at, "%2x", &byte); waiting[last++] = byte; }
+        for (const char *at = digits; at[0] != '-' && at[0]; at += 2) {
+            unsigned byte; sscanf(at, "%2x", &byte); waiting[last++] = byte;
+        }
         loop();
     }
 }
@@ -376,7 +378,7 @@ def test_a_line_that_is_gone_ends_the_run_at_once():
 
 
 def test_the_drives_that_it_protects_are_covered_when_both_processes_or_the_power_go(tmp_path):
-    with Diagram("robot", rate=RATE) as robot:
+    with Diagram("robot", rate=RATE):
         left, right = (
             CubeMars("AK80-9", bus=f"{side}_leg", can_id=1, name=f"{side}_knee") for side in ("left", "right")
         )

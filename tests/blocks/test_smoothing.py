@@ -114,7 +114,7 @@ def test_a_complementary_filter_is_a_low_pass_of_the_angle_and_a_high_pass_of_th
     assert np.abs(y - wanted).max() < 1e-12
 
 
-def test_a_true_pair_of_rate_and_angle_comes_out_as_it_is_and_a_biased_gyroscope_costs_its_bias_times_the_time_constant():
+def test_a_biased_gyroscope_offsets_the_angle_by_its_bias_times_the_time_constant():
     t = np.arange(4000) / RATE
     angle = 0.3 * np.sin(2.0 * math.pi * t)
     rate = np.diff(angle, prepend=angle[0]) * RATE

@@ -217,7 +217,6 @@ def test_functions_compose_diagrams_and_the_line_is_the_functions():
     def leg(side):
         with subsystem(side):
             return Sum("++")(Sine().y)
-            at = here(-1)
 
     with Diagram("d", rate=100) as diagram:
         leg("left"), leg("right")

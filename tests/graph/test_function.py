@@ -19,7 +19,7 @@ def spring(angle: Input("rad", "joint angle"), stiffness: Param(30.0, "N·m/rad"
 @block
 def polar(
     x: Input("m", "east"), y: Input("m", "north"), t
-) -> {"radius": Output("m", "distance"), "angle": Output("rad", "bearing")}:
+) -> {"radius": Output("m", "distance"), "angle": Output("rad", "bearing")}:  # noqa: F821  (names of outputs)
     """Polar coordinates, ready from t = 0 on."""
     return math.hypot(x, y) if t >= 0 else math.nan, math.atan2(y, x)
 
@@ -58,5 +58,5 @@ def test_a_signature_that_says_too_little_is_refused_when_decorating():
     with pytest.raises(TypeError, match="the name 'u' is used twice"):
 
         @block
-        def twice(u: Input("1")) -> {"u": Output("1")}:
+        def twice(u: Input("1")) -> {"u": Output("1")}:  # noqa: F821  (names of outputs)
             return u

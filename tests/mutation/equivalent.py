@@ -9,18 +9,22 @@ EQUIVALENT = {
     "cext/kernels/limiters.pyx rms_torque_kernel: most = sqrt(budget / arena[slots[TICKS]]) if budget > 0.0 else 0.0 "
     "-> "
     "most = sqrt(budget / arena[slots[TICKS]]) if budget >= 0.0 else 0.0": "the root of 0 is 0",
-    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity > 0.0: -> if velocity >= 0.0:": "it takes nothing away then",
-    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it takes nothing away then",
+    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity > 0.0: -> if velocity >= 0.0:": "it "
+    "takes nothing away then",
+    "cext/kernels/limiters.pyx soft_stop_kernel: if velocity < 0.0: -> if velocity <= 0.0:": "it "
+    "takes nothing away then",
     "cext/kernels/limiters.pyx power_kernel: torque = power / fabs(velocity) if torque > 0.0 else -power / "
     "fabs(velocity) -> "
     "torque = power / fabs(velocity) if torque >= 0.0 else -power / fabs(velocity)": "a torque of 0 has no power to "
     "limit",
     "cext/kernels/limiters.pyx derating_kernel: "
     "share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full) -> "
-    "share = 1.0 if temperature < full else 0.0 if temperature >= none else (none - temperature) / (none - full)": "the line begins with the share of 1",
+    "share = 1.0 if temperature < full else 0.0 if temperature >= none else (none - temperature) / (none - full)": "the"
+    " line begins with the share of 1",
     "cext/kernels/limiters.pyx derating_kernel: "
     "share = 1.0 if temperature <= full else 0.0 if temperature >= none else (none - temperature) / (none - full) -> "
-    "share = 1.0 if temperature <= full else 0.0 if temperature > none else (none - temperature) / (none - full)": "the share is 0 then, either way",
+    "share = 1.0 if temperature <= full else 0.0 if temperature > none else (none - temperature) / (none - full)": "the"
+    " share is 0 then, either way",
     "cext/kernels/limiters.pyx soft_start_kernel: share = 1.0 if elapsed[0] >= arena[slots[3]] else elapsed[0] / "
     "arena[slots[3]] -> "
     "share = 1.0 if elapsed[0] > arena[slots[3]] else elapsed[0] / arena[slots[3]]": "the share is 1 then, either way",
@@ -31,18 +35,24 @@ EQUIVALENT = {
     "place]) -> "
     "budget = length * limit * limit * (1.0 - 1e-13) - (sums[RUNNING] + sums[RUNNING_REST] - arena[slots[SQUARES] + "
     "place])": "the margin for rounding is a thousand times what is lost",
-    "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they are the same number",
+    "cext/kernels/limits.pxd clip: return high if high < x else x -> return high if high <= x else x": "they "
+    "are the same number",
     "cext/kernels/limits.pxd clip: x = low if low > x else x   # NaN fails both comparisons; without branches, which "
     "mispredict with the data -> "
-    "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": "they are the same number",
+    "x = low if low >= x else x   # NaN fails both comparisons; without branches, which mispredict with the data": ""
+    "they are the same number",
     "cext/schedule/publisher.pyx attend: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
-    "cext/schedule/publisher.pyx attend_fenced: return UNGUARDED if self.guard > 0 and self.guardian_is_gone(now) else OK -> "
+    "cext/schedule/publisher.pyx attend_fenced: return UNGUARDED if self.guard > 0 and "
+    "self.guardian_is_gone(now) else OK -> "
     "return UNGUARDED if self.guard > 1 and self.guardian_is_gone(now) else OK": "by a nanosecond",
-    "cext/schedule/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping     # ns since "
+    "cext/schedule/arming.pyx halt: cdef int64_t since = 0 if self.tick >= 0 and not self.halted else damping "
+    "    # ns since "
     "the stop began -> "
-    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by a nanosecond",
-    "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with the clock: nothing "
+    "cdef int64_t since = 1 if self.tick >= 0 and not self.halted else damping     # ns since the stop began": "by "
+    "a nanosecond",
+    "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age > 0:": "the arena begins with "
+    "the clock: nothing "
     "of a block stands at 0",
     "cext/schedule/devices.pyx receive: if device.age >= 0: -> if device.age >= 1:": "the arena begins with the clock: "
     "nothing of a block stands at 0",
@@ -56,7 +66,8 @@ EQUIVALENT = {
     "cext/schedule/devices.pyx watch: if device.fault >= 0 and self.arena[device.fault] != 0.0: -> "
     "if device.fault > 0 and self.arena[device.fault] != 0.0:": "the arena begins with the clock: nothing of a block "
     "stands at 0",
-    "cext/schedule/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it leaves no remainder "
+    "cext/schedule/devices.pyx send_batches: device.rounds += 1 -> device.rounds -= 1": "what divides it "
+    "leaves no remainder "
     "as often",
     "runtime/guardian/stop.py __init__: self.limit = STOP_LIMIT + max((damped.end - now for damped in "
     "self.damped.values()), default=0) -> "

@@ -13,7 +13,12 @@ MOST = 4000  # points of a plane
 
 
 def draw(name, found, file):
-    """Write a PNG. name : of the sensor; found : runtime.commissioning.calibration.result.Found; file : open for writing bytes"""
+    """Draw a calibration as a PNG.
+
+    name : path of the sensor block
+    found : runtime.commissioning.calibration.result.Found
+    file : binary file, open for writing
+    """
     figure = Figure(figsize=(11.0, 7.4), dpi=150, layout="constrained")
     FigureCanvasAgg(figure)
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.15))

@@ -148,9 +148,9 @@ def test_its_torque_is_the_law_of_the_manual_up_to_its_peak(model, invert, offse
 def test_its_peak_may_be_lowered_but_must_be_positive():
     wired = emulated(peak=2.5)
     wired.hear(1, ENABLE)
-    for asked, given in ((18.0, 2.5), (-18.0, -2.5)):
-        wired.hear(1, command(torque=asked))
-        assert torque(wired) == given
+    for commanded, expected in ((18.0, 2.5), (-18.0, -2.5)):
+        wired.hear(1, command(torque=commanded))
+        assert torque(wired) == expected
     with pytest.raises(DiagramError, match="peak: must be above 0.0 N·m, got 0.0"):
         EmulatedCubeMars("AK80-9", peak=0.0)
 

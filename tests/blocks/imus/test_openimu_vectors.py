@@ -40,7 +40,7 @@ def frame_of(entry):
 
 
 @pytest.mark.parametrize("kind", sorted({entry["kind"] for entry in READ}))
-def test_frames_of_the_firmware_are_read_as_the_vendor_documents_them(kind, listener):
+def test_frames_of_the_firmware_are_read_as_the_vendor_documents_them(kind, listener):  # noqa: F811  (a fixture)
     """m/s², °/s, ° and G, the same to the last but some digits of a double."""
     group = next(group for name, group in GROUPS.items() if kind.startswith(name))
     for entry in (entry for entry in READ if entry["kind"] == kind):
@@ -54,7 +54,7 @@ def test_frames_of_the_firmware_are_read_as_the_vendor_documents_them(kind, list
         assert outputs(wired, group) == pytest.approx(entry["decoded"][key], rel=1e-12, abs=1e-9)
 
 
-def test_the_angular_rate_is_the_vendors_and_not_that_of_epically_powerful(listener):
+def test_the_angular_rate_is_the_vendors_and_not_that_of_epically_powerful(listener):  # noqa: F811  (a fixture)
     """It reads them with 1/81 °/s and an offset of 400: rest is −4.94 °/s there, and every change of rate is 128/81 =
     1.58 times too large.
     """

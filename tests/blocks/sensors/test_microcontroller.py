@@ -177,7 +177,7 @@ def test_the_rest_of_a_packet_that_was_on_its_way_is_no_corrupt_one(parser):
 @settings(max_examples=150, deadline=None)
 def test_every_good_packet_behind_garbage_is_found_and_nothing_else(data, parser):
     wired = parser(*FORCE)
-    stream, good, before = b"\0", 0, None
+    stream, good = b"\0", 0
     for counter in range(data.draw(st.integers(1, 8))):
         garbage = data.draw(st.binary(max_size=40))
         mutated = bytearray(force_packet(counter, counter))
@@ -326,7 +326,8 @@ ARDUINO = r"""
 static unsigned long now = 0;
 static int clocks = 0, level = 0;
 static const uint32_t COUNTS = 0xFFCFC7;        // -12345, as an HX711 has it
-inline void noInterrupts() {} inline void interrupts() {} inline void delayMicroseconds(int) {} inline void pinMode(int, int) {}
+inline void noInterrupts() {} inline void interrupts() {}
+inline void delayMicroseconds(int) {} inline void pinMode(int, int) {}
 inline unsigned long micros() { return now; }
 inline int analogRead(int pin) { return pin == A0 ? 1023 : 256; }
 inline void digitalWrite(int, int value) { clocks += value > level; level = value; }

@@ -68,8 +68,9 @@ during = list(heard)
 restored = mine == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
 os.kill(os.getpid(), signal.SIGINT)
 print(json.dumps({
-    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick, "unconfirmed": outcome.unconfirmed, "state": rig.page.state,
-    "ticks": rig.tick.tolist(), "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during,
+    "status": outcome.status, "signal": outcome.signal, "tick": outcome.tick,
+    "unconfirmed": outcome.unconfirmed, "state": rig.page.state, "ticks": rig.tick.tolist(),
+    "sent": [data.hex() for data in rig.sent()], "restored": restored, "during": during,
     "after": heard[len(during):], "statistics": rig.page.statistics()}))
 sys.stdin.read()                        # a signal that comes late finds Python's handlers still there
 """
@@ -211,7 +212,8 @@ EARLY = """
 import ctypes, gc
 from tests.cext.rigs import one_drive
 
-# Ctrl-C just before the handlers change hands: the destructor runs inside run()'s own garbage collection, where Python looks at no signal.
+# Ctrl-C just before the handlers are replaced: the destructor runs inside run()'s own garbage collection, where Python
+# handles no signal.
 new = ctypes.pythonapi.PyCapsule_New
 new.restype, new.argtypes = ctypes.py_object, (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p)
 interrupt = ctypes.cast(ctypes.pythonapi.PyErr_SetInterrupt, ctypes.c_void_p).value

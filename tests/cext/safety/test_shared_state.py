@@ -87,7 +87,8 @@ while True:
     closed = page.closed
     for kind, record in page.drain(64):
         number = int.from_bytes(record[:8], "little")
-        assert number >= expected and record == number.to_bytes(8, "little") * (len(record) // 8) and len(record) == 8 * (number % 37 + 1)
+        assert number >= expected and len(record) == 8 * (number % 37 + 1)
+        assert record == number.to_bytes(8, "little") * (len(record) // 8)
         expected, count = number + 1, count + 1
     if closed and page.empty:
         break

@@ -189,8 +189,9 @@ def memory_of(page):
 
 
 def letter_with(memory, value):
-    """Where the letter lies whose first value is this one. cext/ring/mailbox.pxd: state, number, four words, parameters,
-    values.
+    """Return the offset of the letter with this first value.
+
+    cext/ring/mailbox.pxd: state, number, four words, parameters, values.
     """
     at = memory.find(struct.pack("=d", value))
     assert at >= 0

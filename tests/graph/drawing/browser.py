@@ -16,12 +16,14 @@ needs_browser = pytest.mark.skipif(BROWSER is None, reason=f"no browser here: no
 HOOK = """
 <pre id="told"></pre>
 <script>
-addEventListener("error", (event) => { document.getElementById("told").textContent = JSON.stringify({ error: event.message }); });
+const report = (told) => { document.getElementById("told").textContent = JSON.stringify(told); };
+addEventListener("error", (event) => report({ error: event.message }));
 (async () => {
   const wait = (ms) => new Promise((done) => setTimeout(done, ms));
   let told;
-  try { told = { value: await (async () => { %s })() }; } catch (error) { told = { error: String(error.stack || error) }; }
-  document.getElementById("told").textContent = JSON.stringify(told);
+  try { told = { value: await (async () => { %s })() }; }
+  catch (error) { told = { error: String(error.stack || error) }; }
+  report(told);
 })();
 </script>
 </body>"""

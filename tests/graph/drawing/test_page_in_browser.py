@@ -12,7 +12,8 @@ GEOMETRY = """
 const shown = (item) => !item.closest(".hidden");
 const inScene = (item) => {
   const r = item.getBoundingClientRect();
-  return [[r.left, view.x], [r.top, view.y], [r.right, view.x], [r.bottom, view.y]].map(([at, from]) => (at - from) / view.k);
+  const edges = [[r.left, view.x], [r.top, view.y], [r.right, view.x], [r.bottom, view.y]];
+  return edges.map(([at, from]) => (at - from) / view.k);
 };
 const visible = (selector) => [...scene.querySelectorAll(selector)].filter(shown);
 """
@@ -32,7 +33,8 @@ def test_every_text_fits_into_its_box(ask):
         """
         return visible(".box").flatMap((box) => [...box.querySelectorAll("text")].filter((text) => {
           const edge = box.querySelector(".edge").getBBox(), own = text.getBBox();
-          return own.x < edge.x || own.x + own.width > edge.x + edge.width || own.y < edge.y || own.y + own.height > edge.y + edge.height;
+          return own.x < edge.x || own.x + own.width > edge.x + edge.width
+            || own.y < edge.y || own.y + own.height > edge.y + edge.height;
         }).map((text) => box.dataset.path + ": " + text.textContent));""",
     )
     assert wide == []
@@ -42,10 +44,12 @@ def test_the_names_of_the_ports_on_both_sides_do_not_touch(ask):
     touching = ask(
         nested(),
         """
-        const hit = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height - 4 && b.y < a.y + a.height - 4;
+        const hit = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width
+          && a.y < b.y + b.height - 4 && b.y < a.y + a.height - 4;
         return visible(".box").flatMap((box) => {
           const texts = [...box.querySelectorAll("text")].map((text) => [text.textContent, text.getBBox()]);
-          const touched = ([name, a], i) => texts.slice(i + 1).filter(([, b]) => hit(a, b)).map(([other]) => `${name}, ${other}`);
+          const touched = ([name, a], i) =>
+            texts.slice(i + 1).filter(([, b]) => hit(a, b)).map(([other]) => `${name}, ${other}`);
           return texts.flatMap(touched).map((names) => `${box.dataset.path}: ${names}`);
         });""",
     )
@@ -137,7 +141,8 @@ def test_a_folded_subsystem_hides_what_it_holds_and_gives_its_room_away(ask):
         const boxes = visible(".box").map((box) => box.dataset.path);
         const folded = { boxes, lines: visible(".line").length, height: goal.y(drawing.height) };
         find("frame", "left").querySelector(".head").dispatchEvent(new MouseEvent("click", { bubbles: true }));
-        return { before, folded, after: goal.y(drawing.height), boxes: visible(".box").length, lines: visible(".line").length };""",
+        const boxes = visible(".box").length, lines = visible(".line").length;
+        return { before, folded, after: goal.y(drawing.height), boxes, lines };""",
     )
     assert told["folded"]["boxes"] == ["csv_recorder"] and told["folded"]["lines"] == 0
     assert told["folded"]["height"] < 0.6 * told["before"] and told["after"] == told["before"]
@@ -161,7 +166,8 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
           const things = edges.map((item) => [item.parentNode.dataset.path, inScene(item)]);
           for (let i = 0; i < things.length; i++) for (let j = 0; j < i; j++) {
             const [a, one] = things[i], [b, other] = things[j];
-            const apart = one[0] > other[2] - 2 || other[0] > one[2] - 2 || one[1] > other[3] - 2 || other[1] > one[3] - 2;
+            const apart = one[0] > other[2] - 2 || other[0] > one[2] - 2
+              || one[1] > other[3] - 2 || other[1] > one[3] - 2;
             if (!apart) wrong.push(`${a} covers ${b}`);
           }
           for (const frame of visible(".frame.folded")) {
@@ -181,7 +187,8 @@ def test_however_subsystems_are_folded_nothing_visible_covers_anything_and_lines
           pins.forEach((pin) => ends.add(`${Math.round(map.x(pin.x))} ${Math.round(map.y(pin.y))}`));
           for (const line of visible(".line")) {
             const end = line.getPointAtLength(line.getTotalLength());
-            if (!ends.has(`${Math.round(end.x)} ${Math.round(end.y)}`)) wrong.push(`${line.dataset.signal} ends nowhere`);
+            if (!ends.has(`${Math.round(end.x)} ${Math.round(end.y)}`))
+              wrong.push(`${line.dataset.signal} ends nowhere`);
           }
         }
         return { wrong, frames: drawing.frames.length };""",
@@ -196,7 +203,8 @@ def test_going_to_a_block_unfolds_what_holds_it_and_brings_it_into_view(ask):
         foldAll(true);
         choose("left/hip/limiter", true);
         const seen = find("box", "left/hip/limiter").getBoundingClientRect();
-        const inside = seen.left > 0 && seen.top > 0 && seen.right < innerWidth - panel.offsetWidth && seen.bottom < innerHeight;
+        const inside = seen.left > 0 && seen.top > 0
+          && seen.right < innerWidth - panel.offsetWidth && seen.bottom < innerHeight;
         return { folded: [...folded], inside };""",
     )
     assert (

@@ -111,7 +111,8 @@ PI_4 = {
     "/proc/1/comm": "systemd\n",
     "/etc/os-release": 'PRETTY_NAME="Debian GNU/Linux 12 (bookworm)"\nNAME="Debian '
     'GNU/Linux"\nVERSION_ID="12"\nID=debian\n',
-    "/etc/group": "root:x:0:\nadm:x:4:pi\ndialout:x:20:pi\nsudo:x:27:pi\ngpio:x:995:pi\ni2c:x:994:pi\nspi:x:993:pi\npi:x:1000:\n",
+    "/etc/group": "root:x:0:\nadm:x:4:pi\ndialout:x:20:pi\nsudo:x:27:pi\ngpio:x:995:pi\ni2c:x:994:pi\n"
+    "spi:x:993:pi\npi:x:1000:\n",
     "/boot/firmware/config.txt": "dtparam=audio=on\n\n[cm4]\notg_mode=1\n\n[all]\ndtparam=i2c_arm=on\n",
     "/sys/devices/system/cpu/online": "0-3\n",
     "/sys/devices/system/cpu/isolated": "\n",
@@ -151,7 +152,8 @@ ORIN_NANO = {
     "/proc/sys/kernel/sched_rt_period_us": "1000000\n",
     "/proc/self/limits": LIMITS.format(memlock=1000341504, rtprio=0),
     "/proc/self/status": ORDINARY,
-    "/proc/self/cgroup": "11:cpu,cpuacct:/user.slice\n10:memory:/user.slice\n0::/user.slice/user-1000.slice/session-3.scope\n",
+    "/proc/self/cgroup": "11:cpu,cpuacct:/user.slice\n10:memory:/user.slice\n"
+    "0::/user.slice/user-1000.slice/session-3.scope\n",
     "/proc/swaps": SWAPS
     + "".join(f"/dev/zram{n}                              partition\t634416\t\t0\t\t5\n" for n in range(6)),
     "/sys/fs/cgroup/cpu,cpuacct/user.slice/cpu.rt_runtime_us": "0\n",

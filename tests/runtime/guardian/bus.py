@@ -46,7 +46,8 @@ def build():
     with Diagram("knees", rate=200) as diagram:
         for side, can_id in (("left", 1), ("right", 2)):
             with subsystem(side):
-                knee = CubeMars("AK10-9-V2.0", bus="legs", can_id=can_id, name="knee", range=(-12.5, 12.5), wake_shift=0.0{drive})
+                knee = CubeMars(
+                    "AK10-9-V2.0", bus="legs", can_id=can_id, name="knee", range=(-12.5, 12.5), wake_shift=0.0{drive})
                 law = Law(name="law")(knee.position)
                 knee(torque_command=TorqueLimiter(limit=5.0)(law.torque))
         {more}

@@ -70,7 +70,8 @@ def build():
     with Diagram("knees", rate=200) as diagram:
         for side, can_id in (("left", 1), ("right", 2)):
             with subsystem(side):
-                knee = CubeMars("AK10-9-V2.0", bus=side, can_id=can_id, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
+                knee = CubeMars(
+                    "AK10-9-V2.0", bus=side, can_id=can_id, range=(-12.5, 12.5), wake_shift=0.0, name="knee")
                 law = Law(name="law"{options})(knee.position) if side == "left" else None
                 knee(torque_command=TorqueLimiter(limit=5.0)(law.torque if law is not None else 1.0))
                 if law is not None:

@@ -54,8 +54,8 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
         and "still hangs" not in err
     )
     assert re.search(
-        r"FAULT at left/law, tick 4\d .*: it hung: its step ran for [\d.]+ ms until the watchdog interrupted it; the motors were "
-        r"stopped meanwhile",
+        r"FAULT at left/law, tick 4\d .*: it hung: its step ran for [\d.]+ ms until the watchdog interrupted it; "
+        r"the motors were stopped meanwhile",
         err,
     )
     assert f"robot.py:{line_of(tmp_path / 'robot.py', HANGS[what])} in step: {HANGS[what]}" in err

@@ -24,7 +24,8 @@ from graph import Diagram
 def build():
     with Diagram("leg", rate=200) as diagram:
         for name, can_id in (("hip", 11), ("knee", 12)):
-            drive = RobStride("RobStride03", bus="leg", can_id=can_id, range=(-12.5, 12.5), wake_shift=0.0, name=name{mode})
+            drive = RobStride(
+                "RobStride03", bus="leg", can_id=can_id, range=(-12.5, 12.5), wake_shift=0.0, name=name{mode})
             drive({command})
     return diagram
 """

@@ -38,7 +38,8 @@ def status(name):
 
 def state():
     """All that a grant may change."""
-    limits = [resource.getrlimit(which) for which in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK, resource.RLIMIT_RTTIME)]
+    kinds = resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK, resource.RLIMIT_RTTIME
+    limits = [resource.getrlimit(kind) for kind in kinds]
     return [
         os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, sorted(os.sched_getaffinity(0)), status("VmLck"),
         system.timer_slack(), system.slice_length(), limits, len(os.listdir("/proc/self/fd")), status("SigCgt")]
@@ -330,7 +331,8 @@ def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path,
         law="""import os, psutil
         here = psutil.Process()
         places = [os.sched_getaffinity(process.pid) for process in (here, *here.children(recursive=True))]
-        return 1000.0 * len(places[0]) + 100.0 * len(places[0] - places[1]) + 10.0 * len(places[1]) + 1.0 * (places[1:] == 2 * [places[1]])""",
+        alike = places[1:] == 2 * [places[1]]
+        return 1000.0 * len(places[0]) + 100.0 * len(places[0] - places[1]) + 10.0 * len(places[1]) + 1.0 * alike""",
     )
     process = finished("robot.py", "--duration", "0.2", "--realtime", mode, cwd=tmp_path)
     assert process.returncode == OK, process.stderr
@@ -343,11 +345,16 @@ def test_the_recorder_and_what_it_starts_leave_a_processor_to_the_loop(tmp_path,
 @with_two_processors
 def test_two_loops_of_one_machine_take_two_processors_and_give_them_back():
     first, second, again = told("""
-other = "from runtime.machine.realtime import Realtime; realtime = Realtime('try'); realtime.obtain(); print(*realtime.granted[-1:])"
+other = (
+    "from runtime.machine.realtime import Realtime; realtime = Realtime('try'); "
+    "realtime.obtain(); print(*realtime.granted[-1:])"
+)
 with Realtime("try") as realtime:
     first, others = realtime.granted[-1], realtime.others
-    second = subprocess.run([sys.executable, "-c", other], capture_output=True, text=True, preexec_fn=lambda: os.sched_setaffinity(
-        0, others | os.sched_getaffinity(0))).stdout.strip()
+    spread = lambda: os.sched_setaffinity(0, others | os.sched_getaffinity(0))
+    second = subprocess.run(
+        [sys.executable, "-c", other], capture_output=True, text=True, preexec_fn=spread
+    ).stdout.strip()
 with Realtime("try") as realtime:
     print(json.dumps([first, second, realtime.granted[-1]]))
 """)

@@ -254,8 +254,9 @@ ip("link", "add", "wlan", "type", "veth", "peer", "name", "lan")
 ip("link", "set", "lan", "up")
 ip("link", "set", "wlan", "up")
 plotjuggler.RETRY = 0.0
+target = {"host": "10.9.0.7", "port": 9870}
 sender = plotjuggler.PlotJugglerSender({}, {
-    "path": "juggler", "parameters": {"host": "10.9.0.7", "port": 9870}, "columns": [{"path": "a.x", "dtype": "float"}]})
+    "path": "juggler", "parameters": target, "columns": [{"path": "a.x", "dtype": "float"}]})
 sender.say = print
 sender.open()                                   # before there is a network
 for tick in range(40):

@@ -106,7 +106,8 @@ import os, sys
 from cext.safety.shared_state import RECORD_EVENT, Page
 from tests.runtime.recorder.running import counting, run
 page = Page(fd=int(sys.argv[1]))
-run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=lambda recorder: print(recorder.pid, flush=True))
+announce = lambda recorder: print(recorder.pid, flush=True)
+run(counting(rate=500), sys.argv[2], -1, virtual=False, page=page, before=announce)
 """
 
 

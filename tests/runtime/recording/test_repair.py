@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+from functools import cache
 
 import numpy as np
 import pytest
@@ -108,11 +109,10 @@ def cut_and_mended(path, data, cut):
     assert not Mending(str(path)).finish() and path.read_bytes() == after
 
 
-def unfinished_of(data, known={}):
+@cache
+def unfinished_of(data):
     """Heads of chunks hide a cut chunk's messages from others' readers."""
-    if data not in known:
-        known[data] = unfinished(data) if data.endswith(b"\x89MCAP0\r\n") else data
-    return known[data]
+    return unfinished(data) if data.endswith(b"\x89MCAP0\r\n") else data
 
 
 @pytest.mark.parametrize("step", [211, pytest.param(1, marks=pytest.mark.soak)])

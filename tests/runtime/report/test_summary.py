@@ -236,7 +236,8 @@ def test_nan_is_traced_to_the_block_that_made_it(tmp_path):
     lines = fault.explain(carry_out(path))
     assert lines[0] == "FAULT at knee, tick 42 (0.21 s): a command is NaN or infinite"
     assert lines[2].startswith(
-        f"  first non-finite signal: law.torque = nan, created at {path}:{line_of(path, 'Law(name')}, with inputs position = "
+        f"  first non-finite signal: law.torque = nan, created at {path}:{line_of(path, 'Law(name')}, "
+        "with inputs position = "
     )
 
 

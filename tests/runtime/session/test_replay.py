@@ -25,7 +25,6 @@ from tests.runtime.runs import KNEE_EXO, started, write, writer_of
 from tests.runtime.terminals import patient
 
 ROOT = Path(__file__).parents[3]
-KNEE_EXO = ROOT / "diagrams" / "knee_exo.py"
 
 # A knee whose law has state, knows the clock, and does what `law` says.
 LAW = """
