@@ -46,7 +46,7 @@ def test_the_scan_of_the_page_is_what_a_scan_prints(command_line, monkeypatch):
     monkeypatch.setattr("runtime.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
     command = re.search(r"`python -m runtime (scan --interface i2c .*?)`", PAGE)[1].split()
     code, out, err = command_line(*command)
-    assert (code, err) == (OK, "") and out.splitlines() == shown_after(PAGE, "tells which chips are there")
+    assert (code, err) == (OK, "") and out.splitlines() == shown_after(PAGE, "lists the chips on the bus")
 
 
 @pytest.mark.parametrize("command", ["calibrate", "scan"])
