@@ -13,3 +13,32 @@ def load(path):
     from runtime.analysis.trials import load
 
     return load(path)
+
+
+def run(diagram, duration, *, settings=(), plant=None, seed=None, rate=None):
+    """Run a diagram in virtual time in this process, and return its runtime.analysis.trial.Trial.
+
+        trial = run("diagrams/knee_exo.py", duration=60, settings={"left/profile.scale": 0.5})
+        trial["left/knee.position"]         # array over the ticks, rad
+
+    The run writes no file, starts no process and prints nothing. Its signals equal those of
+    `python -m runtime FILE --fast` bit for bit. Recorded are the signals that the diagram's recorders and viewers take,
+    all signals where it has neither; frames of the buses are not.
+
+    diagram : path of a diagram file; a Diagram, which may be run again and keeps its parameters; or a function that
+        builds one
+    duration : s
+    settings : {"left/impedance.stiffness": 40, "assistance": "0.5"} or pairs, as with --set: parameters of blocks and
+        of the functions `build` and `plant`
+    plant : Diagram, or function plant(robot) that builds one; by default the file's own. Without either every device is
+        emulated and each actuator turns a free inertia
+    seed : whole number from which each noise source of robot and plant gets a seed of its own; None keeps theirs
+    rate : Hz instead of the diagram's own
+
+    A run that ends in a fault returns the Trial up to there, and `trial.fault` describes the fault. Raises BadInput or
+    DiagramError for what is wrong before the run. Ctrl-C ends the run and raises KeyboardInterrupt as usual; in another
+    thread than the main one a run goes on to its end.
+    """
+    from runtime.session.simulate import simulate
+
+    return simulate(diagram, duration, settings=settings, plant=plant, seed=seed, rate=rate)

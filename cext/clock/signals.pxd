@@ -7,6 +7,8 @@ cdef enum:
 
 cdef class Signals:
     cdef action[ENDING] before
+    cdef bint handled                # False: handlers of the process stay as they are
+    cdef int32_t never               # what `caught` points to, then: 0
     cdef const int32_t *caught       # number of the first signal since `take`, 0 while there is none
 
     cdef void take(self)

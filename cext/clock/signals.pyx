@@ -16,13 +16,19 @@ cdef void on_signal(int number) noexcept nogil:
 
 
 cdef class Signals:
-    """SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGUSR1, from `take` to `give_back`."""
+    """SIGINT, SIGTERM, SIGHUP, SIGQUIT and SIGUSR1, from `take` to `give_back`.
 
-    def __cinit__(self):
-        self.caught = &first
+    handled : False leaves the handlers of the process in place, and no signal ends the run
+    """
+
+    def __cinit__(self, bint handled=True):
+        self.handled = handled
+        self.caught = &first if handled else &self.never
 
     cdef void take(self):
         global first
+        if not self.handled:
+            return
         first = 0
         self.install(self.before)
 
@@ -30,6 +36,8 @@ cdef class Signals:
         """Install the handlers; again where a block may have replaced them. before : what they replace, or NULL"""
         cdef action ours
         cdef int index
+        if not self.handled:
+            return
         memset(&ours, 0, sizeof(action))
         ours.sa_handler = on_signal
         for index in range(ENDING):
@@ -37,5 +45,7 @@ cdef class Signals:
 
     cdef void give_back(self):
         cdef int index
+        if not self.handled:
+            return
         for index in range(ENDING):
             sigaction(SIGNALS[index], &self.before[index], NULL)

@@ -14,6 +14,7 @@ It runs on the main thread without the GIL, with signal handlers of its own that
 
 import gc
 import sys
+import threading
 from dataclasses import replace
 
 from cpython.exc cimport PyErr_CheckSignals
@@ -63,15 +64,21 @@ cdef class Executor(Waiting):
         looks for blocks that hang. 0 where there is no guardian
     carried : whether the guardian carries the frames of some bus: after its death the safe stop is one round here, the rest is the caller's
     others : processors for the watchdog; where there are none, it has those of the thread that runs
+    rows : as cext.schedule.publisher.Journal fills it, or None
+    hosted : whether the process belongs to another program, such as a notebook or a test: the garbage collector and the switch interval stay
+        as they are, and outside the main thread the signal handlers
     """
+
+    cdef bint hosted
 
     def __init__(self, Program control, double rate, *, Program plant=None, int substeps=1, Page page=None, bint virtual=False,
                  int reader=-1, str overrun="skip", double spin=0.0, bint profile=False, Tape tape=None,
-                 double guard=0.0, bint carried=False, others=()):
-        self.signals = Signals()
+                 double guard=0.0, bint carried=False, others=(), rows=None, bint hosted=False):
+        self.hosted = hosted
+        self.signals = Signals(not hosted or threading.current_thread() is threading.main_thread())
         self.pace = Pace(rate, self.signals, spin=round(spin * 1e9))
         self.overrun = Overrun(overrun)
-        self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9))
+        self.journal = Journal(page, control, virtual, reader, self.signals, round(guard * 1e9), rows)
         self.body = Tick(control, plant, substeps, self.pace, self.journal, not virtual, profile)
         self.watchdog = Watchdog(control, self.journal, self.signals, self.pace.period, guard > 0.0 and not virtual, others)
         self.body.handover = self.watchdog.handover
@@ -120,12 +127,13 @@ cdef class Executor(Waiting):
         self.overrun.reset()
         self.journal.clear()
         switching = sys.getswitchinterval()
-        sys.setswitchinterval(min(switching, SWITCH))
         collecting = gc.isenabled()
         frozen = gc.get_freeze_count()                             # who has frozen objects of its own keeps them so, with what is there now
-        gc.collect()
-        gc.freeze()
-        gc.disable()
+        if not self.hosted:
+            sys.setswitchinterval(min(switching, SWITCH))
+            gc.collect()
+            gc.freeze()
+            gc.disable()
         begin_run()
         self.signals.take()
         try:
@@ -134,7 +142,8 @@ cdef class Executor(Waiting):
                 take_fatal(self.layout, &self.control.at)
             PyErr_CheckSignals()                                   # one that Python caught until now would wait for the end of the run
             with nogil:
-                prctl(PR_SET_TIMERSLACK, 1)
+                if not self.virtual:
+                    prctl(PR_SET_TIMERSLACK, 1)
                 self.begin()
                 status = self.arm(arming_timeout)
             if status == NO_ANSWER:
@@ -165,11 +174,12 @@ cdef class Executor(Waiting):
             self.watchdog.end()
             give_back_fatal()
             self.signals.give_back()
-            sys.setswitchinterval(switching)
-            if not frozen:
-                gc.unfreeze()
-            if collecting:
-                gc.enable()
+            if not self.hosted:
+                sys.setswitchinterval(switching)
+                if not frozen:
+                    gc.unfreeze()
+                if collecting:
+                    gc.enable()
         if self.layout != NULL:
             store_i32(&self.layout.status, max(status, 0))
         self.control.live.leave()
@@ -192,6 +202,11 @@ cdef class Executor(Waiting):
     def newest(self):
         """The rows of the newest ticks, as cext.schedule.publisher.Journal.newest has them."""
         return self.journal.newest()
+
+    @property
+    def rows(self):
+        """How many rows the run has recorded."""
+        return self.journal.recent_count
 
     @property
     def profile(self):
@@ -247,7 +262,7 @@ cdef class Executor(Waiting):
             self.control.arena[AUTHORITY] = self.authority(tick - self.armed, fade)
             status = self.body.run(                                # the first tick after arming is one for every block
                 tick, self.previous if self.previous >= self.armed else -1, now if self.simulated else now + late)
-            if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
+            if status != OK or (self.journal.records and not self.journal.push_row(tick)):
                 break
             if self.control.laps != NULL:
                 lap(self.control.laps, RECORD)

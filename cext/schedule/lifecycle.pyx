@@ -123,7 +123,7 @@ cdef class Waiting(Arming):
                 self.tell_standing("refused", standing)
             self.late = 0 if self.virtual else began - epoch - self.pace.grid(tick)
             standing = self.look_around(tick, standing, &status)
-            if status != OK or (self.layout != NULL and not self.journal.push_row(tick)):
+            if status != OK or (self.journal.records and not self.journal.push_row(tick)):
                 return status if status != OK else ENDED
             if self.layout != NULL:
                 self.count(tick, tick, self.late, began)

@@ -12,8 +12,11 @@ cdef class Journal:
     cdef const int32_t *caught
     cdef int64_t guard               # ns of the guardian's silence that end the run, 0: there is none
     cdef uint64_t most               # bytes that one tick pushes at most
-    cdef double *recent              # the rows of the newest ticks, a ring of its own
+    cdef object table                # the array behind `recent`
+    cdef double *recent              # the rows of the newest ticks, a ring of its own; with `table`, of all ticks
+    cdef int64_t recent_size         # rows that fit there
     cdef int64_t recent_count        # rows that were ever put there
+    cdef bint records                # whether rows have a destination
 
     cdef void clear(self)
     cdef void set_state(self, int32_t state) noexcept nogil

@@ -1,8 +1,10 @@
 # cython: freethreading_compatible=True
 """What a run puts on the shared page: its state, its rows, and the waiting for a reader in virtual time."""
 
-from libc.stdlib cimport calloc, free
+from libc.stdint cimport uintptr_t
 from libc.string cimport memcpy, memset
+
+import numpy as np
 
 from cext.abi cimport FENCED, FRAMES_PER_BATCH, FRAMES_PER_TICK, LATENESS, OK, UNGUARDED, Frame
 from cext.clock.histogram cimport Histogram
@@ -29,9 +31,11 @@ cdef class Journal:
     virtual : a full ring makes the loop wait instead of dropping
     reader : a file descriptor that hangs up when nobody drains the page any more, or -1; that frees a loop that waits for it
     guard : ns of the guardian's silence that end the run, 0 where there is no guardian
+    rows : C-contiguous float64 array (ticks, 2 + columns) that receives the row of every tick: tick, lateness in s, recorded signals; or None.
+        A run with more ticks overwrites the first rows
     """
 
-    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0):
+    def __init__(self, Page page, Program program, bint virtual, int reader, Signals signals, int64_t guard=0, rows=None):
         if page is not None and 16 * (3 + program.column_count) > <int64_t>page.layout.capacity:
             raise ValueError("a ring of %d bytes cannot hold two rows of %d numbers" % (page.layout.capacity, 2 + program.column_count))
         self.page, self.program, self.virtual, self.reader, self.caught = page, program, virtual, reader, signals.caught
@@ -44,20 +48,21 @@ cdef class Journal:
         self.most += program.share(self.layout)
         if page is not None:
             self.most = min(self.most, page.layout.capacity // 2)          # a ring too small for that drops
-        self.recent = <double *>calloc(RECENT * (2 + program.column_count), sizeof(double))
-        if self.recent == NULL:
-            raise MemoryError
-
-    def __dealloc__(self):
-        free(self.recent)
+        self.records = page is not None or rows is not None
+        self.table = np.zeros((RECENT, 2 + program.column_count)) if rows is None else rows
+        if (self.table.ndim != 2 or len(self.table) == 0 or self.table.shape[1] != 2 + program.column_count or self.table.dtype != np.float64
+                or not self.table.flags.carray):
+            raise ValueError("rows must be a writable C-contiguous float64 array of shape (ticks, %d)" % (2 + program.column_count))
+        self.recent = <double *><uintptr_t>self.table.ctypes.data
+        self.recent_size = len(self.table)
 
     def newest(self):
         """The newest rows, the oldest first, each as a tuple: the tick, its lateness in s, the recorded signals."""
         cdef int width = 2 + self.program.column_count
         cdef int64_t row
         return [
-            tuple(self.recent[row % RECENT * width + column] for column in range(width))
-            for row in range(max(0, self.recent_count - RECENT), self.recent_count)
+            tuple(self.recent[row % self.recent_size * width + column] for column in range(width))
+            for row in range(max(0, self.recent_count - min(<int64_t>RECENT, self.recent_size)), self.recent_count)
         ]
 
     cdef void clear(self):
@@ -127,16 +132,19 @@ cdef class Journal:
         self.raise_fence()
 
     cdef bint push_row(self, int64_t tick) noexcept nogil:
-        """The recorded signals of this tick into the ring. False: a signal came while waiting for room."""
+        """The recorded signals of this tick into the ring and the array of rows. False: a signal came while waiting for room."""
         cdef PageLayout *page = self.layout
         cdef int size = 2 + self.program.column_count
-        cdef double *kept = self.recent + self.recent_count % RECENT * size
-        cdef double *row = <double *>reserve(page, ROW, 8 * size)
+        cdef double *kept = self.recent + self.recent_count % self.recent_size * size
+        cdef double *row
         cdef int64_t since
         kept[0] = <double>tick
         kept[1] = self.program.arena[LATENESS]
         self.program.record(kept + 2)
         self.recent_count += 1
+        if page == NULL:
+            return True
+        row = <double *>reserve(page, ROW, 8 * size)
         while row == NULL:
             if not self.virtual:
                 page.dropped += 1

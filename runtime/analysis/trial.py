@@ -43,10 +43,9 @@ class Trial:
         """progress : called with the share of the file that has been read"""
         self.path = Path(path)
         reader, self.parts = whole(self.path, Reader, progress)
-        self.about, self.end, self.diagram = reader.about, reader.end, reader.diagram
+        self.end, self._diagram = reader.end, reader.diagram
         self.events, self.complete, self.trouble = reader.events, reader.finished, reader.trouble
-        self.signals = {signal["path"]: signal for signal in self.about["signals"]}
-        self.places = {path: place for place, path in enumerate(self.signals)}
+        self._describe(reader.about)
         ticks = np.frombuffer(b"".join(reader.messages[messages.ROW_END]), dtype=messages.TICK_ROW)
         self.tick, self.time, self.lateness = (
             ticks["tick"].astype(np.int64),
@@ -63,11 +62,50 @@ class Trial:
                 ) from None
         self.frames, self.seams = reader.frames, reader.seams
 
+    @classmethod
+    def in_memory(cls, about, end, diagram, rows):
+        """Return the Trial of a run that wrote no file. Its path is the name of the diagram, and it has no frames.
+
+        about : dict with "name", "rate" in Hz, "signals", "buses" and more, as a recording has it
+        end : dict, likewise
+        diagram : function that returns the description of the diagram, called when that is first read
+        rows : array (ticks, 2 + signals): tick, lateness in s, and every signal
+        """
+        made = cls.__new__(cls)
+        made.path, made.parts, made.seams, made.frames = Path(about["name"]), [], [], []
+        made.end, made._diagram, made.complete, made.trouble = end, diagram, True, None
+        made.events = [*end["events"], end["end"]]
+        made._describe(about)
+        made.tick = rows[:, 0].astype(np.int64)
+        made.time, made.lateness, made.rows = made.tick / about["rate"], rows[:, 1], rows[:, 2:]
+        return made
+
+    def _describe(self, about):
+        self.about = about
+        self.signals = {signal["path"]: signal for signal in about["signals"]}
+        self.places = {path: place for place, path in enumerate(self.signals)}
+
+    @property
+    def diagram(self):
+        """Description of the diagram that ran, as graph.store has it; None where the recording has none."""
+        if callable(self._diagram):
+            self._diagram = self._diagram()
+        return self._diagram
+
+    @property
+    def fault(self):
+        """The fault that ended the run: a dict with its `status`, `culprit`, `tick` and `report`, the lines of text
+        about it; None for a run without a fault, or one whose recording was cut off.
+        """
+        end = (self.end or {}).get("end") or {"status": "ok"}
+        return None if end["status"] == "ok" else {key: end.get(key) for key in ("status", "culprit", "tick", "report")}
+
     def __repr__(self):
         what = ", ".join(f"{name}={value}" for name, value in self.fields.items())
+        fault = f", fault: {self.fault['status']}" if self.fault else ""
         return (
             f"<Trial {self.path.name}: {len(self)} ticks at {self.about['rate']:g} Hz, {len(self.names)} "
-            f"signals{', ' if what else ''}{what}>"
+            f"signals{', ' if what else ''}{what}{fault}>"
         )
 
     def __getitem__(self, path):

@@ -22,7 +22,7 @@ def main(arguments):
 
     rig = read(options.rig)
     file, robot = load(options.file, settings(options.settings), rig)
-    diagram, schedule = plant_of(file, robot)
+    diagram, schedule, _ = plant_of(file, robot)
     if schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has nothing on a bus that could be emulated")
     terminals = on_terminals(robot, schedule)

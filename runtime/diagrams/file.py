@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 from graph import Block, Diagram, DiagramError, compile
 from graph.names import suggestion
@@ -33,6 +34,7 @@ class DiagramFile:
     build_parameters: dict
     plant_parameters: dict
     sha256: str | None = None
+    given: Diagram | None = None  # of the caller, instead of a file
 
     @property
     def has_plant(self):
@@ -48,17 +50,46 @@ def load(path, settings=(), rig=None, sha256=None):
     """Read a diagram file and build its diagram.
 
     path : of the file
-    rig : RigFile or None; what it says of devices comes before the settings
-    settings : pairs (name, text) from --set. A name with a dot is a block's parameter, "left/impedance.stiffness"; any
-        other one of the parameters of `build` or `plant`
+    settings, rig : as of `build`
     sha256 : hex digest of the only source that may be run; None for any
 
     Returns (DiagramFile, Diagram). Raises BadInput.
     """
-    path = Path(path)
-    module, found = execute(path, sha256)
-    file = DiagramFile(path, module, {}, {}, found)
-    diagram, build = getattr(file.module, "diagram", None), file.function("build")
+    file = source(path, sha256=sha256)
+    return file, build(file, settings, rig)
+
+
+def source(given, plant=None, sha256=None):
+    """Return the DiagramFile of a path, of a Diagram, or of a function that builds one. Raises BadInput.
+
+    plant : Diagram or function plant(robot, **parameters) instead of the file's own
+    sha256 : as of `load`
+    """
+    if isinstance(given, (str, os.PathLike)):
+        path = Path(given)
+        module, digest = execute(path, sha256)
+    elif isinstance(given, Diagram):
+        path, module, digest = Path(given.name), SimpleNamespace(diagram=given), None
+    elif callable(given):
+        code = getattr(given, "__code__", None)
+        path, module, digest = Path(code.co_filename if code else "diagram"), SimpleNamespace(build=given), None
+    else:
+        raise BadInput(f"expected a Diagram, the path of a diagram file or a function that builds one, not {given!r}")
+    if plant is not None:
+        function = plant if callable(plant) else lambda robot: plant
+        module = SimpleNamespace(**{**vars(module), "plant": function})
+    return DiagramFile(path, module, {}, {}, digest, given if isinstance(given, Diagram) else None)
+
+
+def build(file, settings=(), rig=None, before=None):
+    """Build the diagram of a DiagramFile. Raises BadInput.
+
+    settings : pairs (name, value or its text). A name with a dot is a block's parameter, "left/impedance.stiffness";
+        any other is a parameter of `build` or `plant`
+    rig : RigFile or None; its device parameters are set before the settings
+    before : list that receives (block, parameter, value) of every parameter of a block before it is set
+    """
+    path, diagram, build = file.path, getattr(file.module, "diagram", None), file.function("build")
     if build is None and not isinstance(diagram, Diagram):
         raise BadInput(
             f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
@@ -72,10 +103,12 @@ def load(path, settings=(), rig=None, sha256=None):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
         override(rig, diagram)
-    for name, text in settings:
+    for name, value in settings:
         if "." in name:
-            set_block_parameters(diagram, name, text)
-    return file, diagram
+            replaced = set_block_parameters(diagram, name, value)
+            if before is not None:
+                before += replaced
+    return diagram
 
 
 def build_plant(file, robot):

@@ -1,6 +1,7 @@
 """--set NAME=VALUE: parameters of `build` and `plant`, and of any block by its path."""
 
 import ast
+import hashlib
 import inspect
 
 from graph import DiagramError, units
@@ -45,8 +46,11 @@ def share_out(file, settings):
 
 
 def parse_like(default, name, text):
-    """The value of a text in the type of a default: bool, int, float, str; anything else as Python would read it."""
-    if isinstance(default, str):
+    """Convert a text to the type of a default: bool, int, float, str; other types are parsed as Python literals.
+
+    A value that is not a text is returned unchanged.
+    """
+    if isinstance(default, str) or not isinstance(text, str):
         return text
     if isinstance(default, bool):
         if text.lower() in TRUTHS:
@@ -70,35 +74,65 @@ def parse_like(default, name, text):
         return text
 
 
-def set_block_parameters(diagram, name, text):
-    """Set "left/impedance.stiffness", or all that "*/impedance.stiffness" matches, from a text. BadInput."""
+def set_block_parameters(diagram, name, value):
+    """Set "left/impedance.stiffness", or all that "*/impedance.stiffness" matches, to a value or its text.
+
+    Returns [(block, parameter, value before)]. Raises BadInput.
+    """
     if not patterns.is_pattern(name):
-        set_block_parameter(diagram, name, text)
-        return
+        return [set_block_parameter(diagram, name, value)]
     known = [f"{block.path}.{parameter}" for block in diagram for parameter in block.parameters]
-    found = patterns.matching(name, known)
-    if not found:
+    matching = patterns.matching(name, known)
+    if not matching:
         hint = patterns.hint(name, known) or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"--set {name}={text}: {diagram.name} has no parameter that matches; {hint}")
-    for each in found:
-        set_block_parameter(diagram, each, text)
+        raise BadInput(f"--set {name}={value}: {diagram.name} has no parameter that matches; {hint}")
+    return [set_block_parameter(diagram, each, value) for each in matching]
 
 
-def set_block_parameter(diagram, name, text):
-    """Set "left/impedance.stiffness" from a text. BadInput."""
+def set_block_parameter(diagram, name, value):
+    """Set "left/impedance.stiffness" to a value or its text.
+
+    Returns (block, parameter, value before). Raises BadInput.
+    """
     path, _, parameter = name.rpartition(".")
     if path not in diagram.blocks:
         known = [f"{block.path}.{p}" for block in diagram for p in block.parameters]
         near = suggestion(path, diagram.blocks)
         hint = suggestion(name, known) or near or f"its blocks are {', '.join(sorted(diagram.blocks))}"
-        raise BadInput(f"--set {name}={text}: {diagram.name} has no block {path!r}; {hint}")
+        raise BadInput(f"--set {name}={value}: {diagram.name} has no block {path!r}; {hint}")
+    block = diagram[path]
+    before = getattr(block, parameter, None)
     try:
-        diagram[path].set(parameter, text)
+        block.set(parameter, value)
     except DiagramError as error:
         problem = error.diagnostics[0]
         hint = f"; {problem.hint}" if problem.hint else ""
         raise BadInput(
-            f"--set {name}={text}: {path} {problem.message}{hint}"
+            f"--set {name}={value}: {path} {problem.message}{hint}"
             if problem.message.startswith("has no")
-            else f"--set {name}={text}: {problem.message}{hint}"
+            else f"--set {name}={value}: {problem.message}{hint}"
         ) from None
+    return block, parameter, before
+
+
+def set_seeds(diagram, seed):
+    """Give every noise source of a diagram a seed of its own, computed from one number and the path of its block.
+
+    Returns [(block, "seed", value before)].
+    """
+    return [set_block_parameter(diagram, f"{block.path}.seed", derived(seed, block.path)) for block in noise(diagram)]
+
+
+def noise(diagram):
+    return [block for block in diagram if "seed" in block.parameters]
+
+
+def derived(seed, path):
+    """The first 53 bits of the SHA-256 of "SEED:PATH", as a whole number."""
+    return int.from_bytes(hashlib.sha256(f"{seed}:{path}".encode()).digest()[:7], "big") >> 3
+
+
+def restore(replaced):
+    """Set parameters back to their values before. replaced : as the functions above return it"""
+    for block, parameter, before in reversed(replaced):
+        block.set(parameter, before)

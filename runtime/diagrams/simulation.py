@@ -8,6 +8,7 @@ from cext.schedule.program import Program
 from graph import Actuator, Device, Diagram, subsystem
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import build_plant, compiled
+from runtime.diagrams.overrides import set_seeds
 
 
 class Simulation:
@@ -17,14 +18,16 @@ class Simulation:
     robot : Diagram
     schedule : the robot's Schedule
     bitrate : bit/s that the buses have, each; None, and frames take no time
+    seed : whole number from which every noise source of the plant gets its seed, or None to keep their own
 
+    replaced : [(block, "seed", value before)] of those noise sources
     plant : the plant's Schedule, None for a robot without devices
     program : the plant's Program, likewise
     """
 
-    def __init__(self, file, robot, schedule, bitrate=None):
+    def __init__(self, file, robot, schedule, bitrate=None, seed=None):
         self.given = file is not None and file.has_plant
-        self.diagram, self.plant = plant_of(file, robot)
+        self.diagram, self.plant, self.replaced = plant_of(file, robot, seed)
         self.substeps = substeps(robot, self.diagram) if self.diagram is not None else 1
         self.buses = {
             name: MemoryBus() if bitrate is None or medium != "can" else TimedBus(bitrate)
@@ -46,11 +49,17 @@ class Simulation:
         return [bus.host for bus in self.buses.values()]
 
 
-def plant_of(file, robot):
-    """(Diagram, Schedule) of what a robot is attached to; None twice for a robot without devices. file : as above"""
+def plant_of(file, robot, seed=None):
+    """Build and compile the plant of a robot. file, seed : as of Simulation
+
+    Returns (Diagram, Schedule, replaced seeds); (None, None, []) for a robot without devices.
+    """
     given = file is not None and file.has_plant
     diagram = build_plant(file, robot) if given else default_plant(robot)
-    return (None, None) if diagram is None else (diagram, compiled(file.path if given else robot.name, diagram))
+    if diagram is None:
+        return None, None, []
+    replaced = [] if seed is None else set_seeds(diagram, seed)
+    return diagram, compiled(file.path if given else robot.name, diagram), replaced
 
 
 def substeps(robot, plant):

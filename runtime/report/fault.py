@@ -107,15 +107,21 @@ def unanswered(result):
     instead = [f"{block.path}: {words}" for block in silent if (words := fault_context.instead(result, block))]
     if len(instead) == len(silent):
         return f"no reply from {names}; {'; '.join(instead)}"
-    received, foreign = (result.statistics["frames"][kind] for kind in ("received", "foreign"))
-    frames = (
+    return f"no reply from {'; '.join([names, *instead, *frames_received(result.statistics)])}" + (
+        on_the_rig(result.rig) if result.rig is not None else ""
+    )
+
+
+def frames_received(statistics):
+    """Return how many frames were received, as a list of one text; empty where they were not counted."""
+    if "frames" not in statistics:
+        return []
+    received, foreign = (statistics["frames"][kind] for kind in ("received", "foreign"))
+    return [
         f"{received} frames were received, {foreign} of them with an unknown ID"
         if received
         else "no frame was received on any bus"
-    )
-    return f"no reply from {names}; {'; '.join([*instead, frames])}" + (
-        on_the_rig(result.rig) if result.rig is not None else ""
-    )
+    ]
 
 
 def read_instead(result, block):

@@ -32,7 +32,7 @@ NOBODY = (
     "input, output and error); "
     "--yes arms without asking"
 )
-FASTEST = 100_000.0  # Hz: beyond, a period is too short to sleep in
+RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
 
 
 @dataclass
@@ -61,6 +61,7 @@ class Request:
     yes: bool = False  # on a rig: arm without asking a person
     rearm: bool = False  # after a fault, wait to be armed again
     bitrate: float | None = None  # bit/s of the simulated buses; None: frames take no time
+    seed: int | None = None  # of every noise source; None keeps their own
     poses: dict = field(default_factory=dict)  # on a rig: rad by path, where the operator states that joints stand
     bench: bool = False  # on a rig: an actuator by itself, which moves no joint and has no range
 
@@ -137,11 +138,7 @@ def prepare(request):
     if rig is not None and not request.bench:
         require_ranges(rig, diagram)
     adapt(diagram, request)
-    if diagram.rate > FASTEST:
-        raise BadInput(f"{diagram.rate:g} Hz is too fast: {FASTEST:g} Hz at most")
-    ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
-    if ticks == 0:
-        raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
+    ticks = ticks_of(request, diagram)
     schedule = compiled(request.file, diagram)
     rearming.check(diagram, request.rearm, can_ask())
     if rig is not None:
@@ -167,6 +164,16 @@ def prepare(request):
         ticks,
         source_sha256=file.sha256,
     )
+
+
+def ticks_of(request, diagram):
+    """Number of grid points that a run has, -1 until stopped. Raises BadInput."""
+    if diagram.rate > RATE_LIMIT:
+        raise BadInput(f"{diagram.rate:g} Hz is too fast: {RATE_LIMIT:g} Hz at most")
+    ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
+    if ticks == 0:
+        raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
+    return ticks
 
 
 def run(prepared, say=lambda lines: None, count_from=0):
@@ -261,7 +268,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
                 )
                 if outcome.faulted:
                     result.report += again.told(outcome) or explain(result)
-                tell(page, ending(result), recorder)
+                tell(page, json.dumps(end_event(result)).encode(), recorder)
             page.close()
             recording = recorder.finish()
     result.recording.update(recording)
@@ -377,10 +384,10 @@ def tell(page, event, recorder):
         time.sleep(0.001)
 
 
-def ending(result):
+def end_event(result):
     """The last event of a recording."""
     outcome = result.outcome
-    event = {
+    return {
         "event": "end",
         "status": outcome.status,
         "culprit": outcome.culprit,
@@ -394,4 +401,3 @@ def ending(result):
         "report": result.report,
         "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
     }
-    return json.dumps(event).encode()
