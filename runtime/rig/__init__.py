@@ -1,4 +1,4 @@
-"""Rigs: which real interface and device stands behind each logical name of a diagram."""
+"""Rigs: the real interface and device of each logical name in a diagram."""
 
 from runtime.rig.buses import RigBuses
 from runtime.rig.errors import CODES, RigError, Trouble

@@ -1,4 +1,4 @@
-"""The buses of a robot on its rig: opened before a run, asked afterwards what happened on them."""
+"""Buses of a robot on its rig: opened before a run, and queried for statistics after it."""
 
 import errno
 import os
@@ -26,7 +26,7 @@ GONE = (errno.ENODEV, errno.ENXIO)
 
 
 NATIVE = (SOCKETCAN, UDP)  # kinds that the loop drives itself
-ONE_PROCESS = ("virtual",)  # kinds whose other nodes would have to be in the process that opens them
+ONE_PROCESS = ("virtual",)  # kinds whose nodes must be in the process that opens them
 
 
 @dataclass
@@ -36,7 +36,7 @@ class OpenBus:
 
 
 class Carried:
-    """An interface that the guardian opens and carries the frames of. bus : RigBus"""
+    """Interface that the guardian opens and carries frames for. bus : RigBus"""
 
     virtual, remarks, strangers = False, (), None
 
@@ -48,14 +48,15 @@ class Carried:
 
 
 class RigBuses:
-    """The interfaces behind the buses of a robot, and the guardian of both. RigError with everything that keeps them
-    from it.
+    """Interfaces of a robot's buses, and the guardian of both.
 
-    SocketCAN is open from here on, the others are from `watch` on.
+    Raises RigError with every problem that prevents a run.
+
+    SocketCAN interfaces open in the constructor, the others in `watch`.
 
     rig : RigFile
     robot : Diagram, as the rig has it
-    names : of the buses, in the schedule's order
+    names : of the buses, in the order of the schedule
     """
 
     def __init__(self, rig, robot, names, machine=None):
@@ -92,7 +93,7 @@ class RigBuses:
             raise Refused(
                 Trouble(
                     "TW105",
-                    f"[bus.{name}] interface = {bus.interface!r}, and what is on it speaks "
+                    f"[bus.{name}] interface = {bus.interface!r}, but its devices use "
                     f"{'I2C' if bus.interface != I2C else 'CAN'}",
                     'write interface = "i2c" and channel = "/dev/i2c-1"'
                     if bus.interface != I2C
@@ -103,8 +104,8 @@ class RigBuses:
             raise Refused(
                 Trouble(
                     "TW105",
-                    f"[bus.{name}] interface = {bus.interface!r} has no nodes outside of one process",
-                    "run without --rig, where every device is emulated; or udp_multicast, whose nodes are processes of "
+                    f"[bus.{name}] interface = {bus.interface!r} has no nodes outside the process that opens it",
+                    "run without --rig to emulate every device, or use udp_multicast, whose nodes are processes of "
                     "this machine",
                 )
             )
@@ -115,7 +116,7 @@ class RigBuses:
                 Trouble(
                     "TW106",
                     f"[bus.{name}] {bus.channel} is controlled by {taken.owner}",
-                    "end that one first: a bus has one controller",
+                    "end that process first: a bus has one controller",
                 )
             ) from None
         if bus.interface == I2C:
@@ -139,16 +140,16 @@ class RigBuses:
         )
 
     def ends(self):
-        """The robot's end of each bus, in the schedule's order."""
+        """Return the robot's end of each bus, in the order of the schedule."""
         return [bus.can.end for bus in self.buses.values()]
 
     @property
     def carries(self):
-        """Whether the guardian carries the frames of some bus."""
+        """Return whether the guardian carries the frames of any bus."""
         return self.lines is not None
 
     def watch(self, page, schedule, robot, priority):
-        """Start the guardian, which opens what is not open yet. RigError
+        """Start the guardian, which opens the remaining interfaces. Raises RigError.
 
         page : of the run; robot : Diagram; priority : of the loop's SCHED_FIFO, or None
         """
@@ -192,28 +193,24 @@ class RigBuses:
                 for name, why in error.troubles.items()
             ]
             raise RigError(
-                self.rig.path, troubles or [Trouble("TW120", str(error), "it says why on the terminal")]
+                self.rig.path, troubles or [Trouble("TW120", str(error), "see its message on the terminal")]
             ) from None
 
     def start_sensors(self, priority):
-        """The threads that read what is not on CAN. priority : of SCHED_FIFO where that is granted, 0 for ordinary
-        ones
-        """
+        """Start the threads that read devices other than CAN. priority : of SCHED_FIFO if granted, else 0"""
         self.streams.start(priority)
         for name, bus in self.buses.items():
             if self.media[name] == "i2c":
                 bus.interface.start(priority)
 
     def take_over(self):
-        """The guardian does not answer: stop the actuators from here. Returns the names of those that have not
-        confirmed.
-        """
+        """Stop the actuators without the guardian. Returns the names of those that did not confirm."""
         died, troubles, stop = self.guardian.take_over()
         self.report = {"stop": None, "troubles": troubles, "died": died, "taken_over": stop}
         return tuple(stop["unconfirmed"])
 
     def remarks(self):
-        """Lines that a person should read before the run."""
+        """Return remarks for the operator before the run."""
         return [f"{self.rig.path}: {remark}" for bus in self.buses.values() for remark in bus.interface.remarks]
 
     def close(self):
@@ -229,7 +226,7 @@ class RigBuses:
             self.bell = -1
 
     def finish(self):
-        """Ask what happened, and close. Returns {bus: its counts, state and strangers} as plain data."""
+        """Close the interfaces and return {bus: its counts, state and foreign IDs} as plain data."""
         if self.guardian is not None and self.report is None:
             self.report = self.guardian.finish()
         self.after = {name: self.count(bus) for name, bus in self.buses.items()}
@@ -248,8 +245,9 @@ class RigBuses:
         }
 
     def correct(self, frames):
-        """Frames as a run's statistics count them, with what did not reach the robot: {kind: number}. To be asked after
-        `finish`.
+        """Return the frame counts of a run, {kind: number}, with those that did not reach the robot.
+
+        Call it after `finish`.
         """
         kinds = ("errors", "strangers", "refused", "echoes", "corrupt", "overflows")
         can = [bus for name, bus in self.after.items() if self.media[name] == "can"]
@@ -261,34 +259,34 @@ class RigBuses:
         return corrected
 
     def strangers(self):
-        """Ids of frames for nobody here, by bus."""
+        """Return the IDs of frames from unknown nodes, by bus."""
         return {name: bus["stranger_ids"] for name, bus in self.after.items() if bus["stranger_ids"]}
 
     def sensors(self):
-        """'shank 200 Hz' of each device on I2C, with what was amiss."""
+        """Return 'shank 200 Hz' for each I2C device, with its errors."""
         lines = []
         for name, bus in self.after.items():
-            for path, told in bus["devices"].items() if self.media[name] == "i2c" else ():
-                words = f"{path} {told['rate']:.4g} Hz"
-                if told["failures"]:
-                    words += f", failed {told['failures']} times ({error_in_words(told['error'])})"
-                if told["losses"]:
-                    words += f", lost {told['losses']} times, back {told['returns']}"
+            for path, counts in bus["devices"].items() if self.media[name] == "i2c" else ():
+                words = f"{path} {counts['rate']:.4g} Hz"
+                if counts["failures"]:
+                    words += f", failed {counts['failures']} times ({error_in_words(counts['error'])})"
+                if counts["losses"]:
+                    words += f", lost {counts['losses']} times, reconnected {counts['returns']}"
                 lines.append(words)
         return lines
 
     def failures(self):
-        """(path, what was counted, why it failed last) of devices on I2C that did not always answer."""
+        """Return (path, counts, last error) of the I2C devices that failed to reply at times."""
         return [
-            (path, told, error_in_words(told["error"]))
+            (path, counts, error_in_words(counts["error"]))
             for name, bus in self.after.items()
             if self.media[name] == "i2c"
-            for path, told in bus["devices"].items()
-            if told["failures"]
+            for path, counts in bus["devices"].items()
+            if counts["failures"]
         ]
 
     def unheard(self):
-        """Channels on which nobody has acknowledged our frames."""
+        """Return the channels on which no node acknowledged frames."""
         return [
             bus["channel"]
             for name, bus in self.after.items()
@@ -296,24 +294,25 @@ class RigBuses:
         ]
 
     def line(self, name):
-        """Where a line that streams leads, and whether it is there, in words."""
+        """Return the port of a serial line, and whether it is present, as text."""
         bus = self.buses[name]
         counts = self.after[name] if hasattr(self, "after") else bus.can.counts
         lost, back = counts["losses"], counts["returns"]
         gone = (
-            f", which was lost {lost} time{'s' * (lost > 1)}" + (" and is gone" if lost > back else " and is back")
+            f", disconnected {lost} time{'s' * (lost > 1)}"
+            + (" and still missing" if lost > back else " and reconnected")
             if lost
-            else ", which is there"
+            else ", connected"
         )
-        other = ", and something else answers in its place" if lost > back and counts["strangers"] else ""
+        other = ", replaced by another device" if lost > back and counts["strangers"] else ""
         return f"{bus.interface.bus.channel}{gone}{other}"
 
     def explain(self, name):
-        """Why a bus failed, and the cure: two lines."""
+        """Return why a bus failed, and the remedy."""
         bus = self.buses[name].interface.bus
         if isinstance(self.buses[name].can, Line):
-            said = (self.report or {}).get("troubles", {}).get(name) or "it takes no frames"
-            return f"{bus.interface} {bus.channel}: {said}", "is the adapter plugged in, and its supply on?"
+            reason = (self.report or {}).get("troubles", {}).get(name) or "it accepts no frames"
+            return f"{bus.interface} {bus.channel}: {reason}", "check that the adapter is plugged in and powered"
         if bus.interface == UDP:
             return failed(self.buses[name].can.trouble, bus)
         return in_words(
@@ -322,28 +321,25 @@ class RigBuses:
 
 
 def in_words(trouble, bus, virtual):
-    """A SocketCan's trouble, and its cure.
+    """Return the error of a SocketCan as text, and its remedy.
 
     bus : RigBus
-    virtual : whether it is on one machine
+    virtual : whether all nodes are processes of this machine
     """
     channel = bus.channel
     if trouble == "bus-off":
-        return (
-            f"{channel} is bus-off: its controller has withdrawn after too many errors",
-            f"{WIRING}; then: {again(bus)}",
-        )
+        return (f"{channel} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
     if trouble == "full":
         return (
-            f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: nobody acknowledges its frames, "
-            "or they are more than it carries",
-            f"{WIRING}; room for more: sudo ip link set {channel} txqueuelen 128",
+            f"the queue of {channel} was full for {TX_QUEUE_FULL_LIMIT} ticks: no node acknowledges its frames, "
+            "or the bus is overloaded",
+            f"{WIRING}; for a longer queue: sudo ip link set {channel} txqueuelen 128",
         )
     if trouble == errno.ENETDOWN:
-        return f"{channel} was taken down", take_up(bus, virtual)
+        return f"{channel} went down", take_up(bus, virtual)
     if trouble in GONE:
-        return f"{channel} is gone: its adapter was unplugged, or lost its supply", (
+        return f"{channel} disappeared: its adapter was unplugged or lost power", (
             f"plug it in, then: {take_up(bus, virtual)}"
         )
-    said = os.strerror(trouble) if trouble else "a frame went neither in nor out"
-    return f"{channel}: {said}", f"look at: ip -details -statistics link show {channel}"
+    reason = os.strerror(trouble) if trouble else "sending and receiving failed"
+    return f"{channel}: {reason}", f"see: ip -details -statistics link show {channel}"

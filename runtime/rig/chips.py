@@ -1,18 +1,16 @@
-"""The chips of an I2C bus as smbus2 reaches them, through whatever multiplexers: to set them up, and to say which there
-are.
-"""
+"""Chips of an I2C bus, through multiplexers, with smbus2: for set-up and for listing."""
 
 import errno
 
 from blocks.i2c import CHANNELS, MUX
 
-FIRST, LAST = 0x08, 0x77  # addresses that a device may have
-# memories, which a write without data could harm: a byte is read of these
+FIRST, LAST = 0x08, 0x77  # range of device addresses
+# memories: probed by reading a byte, since a write without data could damage their content
 FRAGILE = {*range(0x30, 0x38), *range(0x50, 0x60)}
 
 
 class NoAnswer(Exception):
-    """errno; address : that did not answer; mux : whether it was a multiplexer's"""
+    """No acknowledge from an address. error : OSError; address : of the chip; mux : whether it is a multiplexer"""
 
     def __init__(self, error, address, mux=False):
         super().__init__(f"{address:#04x}: {error}")
@@ -20,18 +18,19 @@ class NoAnswer(Exception):
 
 
 class Chips:
-    """wires : smbus2.SMBus, or what has its methods"""
+    """I2C chips behind multiplexers. wires : smbus2.SMBus, or an object with its methods"""
 
     def __init__(self, wires):
         self.wires = wires
-        self.open = (0, 0)  # multiplexer and channel that are open; 0: none that we have opened
+        self.open = (0, 0)  # multiplexer and channel that this object has opened; 0: none
 
     def close(self):
         self.wires.close()
 
     def read(self, address, register, count):
-        """A word, on the wire two bytes, is what an adapter without blocks reads of registers that are two bytes
-        wide.
+        """Read `count` bytes from a register.
+
+        An adapter without block transfers reads a word, two bytes on the bus, for two bytes.
         """
         with answered(address):
             if count == 1:
@@ -50,7 +49,7 @@ class Chips:
                 self.wires.write_i2c_block_data(address, register, list(data))
 
     def probe(self, address):
-        """NoAnswer where nobody is at an address."""
+        """Raise NoAnswer if no device acknowledges an address."""
         with answered(address):
             if address in FRAGILE:
                 self.wires.read_byte(address)
@@ -63,7 +62,7 @@ class Chips:
                 self.wires.read_byte(address)
 
     def switch(self, mux, channel):
-        """Open one channel and no other; mux 0: none."""
+        """Open one channel only. mux : address of the multiplexer, 0 to close all"""
         if self.open == (mux, channel):
             return
         if self.open[0] and self.open[0] != mux:
@@ -82,31 +81,31 @@ class Chips:
             raise
 
     def leave(self):
-        """Close what is open."""
+        """Close the open channel."""
         self.switch(0, 0)
 
     def answering(self, outside=False):
-        """Addresses that answer where we are, those of the bus itself among them. outside : on the bus itself alone"""
+        """Return the responding addresses on the open channel and the bus. outside : on the bus only"""
         if outside:
             try:
                 self.switch(0, 0)
             except NoAnswer:
                 pass
-        found = []
+        addresses = []
         for address in range(FIRST, LAST + 1):
             try:
                 self.probe(address)
-                found.append(address)
+                addresses.append(address)
             except NoAnswer as error:
-                if error.errno == errno.EBUSY:  # a driver of the kernel has it
-                    found.append(address)
+                if error.errno == errno.EBUSY:  # used by a kernel driver
+                    addresses.append(address)
                 elif error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
-                    break  # a bus that hangs would take seconds for each
-        return found
+                    break  # each address of a stuck bus would take seconds
+        return addresses
 
 
 class answered:
-    """Turns an OSError into a NoAnswer."""
+    """Context manager that converts an OSError to NoAnswer."""
 
     def __init__(self, address):
         self.address = address
@@ -120,9 +119,9 @@ class answered:
 
 
 class KnownChips:
-    """What the chips on a bus are, as far as registers tell. chips : Chips"""
+    """Identification of chips by their registers. chips : Chips"""
 
-    # address: (register, {value: name}, mask); an address with several is asked for each
+    # address: (register, {value: name}, mask); an address with several entries is probed for each
     REGISTERS = {
         0x68: (
             (0x75, {0x71: "MPU-9250", 0x73: "MPU-9255", 0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}, 0xFF),
@@ -141,41 +140,42 @@ class KnownChips:
         self.chips = chips
 
     def name(self, address):
-        """(name, how it is known): "" twice where nothing is."""
+        """Return (name, how it was identified); ("", "") for an unknown chip."""
         for register, values, mask in self.REGISTERS.get(address, ()):
             try:
-                said = self.chips.read(address, register, 1)[0]
+                value = self.chips.read(address, register, 1)[0]
             except NoAnswer:
                 return "", ""
-            if said & mask in values:
-                return values[said & mask], f"register {register:#04x} is {said:#04x}"
+            if value & mask in values:
+                return values[value & mask], f"register {register:#04x} is {value:#04x}"
         return (self.GUESSES[address], "by its address") if address in self.GUESSES else ("", "")
 
     def everywhere(self):
-        """Every chip there is: [(mux, channel, address, name, how)], mux 0 for the bus itself. Those of the bus are
-        told once.
+        """Return all chips as [(mux, channel, address, name, how)]; mux is 0 on the bus itself.
+
+        Chips on the bus itself are listed once.
         """
         self.chips.leave()
         here = self.chips.answering()
         muxes = [address for address in here if MUX <= address < MUX + 8]
         for mux in muxes:
-            self.chips.select(mux, 0)  # what a run before has left open
+            self.chips.select(mux, 0)  # a previous run may have left channels open
         here = [address for address in self.chips.answering()]
-        found = [(0, 0, address, *self.name(address)) for address in here]
+        chips = [(0, 0, address, *self.name(address)) for address in here]
         for mux in muxes:
             for channel in range(CHANNELS):
                 try:
                     self.chips.switch(mux, channel)
                 except NoAnswer:
                     break
-                found += [
+                chips += [
                     (mux, channel, address, *self.name(address))
                     for address in self.chips.answering()
                     if address not in here
                 ]
         self.chips.leave()
-        return found
+        return chips
 
 
 def in_hex(addresses):
-    return ", ".join(f"{address:#04x}" for address in addresses) or "nobody"
+    return ", ".join(f"{address:#04x}" for address in addresses) or "none"

@@ -1,23 +1,23 @@
-"""What can be wrong with a rig, each kind with a code of its own. docs/rigs.md tells of every one."""
+"""Error codes of rigs. docs/rigs.md explains each of them."""
 
 from dataclasses import dataclass
 
 from runtime.base.errors import BadInput
 
 CODES = {
-    "TW101": "rig file that cannot be read",
+    "TW101": "unreadable rig file",
     "TW102": "wrong entry in a rig file",
     "TW103": "rig of another robot",
     "TW104": "bus without an interface",
     "TW105": "interface of another kind",
-    "TW106": "bus that somebody else controls",
-    "TW107": "bus that somebody else emulates",
-    "TW111": "kernel without CAN",
+    "TW106": "bus controlled by another process",
+    "TW107": "bus emulated by another process",
+    "TW111": "kernel without CAN support",
     "TW112": "no such interface",
-    "TW113": "interface that is not CAN",
-    "TW114": "interface is down",
+    "TW113": "not a CAN interface",
+    "TW114": "interface down",
     "TW115": "wrong bitrate",
-    "TW116": "interface is bus-off",
+    "TW116": "interface bus-off",
     "TW117": "interface without CAN FD",
     "TW118": "no permission",
     "TW119": "interface that cannot be opened",
@@ -28,21 +28,21 @@ CODES = {
     "TW124": "serial port without permission",
     "TW125": "no such serial port",
     "TW126": "serial port in use",
-    "TW127": "sensor that is not found",
-    "TW128": "sensor that does not answer",
-    "TW129": "sensor that refuses its set-up",
+    "TW127": "sensor not found",
+    "TW128": "sensor does not reply",
+    "TW129": "sensor rejects its set-up",
     "TW131": "no such I2C bus",
     "TW132": "I2C bus without permission",
-    "TW133": "no multiplexer there",
+    "TW133": "no such multiplexer",
     "TW134": "another chip at this address",
-    "TW135": "address of a driver of the kernel",
+    "TW135": "address used by a kernel driver",
     "TW136": "joint without a range",
 }
 
 
 @dataclass(frozen=True)
 class Trouble:
-    """code : key of CODES; message : what is wrong, and where in the rig; hint : the cure, in one line"""
+    """Error in a rig. code : key of CODES; message : what is wrong, and where; hint : the remedy, in one line"""
 
     code: str
     message: str
@@ -53,7 +53,7 @@ class Trouble:
 
 
 class RigError(BadInput):
-    """A rig that cannot be used: everything that is wrong with it, in `troubles`."""
+    """A rig that cannot be used. troubles : list of Trouble"""
 
     def __init__(self, path, troubles):
         self.troubles = tuple(troubles)
@@ -61,7 +61,7 @@ class RigError(BadInput):
 
 
 class Refused(Exception):
-    """One bus of a rig that cannot be. trouble : why, and the cure"""
+    """A bus of a rig that cannot be used. trouble : Trouble"""
 
     def __init__(self, trouble):
         super().__init__(str(trouble))

@@ -1,5 +1,4 @@
-"""Rig files: which interface stands behind each logical bus, and which devices are mounted otherwise than the diagram
-says.
+"""Rig files: the interface of each logical bus, and the hardware parameters of devices.
 
     [bus.legs]
     interface = "socketcan"
@@ -9,7 +8,7 @@ says.
     [device."left/knee"]
     can_id = 3
 
-Here the file is read by itself; runtime.rig.overrides has what it says of a diagram.
+This module checks the file itself; runtime.rig.overrides applies it to a diagram.
 """
 
 import re
@@ -27,9 +26,9 @@ else:
     import tomli as tomllib
 
 SOCKETCAN, I2C = "socketcan", "i2c"
-SLOWEST, FASTEST = 10_000, 1_000_000  # bit/s that CAN is specified for
-LONGEST_NAME = 15  # characters of a network interface
-KEYS = {  # of a bus: type, example, whether it must be there
+BITRATE_MINIMUM, BITRATE_MAXIMUM = 10_000, 1_000_000  # bit/s, of classic CAN
+INTERFACE_NAME_LIMIT = 15  # characters of a network interface
+KEYS = {  # of a bus: type, example, whether it is required
     "interface": (str, '"socketcan"', True),
     "channel": (str, '"can0"', True),
     "bitrate": (int, "1_000_000", False),
@@ -37,23 +36,26 @@ KEYS = {  # of a bus: type, example, whether it must be there
     "peer": (str, '"192.168.4.2:9871"', False),
     "options": (dict, "{ ttyBaudrate = 1_000_000 }", False),
 }
-OWN = ("interface", "channel", "bitrate", "fd")  # that `options` cannot say again
+OWN = ("interface", "channel", "bitrate", "fd")  # not allowed in `options`
 WORDS = {str: "text", int: "a whole number of bit/s", bool: "true or false", dict: "a table"}
 
 
 @dataclass(frozen=True)
 class RigBus:
-    """
-    interface : of python-can's kinds, udp, or i2c; channel : which one; bitrate in bit/s; fd : whether it carries CAN
-        FD
-    peer : where UDP sends to, "" for nowhere
-    options : more that the interface of python-can is given, as it is
+    """Interface of a logical bus.
+
+    interface : kind of python-can, udp, or i2c
+    channel : name of the interface
+    bitrate : bit/s
+    fd : whether it carries CAN FD
+    peer : destination of UDP datagrams, "" for none
+    options : further arguments of the python-can interface
     """
 
     name: str
     interface: str
     channel: str
-    bitrate: int = FASTEST
+    bitrate: int = BITRATE_MAXIMUM
     fd: bool = False
     peer: str = ""
     options: dict = field(default_factory=dict)
@@ -61,7 +63,7 @@ class RigBus:
 
 @dataclass(frozen=True)
 class RigFile:
-    """buses : RigBus by logical name; devices : {path: {parameter: value}}; text : the file as it was"""
+    """Rig file. buses : RigBus by logical name; devices : {path: {parameter: value}}; text : unchanged file content"""
 
     path: Path
     text: str
@@ -70,26 +72,28 @@ class RigFile:
 
 
 def read(path):
-    """The RigFile at a path. RigError with everything that is wrong with it as a file."""
+    """Read the rig file at a path. Raises RigError with every problem of the file."""
     return parse(Path(path), text_of(Path(path)))
 
 
 def parse(path, text):
-    """The RigFile of a text, which came from that path. RigError."""
+    """Parse the text of a rig file. path : for messages. Raises RigError."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        hint = 'text stands in "", and so does a path in a name: [device."left/knee"]'
-        raise RigError(path, [Trouble("TW101", f"it is not TOML: {error}", hint)]) from None
+        hint = 'quote text with "", and a path in a name: [device."left/knee"]'
+        raise RigError(path, [Trouble("TW101", f"invalid TOML: {error}", hint)]) from None
     hint = 'write [bus.NAME] or [device."PATH"]'
     troubles = [
-        Trouble("TW102", f"[{key}]: a rig has buses and devices", suggestion(key, ("bus", "device")) or hint)
+        Trouble(
+            "TW102", f"[{key}]: unknown table: a rig has [bus] and [device]", suggestion(key, ("bus", "device")) or hint
+        )
         for key in content
         if key not in ("bus", "device")
     ]
     buses = {name: bus(name, table, troubles) for name, table in tables(content, "bus", "NAME", troubles)}
     devices = dict(tables(content, "device", '"PATH"', troubles))
-    troubles += shared_channels([found for found in buses.values() if found is not None])
+    troubles += shared_channels([bus for bus in buses.values() if bus is not None])
     if troubles:
         raise RigError(path, troubles)
     return RigFile(path, text, buses, devices)
@@ -97,35 +101,35 @@ def parse(path, text):
 
 def text_of(path):
     if path.is_dir():
-        raise RigError(path, [Trouble("TW101", "it is a folder", "name the file of a rig, such as lab.toml")])
+        raise RigError(path, [Trouble("TW101", "is a folder", "name the file of a rig, such as lab.toml")])
     try:
         return path.read_bytes().decode("utf-8").replace("\r\n", "\n")
     except FileNotFoundError:
         near = suggestion(path.name, [file.name for file in path.parent.glob("*.toml")]) if path.parent.is_dir() else ""
-        raise RigError(path, [Trouble("TW101", "there is no such file", near)]) from None
+        raise RigError(path, [Trouble("TW101", "no such file", near)]) from None
     except UnicodeDecodeError:
-        raise RigError(path, [Trouble("TW101", "it is not text in UTF-8", "a rig file is TOML")]) from None
+        raise RigError(path, [Trouble("TW101", "not UTF-8 text", "a rig file is TOML")]) from None
     except OSError as error:
         raise RigError(path, [Trouble("TW101", f"cannot be read: {error.strerror}")]) from None
 
 
 def tables(content, kind, name, troubles):
-    """(name, table) of every [kind.name]."""
-    found = content.get(kind, {})
-    if not isinstance(found, dict):
-        troubles.append(Trouble("TW102", f"{kind} = {found!r}: expected a table", f"write [{kind}.{name}]"))
+    """Yield (name, table) of every [kind.name]."""
+    entries = content.get(kind, {})
+    if not isinstance(entries, dict):
+        troubles.append(Trouble("TW102", f"{kind} = {entries!r}: expected a table", f"write [{kind}.{name}]"))
         return []
-    hint = f"write [{kind}.{name}], and what it says below that"
+    hint = f"write [{kind}.{name}], followed by its keys"
     troubles += [
         Trouble("TW102", f"[{kind}] {key} = {value!r}: expected a table", hint)
-        for key, value in found.items()
+        for key, value in entries.items()
         if not isinstance(value, dict)
     ]
-    return [(key, value) for key, value in found.items() if isinstance(value, dict)]
+    return [(key, value) for key, value in entries.items() if isinstance(value, dict)]
 
 
 def bus(name, table, troubles):
-    """The RigBus that a table says; None where it says something wrong, which is added to `troubles`."""
+    """Return the RigBus of a table; None if it is invalid, with the problems added to `troubles`."""
     before = len(troubles)
 
     def wrong(message, hint):
@@ -133,7 +137,7 @@ def bus(name, table, troubles):
 
     for key in table:
         if key not in KEYS:
-            wrong(f"{key}: there is no such key", suggestion(key, KEYS) or f"it has {', '.join(KEYS)}")
+            wrong(f"{key}: unknown key", suggestion(key, KEYS) or f"it has {', '.join(KEYS)}")
     for key, (kind, example, needed) in KEYS.items():
         if key not in table:
             if needed and not any(suggestion(other, (key,)) for other in table if other not in KEYS):
@@ -142,39 +146,42 @@ def bus(name, table, troubles):
             wrong(f"{key} = {table[key]!r}: expected {WORDS[kind]}", f"write {key} = {example}")
     if len(troubles) > before:
         return None
-    found = RigBus(name, **table)
-    if found.interface == I2C:
-        check_i2c(found, table, wrong)
-        return found if len(troubles) == before else None
-    if not SLOWEST <= found.bitrate <= FASTEST:
-        wrong(f"bitrate = {found.bitrate}: CAN has {SLOWEST} to {FASTEST} bit/s", "write bitrate = 1_000_000")
-    if found.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % LONGEST_NAME, found.channel):
+    parsed = RigBus(name, **table)
+    if parsed.interface == I2C:
+        check_i2c(parsed, table, wrong)
+        return parsed if len(troubles) == before else None
+    if not BITRATE_MINIMUM <= parsed.bitrate <= BITRATE_MAXIMUM:
         wrong(
-            f"channel = {found.channel!r}: no network interface has such a name",
-            'write channel = "can0"; `ip link` lists those of this machine',
+            f"bitrate = {parsed.bitrate}: outside the range of CAN, {BITRATE_MINIMUM} to {BITRATE_MAXIMUM} bit/s",
+            "write bitrate = 1_000_000",
         )
-    check_options(found, wrong)
-    if found.interface == UDP:
-        check_udp(found, wrong)
-    elif found.peer:
-        wrong("peer is of UDP alone", "take it out")
-    if found.interface not in (SOCKETCAN, UDP) and found.interface not in kinds():
+    if parsed.interface == SOCKETCAN and not re.fullmatch(r"[^/\s]{1,%d}" % INTERFACE_NAME_LIMIT, parsed.channel):
         wrong(
-            f"interface = {found.interface!r}: python-can has none of that name",
-            suggestion(found.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"',
+            f"channel = {parsed.channel!r}: not a valid name of a network interface",
+            'write channel = "can0"; `ip link` lists the interfaces of this machine',
         )
-    return found if len(troubles) == before else None
+    check_options(parsed, wrong)
+    if parsed.interface == UDP:
+        check_udp(parsed, wrong)
+    elif parsed.peer:
+        wrong("peer: only valid for UDP", "remove it")
+    if parsed.interface not in (SOCKETCAN, UDP) and parsed.interface not in kinds():
+        wrong(
+            f"interface = {parsed.interface!r}: python-can has no such interface",
+            suggestion(parsed.interface, [*kinds(), UDP, I2C]) or 'write interface = "socketcan"',
+        )
+    return parsed if len(troubles) == before else None
 
 
 def check_options(bus, wrong):
-    """wrong : called with what is wrong, and the cure"""
+    """Check the options of a bus. wrong : callback for (message, hint)"""
     if bus.options and bus.interface in (SOCKETCAN, UDP):
-        wrong(f"options: {bus.interface} is driven without python-can, and has none", "take them out")
+        wrong(f"options: {bus.interface} does not use python-can and has no options", "remove them")
     for key, value in bus.options.items():
         if key in OWN:
-            wrong(f"options.{key}: that belongs to the bus itself", f"write {key} in [bus.{bus.name}]")
+            wrong(f"options.{key}: key of the bus itself", f"write {key} in [bus.{bus.name}]")
         elif not is_plain(value):
-            wrong(f"options.{key} = {value}: expected text, a number, true or false, or a list of those", "take it out")
+            wrong(f"options.{key} = {value}: expected text, a number, true or false, or a list of those", "remove it")
 
 
 def is_plain(value):
@@ -182,7 +189,7 @@ def is_plain(value):
 
 
 def check_udp(bus, wrong):
-    """wrong : called with what is wrong, and the cure"""
+    """Check a UDP bus. wrong : callback for (message, hint)"""
     for key in ("channel", "peer"):
         text = getattr(bus, key)
         try:
@@ -194,27 +201,28 @@ def check_udp(bus, wrong):
                 f"write {key} = " + (EXAMPLE if key == "channel" else '"192.168.4.2:9871"'),
             )
     if bus.fd:
-        wrong("fd = true: a datagram of UDP is a classic frame", "take it out")
+        wrong("fd = true: UDP carries classic CAN frames only", "remove it")
 
 
 def check_i2c(bus, table, wrong):
-    """wrong : called with what is wrong, and the cure"""
+    """Check an I2C bus. wrong : callback for (message, hint)"""
     for key in table:
         if key not in ("interface", "channel"):
             wrong(
-                f"{key}: an I2C bus has none",
-                "take it out; how fast it is, the system's configuration says: dtparam=i2c_arm_baudrate",
+                f"{key}: not valid for an I2C bus",
+                "remove it; the clock is set in the system's configuration: dtparam=i2c_arm_baudrate",
             )
     if not bus.channel.startswith("/dev/"):
         wrong(
-            f"channel = {bus.channel!r}: an I2C bus is a file in /dev",
-            'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists those of this machine',
+            f"channel = {bus.channel!r}: expected a device file in /dev",
+            'write channel = "/dev/i2c-1"; ls /dev/i2c-* lists the buses of this machine',
         )
 
 
 def kinds():
-    """Names of the interfaces that python-can has here. It takes a tenth of a second to import, so SocketCAN is not
-    looked up.
+    """Return the interface names of python-can.
+
+    Its import takes 0.1 s, so this is not called for SocketCAN.
     """
     from can import VALID_INTERFACES
 
@@ -228,6 +236,6 @@ def shared_channels(buses):
         if other is not bus:
             yield Trouble(
                 "TW102",
-                f"[bus.{bus.name}] channel = {bus.channel!r} is that of [bus.{other.name}] too",
-                "two buses of a robot are two interfaces; what shares a wire has one bus in the diagram",
+                f"[bus.{bus.name}] channel = {bus.channel!r} is also used by [bus.{other.name}] too",
+                "use a separate interface, or put the devices that share a wire on one bus in the diagram",
             )

@@ -1,6 +1,6 @@
-"""GPIO lines, taken through libgpiod's Python package, the extra `gpio`. Its edges come with times of CLOCK_MONOTONIC.
+"""GPIO lines, through libgpiod's Python package (extra `gpio`), with edge times of CLOCK_MONOTONIC.
 
-What a block says in `opening`: chip, pin (name or number), active_low, output; of an input bias and debounce (s).
+Keys of `opening`: chip, pin (name or number), active_low, output; for an input, bias and debounce (s).
 """
 
 import errno
@@ -15,15 +15,15 @@ CONSUMER = "tickwork"
 
 
 def open_lines(devices):
-    """{device: Opened or Trouble}"""
+    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
     return one_by_one(devices, lambda device: opened(device.path, **device.opening()))
 
 
-def opened(who, chip, pin, active_low, output, bias="as_is", debounce=0.0):
-    name = f'[device."{who}"] {chip} {pin}'
+def opened(path, chip, pin, active_low, output, bias="as_is", debounce=0.0):
+    name = f'[device."{path}"] {chip} {pin}'
     if not pin:
-        hint = 'write pin = "GPIO17", or its number on the chip; the names there are: gpioinfo'
-        raise Refused(Trouble("TW127", f'[device."{who}"] names no GPIO line', hint))
+        hint = 'write pin = "GPIO17", or its number on the chip; list the names: gpioinfo'
+        raise Refused(Trouble("TW127", f'[device."{path}"] has no chip and pin', hint))
     try:
         import gpiod
     except ImportError:
@@ -55,23 +55,21 @@ def in_words(name, chip, pin, error):
     number = getattr(error, "errno", None)
     if not os.path.exists(chip):
         return Trouble(
-            "TW127", f"{name}: there is no such chip", "those there are: ls /dev/gpiochip*; their lines: gpioinfo"
+            "TW127", f"{name}: no such chip", "list the chips: ls /dev/gpiochip*; list their lines: gpioinfo"
         )
     if number in (errno.EACCES, errno.EPERM):
         return Trouble(
             "TW118", f"{name}: {os.strerror(number)}", f"sudo usermod -aG {group_of(chip)} $USER, then log in again"
         )
     if number == errno.EBUSY:
-        return Trouble("TW119", f"{name}: somebody else has that line", "who it is: gpioinfo")
+        return Trouble("TW119", f"{name}: in use by another process", "find it: gpioinfo")
     if number is None or number in (errno.EINVAL, errno.ENOENT):
-        return Trouble(
-            "TW127", f"{name}: the chip has no such line, or it cannot do that ({error})", "its lines: gpioinfo"
-        )
-    return Trouble("TW119", f"{name}: {os.strerror(number)}", "is it a chip of GPIO lines? gpiodetect")
+        return Trouble("TW127", f"{name}: no such line, or an unsupported option ({error})", "list the lines: gpioinfo")
+    return Trouble("TW119", f"{name}: {os.strerror(number)}", "check that it is a GPIO chip: gpiodetect")
 
 
 def group_of(path):
-    """Name of the group that may use it."""
+    """Return the name of the group with access to a file."""
     import grp
 
     try:

@@ -1,7 +1,7 @@
-"""I2C buses of a rig: opened with smbus2, every chip asked what it is and set up, then handed over to a native thread.
+"""I2C buses of a rig: opened and set up with smbus2, then handed over to a native thread.
 
-What cannot be is told in words: no such bus and how to have one, no permission, nobody at an address and who answers
-instead.
+Errors name the cause: a missing bus and how to enable it, missing permission, a missing chip and the
+responding addresses.
 """
 
 import errno
@@ -25,10 +25,10 @@ ENABLE = (
 
 
 class I2cInterface:
-    """A bus of which every device has been set up.
+    """Bus with all its devices set up.
 
     bus : RigBus; devices : blocks.i2c.I2cDevice that are on it
-    opened : as `open_adapter` returns it, of that bus
+    opened : return value of `open_adapter` for that bus
 
     wires : cext.lines.i2c.I2cBus
     virtual, remarks, strangers : as runtime.rig.interface.Interface has them
@@ -38,7 +38,7 @@ class I2cInterface:
 
     def __init__(self, bus, devices, opened=None):
         self.bus, self.devices, self.remarks = bus, devices, []
-        self.said = {}  # what each says that it is, by which it is known when it was lost and is back
+        self.identities = {}  # values of the identity registers, to recognise a chip after a reconnect
         chips, adapter = opened or open_adapter(bus)
         troubles = []
         try:
@@ -58,62 +58,62 @@ class I2cInterface:
             raise SeveralRefused(troubles)
 
     def release(self, device, chips):
-        """What a run before has left open is closed. Whether it is there at all is told later."""
+        """Close channels that a previous run left open. Errors are reported later."""
         try:
             chips.switch(device.mux, device.channel)
-            if device.release() and not self.strange(device, chips):
+            if device.release() and not self.mismatch(device, chips):
                 for write in device.release():
                     chips.write(device.address, write.register, write.data)
         except NoAnswer:
             pass
 
-    def strange(self, device, chips):
-        """(Identity, what it says) where a chip says that it is another; None where it is the one."""
+    def mismatch(self, device, chips):
+        """Return (Identity, value) if a chip identifies as another kind, else None."""
         for identity in device.identities():
-            said = chips.read(device.address, identity.register, 1)[0]
-            if said & identity.mask not in identity.values:
-                return identity, said
+            value = chips.read(device.address, identity.register, 1)[0]
+            if value & identity.mask not in identity.values:
+                return identity, value
         return None
 
     def set_up(self, device, chips):
-        """Refused, with the cause in words."""
-        who = f'[device."{device.path}"]'
+        """Set up a device. Raises Refused with the cause."""
+        entry = f'[device."{device.path}"]'
         try:
             chips.switch(device.mux, device.channel)
-            self.recognise(device, chips, who)
+            self.recognise(device, chips, entry)
             for write in device.set_up():
                 at = device.address if write.address is None else write.address
                 chips.write(at, write.register, write.data)
                 time.sleep(write.wait)
-            self.learn(device, chips, who)
+            self.learn(device, chips, entry)
         except NoAnswer as error:
-            raise Refused(self.nobody(device, chips, error, who)) from None
+            raise Refused(self.no_reply(device, chips, error, entry)) from None
 
-    def recognise(self, device, chips, who):
+    def recognise(self, device, chips, entry):
         if not device.identities():
             chips.probe(device.address)
-        found = self.strange(device, chips)
-        if found is not None:
-            identity, said = found
-            wanted = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
+        mismatch = self.mismatch(device, chips)
+        if mismatch is not None:
+            identity, value = mismatch
+            expected = " or ".join(f"{value:#04x} ({name})" for value, name in identity.values.items())
             raise Refused(
                 Trouble(
                     "TW134",
-                    f"{who} {self.where(device)}: it says {said:#04x}, and a {device.kind} says {wanted}",
-                    f"another chip has this address: {in_hex(chips.answering())} answer; `python -m runtime scan` "
-                    "tells "
-                    "what they are",
+                    f"{entry} {self.where(device)}: its identity register is {value:#04x}, "
+                    f"but that of a {device.kind} is {expected}",
+                    f"another chip has this address; {in_hex(chips.answering())} reply, and `python -m runtime scan` "
+                    "identifies them",
                 )
             )
-        self.said[device] = []
+        self.identities[device] = []
         for identity in device.identities():
-            said = chips.read(device.address, identity.register, 1)[0] & identity.mask
-            self.said[device].append((identity.register, said, identity.mask))
-            name = identity.values[said]
+            value = chips.read(device.address, identity.register, 1)[0] & identity.mask
+            self.identities[device].append((identity.register, value, identity.mask))
+            name = identity.values[value]
             if name != device.kind:
                 self.remarks.append(f"{device.path} is a {name}")
 
-    def learn(self, device, chips, who):
+    def learn(self, device, chips, entry):
         def read(register, count, address=None):
             return chips.read(device.address if address is None else address, register, count)
 
@@ -124,19 +124,20 @@ class I2cInterface:
         try:
             device.learn(read, write)
         except ValueError as error:
-            raise Refused(
-                Trouble("TW129", f"{who} {self.where(device)}: {error}", "docs/sensors.md tells of its set-up")
-            ) from None
+            raise Refused(Trouble("TW129", f"{entry} {self.where(device)}: {error}", "see docs/sensors.md")) from None
         check = device.check()
         if check is not None:
-            said = chips.read(device.address, check[0], len(check[1]))
-            if said != check[1]:
-                what = f"it was told {check[1].hex(' ')} and says {said.hex(' ')} from register {check[0]:#04x} on"
+            value = chips.read(device.address, check[0], len(check[1]))
+            if value != check[1]:
+                what = (
+                    f"it was configured with {check[1].hex(' ')} and returns {value.hex(' ')} from register "
+                    f"{check[0]:#04x} on"
+                )
                 raise Refused(
                     Trouble(
                         "TW129",
-                        f"{who} {self.where(device)}: {what}",
-                        "a wire that is too long or without pull-ups, two chips at one address, or a chip that only "
+                        f"{entry} {self.where(device)}: {what}",
+                        "check for a long wire, missing pull-ups, two chips at one address, or a chip that only "
                         "looks like one",
                     )
                 )
@@ -145,36 +146,35 @@ class I2cInterface:
         there = f", multiplexer {device.mux:#04x} channel {device.channel}" if device.mux else ""
         return f"{self.bus.channel}{there}, address {device.address:#04x}"
 
-    def nobody(self, device, chips, error, who):
-        """Why a chip did not answer, as a Trouble."""
+    def no_reply(self, device, chips, error, entry):
+        """Return a Trouble that explains why a chip did not reply."""
         if error.errno == errno.EBUSY:
             return Trouble(
                 "TW135",
-                f"{who} {self.where(device)}: a driver of the kernel has this address",
-                "take it away: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
+                f"{entry} {self.where(device)}: address in use by a kernel driver",
+                "unload it: ls /sys/bus/i2c/devices, then sudo modprobe -r its driver, or its line in config.txt",
             )
         if error.mux:
             return Trouble(
                 "TW133",
-                f"{who} {self.bus.channel}: no multiplexer answers at {device.mux:#04x}",
-                f"{in_hex(chips.answering(outside=True))} answer on the bus itself: the mux of this device, its "
-                "supply, or its reset pin",
+                f"{entry} {self.bus.channel}: no multiplexer replies at {device.mux:#04x}",
+                f"{in_hex(chips.answering(outside=True))} reply on the bus itself: check the mux of this device, its "
+                "supply and its reset pin",
             )
         if error.errno in (errno.ETIMEDOUT, errno.EAGAIN):
             return Trouble(
                 "TW128",
-                f"{who} {self.where(device)}: the bus hangs: {os.strerror(error.errno)}",
-                "a device holds a line low: take the supply of the sensors away and give it back; are there "
-                "pull-ups, to one voltage?",
+                f"{entry} {self.where(device)}: the bus is stuck: {os.strerror(error.errno)}",
+                "a device holds a line low: power-cycle the sensors; check the pull-ups, all to one voltage",
             )
-        found = in_hex(chips.answering())
+        replying = in_hex(chips.answering())
         place = f"channel {device.channel} of the multiplexer {device.mux:#04x}" if device.mux else "this bus"
         what = f"at {error.address:#04x}, inside it, " if error.address != device.address else ""
         return Trouble(
             "TW128",
-            f"{who} {self.where(device)}: nobody answers {what}({os.strerror(error.errno)})",
-            f"on {place} {found} answer{'s' if found.count('0x') == 1 else ''}: write address, mux or channel in "
-            f"{who}; or its supply",
+            f"{entry} {self.where(device)}: no reply {what}({os.strerror(error.errno)})",
+            f"on {place} {replying} repl{'ies' if replying.count('0x') == 1 else 'y'}: correct address, mux or channel "
+            f"in {entry}, or check its supply",
         )
 
     def hand_over(self, device):
@@ -189,15 +189,17 @@ class I2cInterface:
                 (one.period, one.settle, tuple(exchange(transfer, at) for transfer in one.transfers))
                 for one in device.rounds()
             ),
-            self.said[device],
+            self.identities[device],
         )
 
     @property
     def counts(self):
-        """What the thread has counted, its devices by path."""
+        """Return the counts of the thread, those of devices by path."""
         counts = self.wires.counts
         order = sorted(self.devices, key=lambda device: (device.place, device.address))
-        return counts | {"devices": {device.path: told for device, told in zip(order, counts["devices"])}}
+        return counts | {
+            "devices": {device.path: device_counts for device, device_counts in zip(order, counts["devices"])}
+        }
 
     end = property(lambda self: self.wires.end)
 
@@ -209,7 +211,7 @@ class I2cInterface:
 
 
 class SeveralRefused(Refused):
-    """Several devices of one bus cannot be. troubles : of each"""
+    """Several unusable devices of one bus. troubles : list of Trouble"""
 
     def __init__(self, troubles):
         super().__init__(troubles[0])
@@ -217,14 +219,12 @@ class SeveralRefused(Refused):
 
 
 def error_in_words(error):
-    """Why a device failed last, as cext.lines.i2c counts it."""
-    return {-1: "it had lost its settings", -2: "another kind of chip answers in its place"}.get(error) or os.strerror(
-        error
-    )
+    """Return the last error of a device as text. error : number that cext.lines.i2c counts"""
+    return {-1: "it lost its settings", -2: "another kind of chip replies instead"}.get(error) or os.strerror(error)
 
 
 def exchange(transfer, address):
-    """As cext.lines.i2c.I2cBus.add takes it."""
+    """Convert a transfer to the arguments of cext.lines.i2c.I2cBus.add."""
     steps = tuple(
         (step.register, step.count if hasattr(step, "count") else bytes(step.data)) for step in transfer.steps
     )
@@ -232,11 +232,11 @@ def exchange(transfer, address):
 
 
 def open_adapter(bus):
-    """(Chips, LinuxAdapter) of a RigBus. Refused"""
+    """Open the bus of a RigBus. Returns (Chips, LinuxAdapter). Raises Refused."""
     name = f"[bus.{bus.name}] {bus.channel}"
     try:
         if not stat.S_ISCHR(os.stat(bus.channel).st_mode):
-            raise Refused(Trouble("TW131", f"{name} is no I2C bus", known()))
+            raise Refused(Trouble("TW131", f"{name} is not an I2C bus", known()))
         from smbus2 import SMBus
 
         wires = SMBus(bus.channel)
@@ -258,22 +258,22 @@ def open_adapter(bus):
 
 
 def in_words(name, path, error):
-    """Why a bus cannot be opened, as a Trouble."""
+    """Return a Trouble that explains why a bus cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return Trouble("TW132", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW131", f"{name}: there is no such bus", known())
+        return Trouble("TW131", f"{name}: no such bus", known())
     if error.errno == errno.ENOTTY:
-        return Trouble("TW131", f"{name} is no I2C bus", known())
-    return Trouble("TW119", f"{name}: {error.strerror}", "look at: ls -l /dev/i2c-*")
+        return Trouble("TW131", f"{name} is not an I2C bus", known())
+    return Trouble("TW119", f"{name}: {error.strerror}", "see: ls -l /dev/i2c-*")
 
 
 def known(folder="/dev"):
     there = paths(folder)
-    return (f"there is {', '.join(there)}; " if there else "this machine has no I2C bus that is enabled; ") + ENABLE
+    return (f"there is {', '.join(there)}; " if there else "no I2C bus is enabled; ") + ENABLE
 
 
 def paths(folder="/dev"):
-    """Every I2C bus of this machine."""
-    found = [str(path) for path in Path(folder).glob(NODES) if path.name.removeprefix("i2c-").isdigit()]
-    return sorted(found, key=lambda path: int(path.rpartition("-")[2]))
+    """Return the paths of all I2C buses of this machine."""
+    buses = [str(path) for path in Path(folder).glob(NODES) if path.name.removeprefix("i2c-").isdigit()]
+    return sorted(buses, key=lambda path: int(path.rpartition("-")[2]))

@@ -1,8 +1,8 @@
-"""The sockets of a SocketCAN interface.
+"""Sockets of a SocketCAN interface.
 
-Frames of our own devices come through a socket with a filter in the kernel, so that nobody else's keep ours from being
-read in time. All others reach a second socket that nobody reads in a tick: the kernel counts them there, and keeps the
-first few, to say who they were.
+Frames of the rig's devices arrive at a socket with a kernel filter, so that other traffic does not delay them. All
+other frames arrive at a second socket that a tick never reads: the kernel counts them there and keeps the first few, so that
+their IDs can be reported.
 """
 
 import errno
@@ -13,27 +13,27 @@ import struct
 from runtime.rig.errors import Refused, Trouble
 from runtime.rig.interface_checks import absent, look, refused, take_up
 
-SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # of Linux, which Python's socket has no names for
+SO_TIMESTAMPNS, SO_MEMINFO = 35, 55  # Linux constants that Python's socket lacks
 SOL_CAN_RAW, FILTER, ERROR_FILTER, RECEIVE_OWN, FD_FRAMES, JOIN_FILTERS = 101, 1, 2, 4, 5, 6
-MEMINFO = struct.Struct("=9I")  # its last number: frames dropped
+MEMINFO = struct.Struct("=9I")  # the last number counts dropped frames
 STANDARD_MASK, EXTENDED_MASK = 0x7FF, 0x1FFFFFFF
 EXTENDED, REMOTE, INVERTED = 0x80000000, 0x40000000, 0x20000000
-MOST_FILTERS = 512  # that the kernel takes
-TELLING = 0x004 | 0x040 | 0x100  # classes of error frames: of the controller, bus-off, restarted
+FILTER_LIMIT = 512  # filters of a socket in the kernel
+ERROR_CLASSES = 0x004 | 0x040 | 0x100  # of error frames: controller, bus-off, restarted
 FRAME = struct.Struct("=IB3x8s")  # struct can_frame
 
 
 class Interface:
-    """An interface that has been looked at and opened.
+    """Open SocketCAN interface.
 
     bus : RigBus
-    listens : (arbitration id, mask, is extended) of all that devices here take; None for everything
-    speaks : (arbitration id, is extended) of what they are told
-    machine : runtime.machine.probe.Machine, where the interface is looked at
+    listens : (arbitration id, mask, is extended) of all frames that the devices receive; None for everything
+    speaks : (arbitration id, is extended) of all frames that they are sent
+    machine : runtime.machine.probe.Machine, for the checks
 
     socket : bound
     virtual, remarks : of its Fitness
-    strangers : Strangers, or None where everything is taken
+    strangers : Strangers, or None if everything is received
 
     Raises Refused.
     """
@@ -56,9 +56,9 @@ class Interface:
         if self.bus.fd:
             self.socket.setsockopt(SOL_CAN_RAW, FD_FRAMES, 1)
         self.socket.setsockopt(SOL_CAN_RAW, RECEIVE_OWN, 0)
-        self.socket.setsockopt(SOL_CAN_RAW, ERROR_FILTER, TELLING)
+        self.socket.setsockopt(SOL_CAN_RAW, ERROR_FILTER, ERROR_CLASSES)
         self.socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        if listens is not None and len(listens) + len(speaks) <= MOST_FILTERS:
+        if listens is not None and len(listens) + len(speaks) <= FILTER_LIMIT:
             self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(pattern(*heard) for heard in listens))
             self.strangers = Strangers(self.bus, listens, speaks)
         self.socket.bind((self.bus.channel,))
@@ -69,7 +69,7 @@ class Interface:
             self.strangers.close()
 
     def in_words(self, error, machine):
-        """An error of the system as a Trouble."""
+        """Return an error of the system as a Trouble."""
         name = self.bus.channel
         if error.errno in (errno.EPERM, errno.EACCES):
             return denied(error)
@@ -81,7 +81,7 @@ class Interface:
 
 
 class Strangers:
-    """Frames on the wire that are for none of our devices: counted by the kernel, at no cost to a tick."""
+    """Frames of unknown nodes, which the kernel counts at no cost to a tick."""
 
     def __init__(self, bus, listens, speaks):
         ours = [
@@ -92,7 +92,7 @@ class Strangers:
         self.socket.setblocking(False)
         self.socket.setsockopt(SOL_CAN_RAW, FILTER, b"".join(pattern(*heard, INVERTED) for heard in ours))
         self.socket.setsockopt(SOL_CAN_RAW, JOIN_FILTERS, 1)
-        # the least there is: the rest is counted, not kept
+        # the smallest possible buffer: further frames are counted, not kept
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         self.socket.bind((bus.channel,))
 
@@ -100,7 +100,7 @@ class Strangers:
         self.socket.close()
 
     def heard(self):
-        """(how many there were, ids of the first few as candump writes them)"""
+        """Return (number of frames, IDs of the first few in the format of candump)."""
         dropped = MEMINFO.unpack(self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size))[-1]
         names = []
         while True:
@@ -114,20 +114,16 @@ class Strangers:
 
 
 def pattern(identifier, mask, extended, inverted=0):
-    """One filter of the kernel's: data frames of that kind whose identifiers agree with this one where the mask is
-    1.
-    """
+    """Return one kernel filter: data frames whose identifiers equal this one in the bits of the mask."""
     kind = EXTENDED if extended else 0
     return struct.pack("=II", identifier | kind | inverted, mask | EXTENDED | REMOTE)
 
 
 def new_socket(bus):
-    """A raw CAN socket, not bound yet. Refused where the system gives none."""
+    """Create an unbound raw CAN socket. Raises Refused."""
     family = getattr(socket, "AF_CAN", None)
     if family is None:
-        raise Refused(
-            Trouble("TW111", "this Python knows no CAN sockets", "SocketCAN is of Linux: use a Python built there")
-        )
+        raise Refused(Trouble("TW111", "this Python has no CAN sockets", "SocketCAN requires Python on Linux"))
     try:
         return socket.socket(family, socket.SOCK_RAW, socket.CAN_RAW)
     except PermissionError as error:
@@ -138,7 +134,7 @@ def new_socket(bus):
         raise Refused(
             Trouble(
                 "TW111",
-                f"this kernel, {os.uname().release}, gives no CAN socket: {error.strerror}",
+                f"this kernel, {os.uname().release}, provides no CAN socket: {error.strerror}",
                 "sudo modprobe can_raw; where that fails, the kernel was built without CAN, as that of WSL 2 is: use "
                 "another",
             )
@@ -148,13 +144,13 @@ def new_socket(bus):
 def other(bus, error):
     name = bus.channel
     return Trouble(
-        "TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"look at: ip -details -statistics link show {name}"
+        "TW119", f"[bus.{bus.name}] {name}: {error.strerror}", f"see: ip -details -statistics link show {name}"
     )
 
 
 def denied(error):
     return Trouble(
         "TW118",
-        f"the system gives no CAN socket: {error.strerror}",
+        f"the system provides no CAN socket: {error.strerror}",
         "in a container, start it with the host's network: --network host",
     )

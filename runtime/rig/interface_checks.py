@@ -1,4 +1,4 @@
-"""Is an interface fit to carry a bus? It is there, it is CAN, it is up, at the right bitrate, and has not withdrawn."""
+"""Checks of a CAN interface: present, up, at the configured bitrate, and not bus-off."""
 
 import json
 from dataclasses import dataclass, field
@@ -8,24 +8,22 @@ from runtime.machine.can import ARPHRD_CAN, bring_up
 from runtime.rig.errors import Refused, Trouble
 
 UP = 1  # IFF_UP
-VIRTUAL = ("vcan", "vxcan")  # kinds on which every node is a process of this machine
+VIRTUAL = ("vcan", "vxcan")  # kinds whose nodes are all processes of this machine
 FD_MTU = 72
-DATA_BITRATE = 5_000_000  # bit/s of CAN FD's second part, in the commands that are proposed
+DATA_BITRATE = 5_000_000  # bit/s of the CAN FD data phase in proposed commands
 WIRING = "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all"
 
 
 @dataclass
 class Fitness:
-    """virtual : whether all other nodes are processes of this machine; remarks : what a person should know, but need
-    not mend first
-    """
+    """Result of the checks. virtual : whether all nodes are processes of this machine; remarks : for the operator"""
 
     virtual: bool
     remarks: list = field(default_factory=list)
 
 
 def look(bus, machine):
-    """The Fitness of the interface behind a bus. Refused, with the cure, where it cannot carry it.
+    """Check the interface of a bus. Returns its Fitness. Raises Refused with the remedy.
 
     bus : RigBus
     machine : runtime.machine.probe.Machine
@@ -35,18 +33,18 @@ def look(bus, machine):
     if not machine.exists(folder):
         raise Refused(absent(bus, machine))
     if machine.read(f"{folder}/type") != ARPHRD_CAN:
-        raise refused(bus, "TW113", f"{name} is no CAN interface", others(bus, machine))
+        raise refused(bus, "TW113", f"{name} is not a CAN interface", others(bus, machine))
     about = link(name, machine)
     virtual = about.get("info_kind", family(name)) in VIRTUAL
     if not int(machine.read(f"{folder}/flags") or "1", 16) & UP:
         raise refused(bus, "TW114", f"{name} is down", take_up(bus, virtual))
     if bus.fd and int(machine.read(f"{folder}/mtu") or FD_MTU) < FD_MTU:
-        raise refused(bus, "TW117", f"{name} carries no CAN FD", with_fd(bus, virtual))
+        raise refused(bus, "TW117", f"{name} does not carry CAN FD", with_fd(bus, virtual))
     return Fitness(virtual, [] if virtual else list(controller(bus, about.get("info_data") or {})))
 
 
 def link(name, machine):
-    """What iproute2 knows of an interface's kind; {} where there is none."""
+    """Return what iproute2 reports about the kind of an interface; {} for nothing."""
     try:
         links = json.loads(machine.output("ip", "-details", "-json", "link"))
     except ValueError:
@@ -55,19 +53,17 @@ def link(name, machine):
 
 
 def controller(bus, data):
-    """Remarks on a real controller. Refused where it is at another bitrate or bus-off."""
+    """Yield remarks on a real controller. Raises Refused for another bitrate or bus-off."""
     name, state = bus.channel, data.get("state")
     bitrate = (data.get("bittiming") or {}).get("bitrate")
     if bitrate is not None and bitrate != bus.bitrate:
-        raise refused(bus, "TW115", f"{name} runs at {bitrate} bit/s, and the rig says {bus.bitrate}", again(bus))
+        raise refused(bus, "TW115", f"{name} runs at {bitrate} bit/s, but the rig file specifies {bus.bitrate}", again(bus))
     if state == "BUS-OFF":
-        raise refused(
-            bus, "TW116", f"{name} has withdrawn from the bus after too many errors", f"{WIRING}; then: {again(bus)}"
-        )
+        raise refused(bus, "TW116", f"{name} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
     if bitrate is None:
-        yield f"{name}: its bitrate cannot be told; look at: ip -details link show {name}"
+        yield f"{name}: its bitrate is unknown; see: ip -details link show {name}"
     if state in ("ERROR-WARNING", "ERROR-PASSIVE"):
-        yield f"{name} is {state}: frames were lost, or nobody has acknowledged them; {WIRING}"
+        yield f"{name} is {state}: frames were lost or not acknowledged; {WIRING}"
 
 
 def refused(bus, code, message, hint):
@@ -79,7 +75,7 @@ def family(name):
 
 
 def take_up(bus, virtual=False):
-    """The command that takes an interface up."""
+    """Return the command that brings an interface up."""
     return f"sudo ip link set {bus.channel} up" if virtual else bring_up(bus.channel, bus.bitrate)
 
 
@@ -98,18 +94,18 @@ def with_fd(bus, virtual):
 def absent(bus, machine):
     name = bus.channel
     if family(name) == "vcan":
-        cure = f"sudo modprobe vcan && sudo ip link add {name} type vcan && sudo ip link set {name} up"
+        remedy = f"sudo modprobe vcan && sudo ip link add {name} type vcan && sudo ip link set {name} up"
     else:
-        cure = others(bus, machine)
-    return Trouble("TW112", f"[bus.{bus.name}] there is no interface {name}", cure)
+        remedy = others(bus, machine)
+    return Trouble("TW112", f"[bus.{bus.name}] no such interface: {name}", remedy)
 
 
 def others(bus, machine):
-    """Which CAN interfaces there are instead."""
-    found = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
-    if not found:
+    """Return a hint that lists the CAN interfaces of this machine."""
+    names = [path.split("/")[-2] for path in machine.glob("sys/class/net/*/type") if machine.read(path) == ARPHRD_CAN]
+    if not names:
         return (
-            "this machine has no CAN interface: is the adapter plugged in, and its driver loaded? the command "
-            "`doctor` looks closer"
+            "this machine has no CAN interface: check that the adapter is plugged in and its driver loaded; the "
+            "command `doctor` has more checks"
         )
-    return suggestion(bus.channel, found) or f"this machine has {', '.join(found)}"
+    return suggestion(bus.channel, names) or f"this machine has {', '.join(names)}"

@@ -1,13 +1,13 @@
-"""What a rig has to say of every joint before it is run: how far it moves."""
+"""Joint ranges, which a rig must give for every joint before a run."""
 
 from graph import Actuator
 from runtime.rig.errors import RigError, Trouble
 
 
 def require_ranges(rig, diagram):
-    """RigError naming every joint of a diagram whose range neither the rig nor the diagram gives.
+    """Raise RigError for the joints whose range neither the rig nor the diagram gives.
 
-    rig : RigFile, whose values the diagram has taken over
+    rig : RigFile that has been applied to the diagram
     """
     troubles = [
         missing(block, rig)
@@ -28,12 +28,11 @@ def missing(block, rig):
         return Trouble(
             "TW136",
             f"{entry}: {kind} has no parameter `range`",
-            f'declare range = Param((), "rad", "lowest and highest angle of the joint") in {kind}, and '
-            "name it in its `hardware`",
+            f'declare range = Param((), "rad", "lowest and highest position") in {kind}, and name it in its `hardware`',
         )
     return Trouble(
         "TW136",
-        f"{entry} has no range, the lowest and the highest angle that the joint reaches",
+        f"{entry} has no range, its lowest and highest position",
         f"write range = [LOWEST, HIGHEST] there, in rad; configure --joint {block.path} --rig {rig.path} FILE "
         "measures it with the joint moved by hand",
     )

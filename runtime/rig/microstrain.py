@@ -125,7 +125,9 @@ class Seen:
             )
         what = f"{len(found)} sensors have" if found else "no sensor has"
         raise Refused(
-            Trouble("TW127", f'{where} serial = "{device.serial}": {what} a serial number that ends so', self.words())
+            Trouble(
+                "TW127", f'{where} serial = "{device.serial}": {what} this ending of the serial number', self.words()
+            )
         )
 
     def words(self):

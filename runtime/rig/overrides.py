@@ -1,6 +1,4 @@
-"""What a rig changes in a diagram: hardware parameters of its devices, and the bitrates of its buses. Controllers stay
-as they are.
-"""
+"""Changes that a rig makes to a diagram: hardware parameters of devices, and bitrates of buses."""
 
 from graph import Device, DiagramError
 from graph.names import suggestion
@@ -8,7 +6,7 @@ from runtime.rig.errors import RigError, Trouble
 
 
 def override(rig, diagram):
-    """Make the diagram that of the rig, before it is compiled. RigError with everything in which the two do not fit.
+    """Apply a rig to a diagram before it is compiled. Raises RigError with every mismatch of the two.
 
     rig : RigFile
     """
@@ -18,7 +16,7 @@ def override(rig, diagram):
         if path in devices:
             troubles += changed(devices[path], values)
         else:
-            troubles.append(stranger(path, diagram, devices))
+            troubles.append(unknown_path(path, diagram, devices))
     troubles += other_bitrates(rig, devices.values())
     if troubles:
         raise RigError(rig.path, troubles)
@@ -28,7 +26,7 @@ def override(rig, diagram):
 
 
 def other_bitrates(rig, devices):
-    """Devices that are set to another bitrate than their bus has, where they know theirs."""
+    """Yield a Trouble for each device with another bitrate than its bus."""
     for device in devices:
         bus = rig.buses.get(device.bus)
         if bus is not None and "bitrate" in device.parameters and device.bitrate != bus.bitrate:
@@ -47,19 +45,19 @@ def unmapped(rig, wanted):
         near = suggestion(name, rig.buses.keys() - wanted)
         yield Trouble(
             "TW104",
-            f"nothing stands behind the bus {name!r}" + (f"; {near}" if near else ""),
+            f"no interface for bus {name!r}" + (f"; {near}" if near else ""),
             f'add [bus.{name}] with interface = "socketcan" and channel = "can0"',
         )
 
 
-def stranger(path, diagram, devices):
-    """A path at which there is no device."""
+def unknown_path(path, diagram, devices):
+    """Return the Trouble of a path without a device."""
     if path in diagram.blocks:
         kind = type(diagram.blocks[path]).__name__
         return Trouble(
             "TW103",
-            f'[device."{path}"] is a {kind} and no device',
-            f"a rig changes hardware alone; for one run, --set {path}.PARAMETER=VALUE changes any block",
+            f'[device."{path}"] is a {kind} and not a device',
+            f"a rig changes hardware parameters only; for one run, --set {path}.PARAMETER=VALUE changes any block",
         )
     return Trouble(
         "TW103",
@@ -69,17 +67,15 @@ def stranger(path, diagram, devices):
 
 
 def changed(device, values):
-    """Set what is right; yield a Trouble for each value that is not."""
+    """Set the valid values of a device; yield a Trouble for each invalid one."""
     for name, value in values.items():
         entry = f'[device."{device.path}"] {name}'
         if name not in device.hardware:
             known = f"{type(device).__name__} has {', '.join(device.hardware) or 'none'}"
             if name in device.parameters:
-                yield Trouble("TW103", f"{entry} is no hardware parameter", f"set it in the diagram; {known}")
+                yield Trouble("TW103", f"{entry} is not a hardware parameter", f"set it in the diagram; {known}")
             else:
-                yield Trouble(
-                    "TW103", f"{entry}: there is no such parameter", suggestion(name, device.hardware) or known
-                )
+                yield Trouble("TW103", f"{entry}: no such parameter", suggestion(name, device.hardware) or known)
             continue
         try:
             device.set(name, value)

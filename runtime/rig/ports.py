@@ -1,6 +1,4 @@
-"""Serial ports of this machine: which there are, who is behind them, opened with the cause in words where that
-fails.
-"""
+"""Serial ports of this machine: listing, identification, and opening with the cause of errors."""
 
 import errno
 import os
@@ -16,14 +14,14 @@ BY_ID = Path("/dev/serial/by-id")
 
 
 def listed():
-    """pyserial's ListPortInfo of every port with a device behind it."""
+    """Return pyserial's ListPortInfo of every port with a device."""
     from serial.tools.list_ports import comports
 
     return sorted((port for port in comports() if port.hwid != "n/a"), key=lambda port: port.device)
 
 
 def by_id(path, folder=BY_ID):
-    """The path under which the same device is found at any port, where the system keeps one; else the path itself."""
+    """Return the by-id path of a port, which is independent of the USB socket; the path itself if there is none."""
     real = os.path.realpath(path)
     for link in sorted(folder.glob("*")) if folder.is_dir() else ():
         if os.path.realpath(link) == real:
@@ -31,12 +29,12 @@ def by_id(path, folder=BY_ID):
     return str(path)
 
 
-def with_serial(who, digits):
-    """Path of the port whose USB serial number ends so. Refused"""
+def with_serial(device_path, digits):
+    """Return the path of the port whose USB serial number ends with `digits`. Raises Refused."""
     there = listed()
-    found = [port for port in there if digits and (port.serial_number or "").endswith(digits)]
-    if len(found) == 1:
-        return found[0].device
+    matches = [port for port in there if digits and (port.serial_number or "").endswith(digits)]
+    if len(matches) == 1:
+        return matches[0].device
     seen = (
         ", ".join(f"{port.serial_number or 'no serial number'} ({port.device})" for port in there)
         or "no serial port at all"
@@ -45,18 +43,22 @@ def with_serial(who, digits):
         raise Refused(
             Trouble(
                 "TW127",
-                f'[device."{who}"] names neither a port nor a serial number',
+                f'[device."{device_path}"] has neither a port nor a serial number',
                 f'write serial = "..." or port = "/dev/ttyACM0"; this machine has {seen}',
             )
         )
-    what = f"{len(found)} ports have" if found else "nothing here has"
+    what = f"{len(matches)} ports have" if matches else "no port has"
     raise Refused(
-        Trouble("TW127", f'[device."{who}"] serial = "{digits}": {what} a serial number that ends so', f"seen: {seen}")
+        Trouble(
+            "TW127",
+            f'[device."{device_path}"] serial = "{digits}": {what} this ending of the serial number',
+            f"found: {seen}",
+        )
     )
 
 
-def open_port(who, path, baudrate, timeout=0.0):
-    """pyserial's Serial, ours alone. Refused, with the cause in words"""
+def open_port(device_path, path, baudrate, timeout=0.0):
+    """Open a port for exclusive use. Returns pyserial's Serial. Raises Refused with the cause."""
     import serial
 
     try:
@@ -64,33 +66,31 @@ def open_port(who, path, baudrate, timeout=0.0):
             port = serial.Serial(str(path), baudrate, timeout=timeout, write_timeout=1.0, exclusive=True)
             port.reset_input_buffer()
             return port
-        raise Refused(Trouble("TW125", f"{device(who)}{path} is no serial port", others(path)))
-    except OSError as error:  # pyserial's SerialException is one
-        raise Refused(in_words(who, path, error, baudrate)) from None
+        raise Refused(Trouble("TW125", f"{device(device_path)}{path} is not a serial port", others(path)))
+    except OSError as error:  # includes pyserial's SerialException
+        raise Refused(in_words(device_path, path, error, baudrate)) from None
     except ValueError as error:
         raise Refused(
-            Trouble("TW119", f"{device(who)}{path}: {error}", f"is {baudrate} bit/s what the port can do?")
+            Trouble("TW119", f"{device(device_path)}{path}: {error}", f"is {baudrate} bit/s supported by the port?")
         ) from None
 
 
-def device(who):
-    """How a device stands in front of what is said of its port; "" is nobody's."""
-    return f'[device."{who}"] ' if who else ""
+def device(device_path):
+    """Return the prefix of messages about a device's port; "" without a device."""
+    return f'[device."{device_path}"] ' if device_path else ""
 
 
-def in_words(who, path, error, baudrate):
-    name = f"{device(who)}{path}"
+def in_words(device_path, path, error, baudrate):
+    name = f"{device(device_path)}{path}"
     number = error.errno or getattr(error.__context__, "errno", None)
     if number in (errno.EACCES, errno.EPERM):
         return Trouble("TW124", f"{name}: {os.strerror(number)}", permission(path))
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW125", f"{name}: there is no such port", others(path))
+        return Trouble("TW125", f"{name}: no such port", others(path))
     if number in (errno.EBUSY, errno.EAGAIN):
-        owner = locker(path) or holder(path) or f"a process that this user may not see; who it is: sudo fuser -v {path}"
+        owner = locker(path) or holder(path) or f"a process that this user cannot see; find it: sudo fuser -v {path}"
         return Trouble(
-            "TW126",
-            f"{name} is in use by {owner}",
-            "end that one first: two that read one port take each other's bytes",
+            "TW126", f"{name} is in use by {owner}", "end that process first: two readers of a port each lose data"
         )
     return Trouble(
         "TW119",
@@ -100,7 +100,7 @@ def in_words(who, path, error, baudrate):
 
 
 def locker(path):
-    """'NAME (process PID)' of who has a port for itself, as far as this user may see; "" where it is not to be seen."""
+    """Return 'NAME (process PID)' of the owner of a port's lock; "" if this user cannot see it."""
     with suppress(OSError):
         about = os.stat(path)
         place = f"{os.major(about.st_dev):02x}:{os.minor(about.st_dev):02x}:{about.st_ino}"
@@ -115,5 +115,5 @@ def others(path):
     there = [port.device for port in listed()]
     near = suggestion(str(path), there)
     return (f"{near} " if near else "") + (
-        f"there are {', '.join(there)}" if there else "this machine has no serial port: is it plugged in?"
+        f"there are {', '.join(there)}" if there else "no serial port found: check that it is plugged in"
     )

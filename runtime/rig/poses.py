@@ -1,8 +1,7 @@
-"""Does every joint stand where its drive reads? The reading may be off by turns of the motor since the power was
-switched on.
+"""Check of joint positions before arming, which may be off by motor turns after a power cycle.
 
-A joint is armed where its reading lies in its range, no other reading a motor turn away does, or something else
-decides: a known pose of its rig, a pose that the operator states, a reference that measures the same angle.
+A joint is armed if its reading lies in its range and no reading one motor turn away does, or if other evidence decides:
+a known pose of its rig, a pose that the operator states, a reference that measures the same angle.
 """
 
 import math
@@ -13,17 +12,18 @@ from graph.names import suggestion
 from graph.signal import Signal
 from runtime.base.errors import BadInput
 
-MARGIN, LEAST_MARGIN = 0.01, 0.02  # share of a range, and rad: how far outside of it a joint may stand
-# rad, of a stated pose where no power cycle shifts the reading; else a quarter of what it can shift
+RANGE_MARGIN, RANGE_MARGIN_MINIMUM = 0.01, 0.02  # permitted excess over a range: fraction of the range, rad
+# rad, of a stated pose without a wake shift; else a quarter of that shift
 STATED_TOLERANCE = 0.2
-LISTED = 4  # other readings that a message names
+OTHER_READINGS_LIMIT = 4  # in a message
 
 
 class Poses:
-    """
-    diagram, schedule : of the robot, as its rig has it
-    stated : {path: rad} of where the operator states that joints stand. BadInput where that, or a reference, is none
-    refusals : {path: why it is not armed} of the newest look
+    """Positions of the joints of a robot.
+
+    diagram, schedule : of the robot on its rig
+    stated : {path: rad} that the operator states. Raises BadInput for an unknown path or an invalid reference
+    refusals : {path: reason not to arm} of the newest `look`
     """
 
     def __init__(self, diagram, schedule, stated=None):
@@ -43,7 +43,7 @@ class Poses:
         }
 
     def reference(self, diagram, block):
-        """The slot of a joint's reference. BadInput"""
+        """Return the slot of a joint's reference. Raises BadInput."""
         match = re.fullmatch(r"(.+)\.(\w+?)(?:\[(\d+)\])?", block.reference)
         path, port, index = match.groups() if match else (block.reference, "", None)
         other = diagram.blocks.get(path)
@@ -54,7 +54,7 @@ class Poses:
             or other.outputs[port].unit != "rad"
         ):
             raise BadInput(
-                f"{block.path}: reference {block.reference!r} is no output in rad of another device, as "
+                f"{block.path}: reference {block.reference!r} is not an output in rad of another device, as "
                 "in 'left/encoder.angle'"
             )
         place = self.schedule.signals[Signal(other, port).path]
@@ -66,8 +66,8 @@ class Poses:
         return place.slot + int(index or 0)
 
     def look(self, values):
-        """{path: why it is not armed} of now. values : the arena"""
-        found = {
+        """Return {path: reason not to arm}. values : the arena"""
+        reasons = {
             block.path: verdict(
                 block,
                 float(values[self.schedule.signals[Signal(block, "position").path].slot]),
@@ -75,11 +75,11 @@ class Poses:
             )
             for block in self.joints
         }
-        self.refusals = {path: why for path, why in found.items() if why}
+        self.refusals = {path: why for path, why in reasons.items() if why}
         return self.refusals
 
     def evidence(self, block, values):
-        """(in words, rad, tolerance) of everything that tells where a joint stands."""
+        """Yield (text, rad, tolerance in rad) of all evidence for the position of a joint."""
         shift = getattr(block, "shift", 0.0)
         fine = shift / 4.0 if shift else STATED_TOLERANCE
         if getattr(block, "known_pose", ()):
@@ -91,22 +91,22 @@ class Poses:
 
 
 def verdict(block, position, evidence):
-    """Why a joint is not armed at this reading, "" where it is. position in rad"""
+    """Return why a joint is not armed at a reading, "" if it is. position : rad"""
     path, (low, high), shift = block.path, block.range, getattr(block, "shift", 0.0)
     if not math.isfinite(position):
-        return f"{path} reads no angle"
+        return f"{path} has no position reading"
     reads, decided = f"{path} reads {position:.3f} rad", False
-    for words, angle, tolerance in evidence:
+    for source, angle, tolerance in evidence:
         decided = True
         if not abs(position - angle) <= tolerance:  # NaN of a reference, too
             return (
-                f"{reads}, and {words} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
+                f"{reads}, but {source} is {angle:.3f} ± {tolerance:.3g} rad{turned(block, position, angle, tolerance)}"
             )
-    margin = max(MARGIN * (high - low), LEAST_MARGIN)
+    margin = max(RANGE_MARGIN * (high - low), RANGE_MARGIN_MINIMUM)
     others = readings(position, shift, low - margin, high + margin)
     bounds = f"{low:g} to {high:g} rad"
     if not low - margin <= position <= high + margin:
-        off = f"; if it stands inside, its reading is off: it may stand at {listed(others)}" if others else ""
+        off = f"; if the joint is inside, its reading is wrong, and it may be at {listed(others)}" if others else ""
         return (
             f"{reads}, outside its range {bounds}: move it inside by hand, or correct `offset` and `range` in the "
             f"rig{off}"
@@ -114,16 +114,16 @@ def verdict(block, position, evidence):
     if others and not decided:
         lie = "lies" if len(others) == 1 else "lie"
         return (
-            f"{reads}; a power cycle can shift that by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
+            f"{reads}; a power cycle can shift it by {shift:.3f} rad ({math.degrees(shift):.3g}°), and "
             f"{listed(others)} {lie} in its range {bounds}, too: "
             "hold it at a known pose (known_pose = [ANGLE, TOLERANCE] in the rig), give it a `reference`, or state "
-            f"where it stands: --pose {path}=ANGLE"
+            f"its position: --pose {path}=ANGLE"
         )
     return ""
 
 
 def turned(block, position, angle, tolerance):
-    """What explains that a joint does not read what it should, as a clause."""
+    """Return a clause that explains a difference between reading and evidence."""
     shift = getattr(block, "shift", 0.0)
     turns = round((angle - position) / shift) if shift and math.isfinite(angle) else 0
     if not turns or abs(position + turns * shift - angle) > tolerance:
@@ -131,13 +131,13 @@ def turned(block, position, angle, tolerance):
     count = f"{abs(turns)} motor turn{'s' * (abs(turns) > 1)}"
     return (
         f": the reading is off by {count} of {shift:.3f} rad; offset = {block.offset - turns * shift:.4f} in the "
-        "rig corrects that until the power "
-        "goes again"
+        "rig corrects this until the next "
+        "power cycle"
     )
 
 
 def readings(position, shift, low, high):
-    """Other angles at which a joint may stand that reads this one, from low to high."""
+    """Return the other possible angles of a joint with this reading, in ascending order."""
     if not shift > 0.0:
         return []
     first, last = math.ceil((low - position) / shift), math.floor((high - position) / shift)
@@ -145,9 +145,9 @@ def readings(position, shift, low, high):
 
 
 def listed(angles):
-    shown = sorted(angles, key=abs)[:LISTED]
-    words = [f"{angle:.3f}" for angle in sorted(shown)]
-    more = f" and {len(angles) - LISTED} more" if len(angles) > LISTED else ""
-    last = words.pop()
-    joint = "" if not words else ", " if more else " and "
-    return f"{', '.join(words)}{joint}{last}{more} rad"
+    shown = sorted(angles, key=abs)[:OTHER_READINGS_LIMIT]
+    texts = [f"{angle:.3f}" for angle in sorted(shown)]
+    more = f" and {len(angles) - OTHER_READINGS_LIMIT} more" if len(angles) > OTHER_READINGS_LIMIT else ""
+    last = texts.pop()
+    joint = "" if not texts else ", " if more else " and "
+    return f"{', '.join(texts)}{joint}{last}{more} rad"

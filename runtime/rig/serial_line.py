@@ -1,11 +1,11 @@
-"""Serial ports whose device talks by itself, such as a microcontroller: opened as pyserial opens them, ours alone.
+"""Serial ports whose device sends by itself, such as a microcontroller, opened for exclusive use.
 
-What a block may say in `opening`:
+Keys of `opening`:
 
-    port        path, such as /dev/ttyACM0 or one below /dev/serial/by-id, which stays the same wherever it is plugged
-    in serial      last characters of the serial number of its USB adapter, instead of a port
-    baudrate    bit/s, 115200 by default; USB devices that are no adapters do not care
-    setup       messages, as bytes, that it is told at the start, and again when it comes back
+    port        path, such as /dev/ttyACM0 or one below /dev/serial/by-id, which is independent of the USB socket
+    serial      last characters of the serial number of its USB adapter, instead of a port
+    baudrate    bit/s, 115200 by default; ignored by USB devices without an adapter
+    setup       messages, as bytes, sent on connect and after every reconnect
 """
 
 import os
@@ -15,11 +15,11 @@ from runtime.rig import ports
 from runtime.rig.streams import Opened, one_by_one
 
 BAUDRATE = 115200
-PAUSE = 0.02  # s between messages of the set-up
+SETUP_PAUSE = 0.02  # s between messages of the set-up
 
 
 def open_lines(devices):
-    """{device: Opened or Trouble}"""
+    """Open the lines of `devices`. Returns {device: Opened or Trouble}."""
     return one_by_one(devices, lambda device: opened(device, device.opening()))
 
 
@@ -29,12 +29,12 @@ def opened(device, wanted):
     for message in wanted.get("setup", ()):
         port.write(message)
         port.flush()
-        time.sleep(PAUSE)
+        time.sleep(SETUP_PAUSE)
     return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(wanted.get("setup", ())))
 
 
 def let_go(port):
-    """The descriptor of an open pyserial port, which then is the caller's."""
+    """Return the descriptor of an open pyserial port, which the caller then owns."""
     descriptor = os.dup(port.fileno())
     port.close()
     return descriptor

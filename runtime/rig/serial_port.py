@@ -1,4 +1,4 @@
-"""Serial ports behind adapters such as slcan: there, permitted, and nobody else's, before the guardian opens them."""
+"""Checks of serial ports with CAN adapters such as slcan, before the guardian opens them."""
 
 import errno
 import getpass
@@ -17,11 +17,10 @@ RULES = "/etc/udev/rules.d/70-tickwork.rules"
 
 
 def look_at_port(bus, folder="/dev"):
-    """Refused, with the cause in words, if the channel of a bus names a device that cannot be opened. Other channels
-    are left alone.
+    """Raise Refused if the channel of a bus is a device that cannot be opened. Ignores other channels.
 
     bus : RigBus
-    folder : where the ports of this machine are
+    folder : of the device files
     """
     path = bus.channel.partition("@")[0]  # slcan's "PORT@BAUDRATE"
     if not path.startswith("/"):
@@ -29,7 +28,7 @@ def look_at_port(bus, folder="/dev"):
     name = f"[bus.{bus.name}] {path}"
     try:
         if not stat.S_ISCHR(os.stat(path).st_mode):
-            raise Refused(Trouble("TW125", f"{name} is no serial port", known(path, folder)))
+            raise Refused(Trouble("TW125", f"{name} is not a serial port", known(path, folder)))
         descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise Refused(in_words(name, path, error, folder)) from None
@@ -40,35 +39,35 @@ def look_at_port(bus, folder="/dev"):
 
 
 def in_words(name, path, error, folder):
-    """Why a port cannot be opened, as a Trouble."""
+    """Return a Trouble that explains why a port cannot be opened."""
     if error.errno in (errno.EACCES, errno.EPERM):
         return Trouble("TW124", f"{name}: {error.strerror}", permission(path))
     if error.errno in (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR):
-        return Trouble("TW125", f"{name}: there is no such port", known(path, folder))
+        return Trouble("TW125", f"{name}: no such port", known(path, folder))
     if error.errno == errno.EBUSY:
         return taken(name, holder(path))
-    return Trouble("TW119", f"{name}: {error.strerror}", "is the adapter plugged in, and its supply on?")
+    return Trouble("TW119", f"{name}: {error.strerror}", "check that the adapter is plugged in and powered")
 
 
 def taken(name, owner):
-    cure = "end that one first: two that read one port take each other's bytes"
+    remedy = "end that process first: two readers of a port each lose data"
     if owner:
-        return Trouble("TW126", f"{name} is in use by {owner}", cure)
+        return Trouble("TW126", f"{name} is in use by {owner}", remedy)
     return Trouble(
         "TW126",
-        f"{name} is in use by a process that this user may not see",
-        f"{cure}; who it is: sudo fuser -v {name.split()[-1]}",
+        f"{name} is in use by a process that this user cannot see",
+        f"{remedy}; find it: sudo fuser -v {name.split()[-1]}",
     )
 
 
 def holder(path):
-    """Who else has a port open, as runtime.rig.udp.holder_of says it."""
+    """Return the process that has a port open, in the format of runtime.rig.udp.holder_of."""
     real = os.path.realpath(path)
     return holder_of(lambda target: target == real)
 
 
 def permission(path):
-    """The lines that give this user a port."""
+    """Return the commands that give this user access to a port."""
     group = "dialout"
     with suppress(OSError, KeyError):
         group = grp.getgrgid(os.stat(path).st_gid).gr_name
@@ -79,14 +78,14 @@ def permission(path):
     rule = f'KERNEL=="{kind}[0-9]*", MODE="0666"'
     rule = f"echo '{rule}' | sudo tee {RULES} && sudo udevadm control --reload && sudo udevadm trigger"
     if group in ("root", "tty"):
-        return f"give everybody such ports: {rule}"
-    return f"sudo usermod -aG {group} {user}, then log in again; or give everybody such ports: {rule}"
+        return f"give all users access: {rule}"
+    return f"sudo usermod -aG {group} {user}, then log in again; or give all users access: {rule}"
 
 
 def known(path, folder):
-    """Which ports there are, the one meant first."""
+    """Return a hint that lists the ports of this machine, with the best match first."""
     there = sorted(str(port) for pattern in SERIAL for port in Path(folder).glob(pattern))
     if not there:
-        return "this machine has no serial port: is the adapter plugged in?"
+        return "no serial port found: check that the adapter is plugged in"
     near = suggestion(path, there)
     return (f"{near} " if near else "") + f"there are {', '.join(there)}"

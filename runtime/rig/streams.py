@@ -1,12 +1,10 @@
-"""The lines of a robot on its rig: everything with a descriptor that is no CAN bus, opened and set up before anything
-is armed.
+"""Lines of a robot on its rig: all descriptors except CAN buses, opened and set up before arming.
 
-A block says which kind of line it has and what is known of it (graph.StreamDevice: line, opening); the module of that
-kind opens all lines of its kind at once, since who is found by a serial number is looked for at every port. From
-`start` on one native thread reads them all.
+A block gives the kind of its line and the options to open it (graph.StreamDevice: line, opening). The module of that
+kind opens all lines of the kind at once, since a search by serial number covers every port. After `start`, one native thread
+reads all lines.
 
-A module of KINDS has `open_lines(devices)`, which returns {device: Opened, or the Trouble that keeps it from being
-opened}.
+A module of KINDS has `open_lines(devices)`, which returns {device: Opened or Trouble}.
 """
 
 import importlib
@@ -27,13 +25,14 @@ KINDS = {  # kind of line: the module that opens it
 
 @dataclass
 class Opened:
-    """A line that is open and set up.
+    """Open line that has been set up.
 
-    fd : of the line, whose owner is from now on this; close : called once nothing reads it any more, or None
-    channel : which one, for people
-    path : where it can be opened again, "" for nowhere; setup : messages that it is then told; record, is_gpio,
-        reconnects, proof : as of cext.lines.streams.Streams.add
-    remarks : lines that a person should read before the run
+    fd : of the line, which this object owns; close : called after the last read, or None
+    channel : its name in messages
+    path : to open it again, "" for none
+    setup : messages sent after a reconnect
+    record, is_gpio, reconnects, proof : as of cext.lines.streams.Streams.add
+    remarks : for the operator before the run
     """
 
     fd: int
@@ -49,21 +48,19 @@ class Opened:
 
 
 def one_by_one(devices, opened):
-    """`open_lines` of a kind whose lines have nothing to do with each other. opened : makes the Opened of a device, or
-    raises Refused
-    """
-    found = {}
+    """Open independent lines one by one. opened : function that returns the Opened of a device, or raises Refused"""
+    lines = {}
     for device in devices:
         try:
-            found[device] = opened(device)
+            lines[device] = opened(device)
         except Refused as refused:
-            found[device] = refused.trouble
-    return found
+            lines[device] = refused.trouble
+    return lines
 
 
 @dataclass(frozen=True)
 class Line:
-    """What stands behind a line, as runtime.rig.file.RigBus has it of a bus."""
+    """Description of a line, with the attributes of runtime.rig.file.RigBus."""
 
     name: str
     interface: str  # its kind
@@ -71,7 +68,7 @@ class Line:
 
 
 class StreamInterface:
-    """bus : Line; virtual, remarks, strangers, close : as runtime.rig.interface.Interface has them"""
+    """Interface of a line. bus : Line; virtual, remarks, strangers, close : as runtime.rig.interface.Interface"""
 
     virtual, strangers = False, None
 
@@ -83,11 +80,12 @@ class StreamInterface:
 
 
 class StreamLines:
-    """
-    devices : graph.StreamDevice of the robot, as the rig has it
+    """Lines of a robot.
 
-    lines : {name of its bus: (StreamInterface, cext.lines.streams.Stream)}, of those that could be opened; troubles :
-        of the others
+    devices : graph.StreamDevice of the robot on its rig
+
+    lines : {name of the bus: (StreamInterface, cext.lines.streams.Stream)} of the lines that could be opened
+    troubles : of the others
     """
 
     def __init__(self, devices):
@@ -97,11 +95,11 @@ class StreamLines:
         self.streams = Streams()
         for kind in sorted({device.line for device in devices}):
             here = [device for device in devices if device.line == kind]
-            for device, found in importlib.import_module(KINDS[kind]).open_lines(here).items():
-                if isinstance(found, Opened):
-                    self.add(device, kind, found)
+            for device, opened in importlib.import_module(KINDS[kind]).open_lines(here).items():
+                if isinstance(opened, Opened):
+                    self.add(device, kind, opened)
                 else:
-                    self.troubles.append(found)
+                    self.troubles.append(opened)
 
     def add(self, device, kind, opened):
         stream = self.streams.add(
@@ -120,17 +118,17 @@ class StreamLines:
         self.lines[device.bus] = StreamInterface(Line(device.bus, kind, opened.channel), opened.remarks), stream
 
     def start(self, priority):
-        """Read from now on. priority : of SCHED_FIFO where that is granted, 0 for an ordinary thread"""
+        """Start to read. priority : of SCHED_FIFO if granted, else 0"""
         if self.streams is not None:
             self.streams.start(priority)
 
     def close(self):
-        """Read no longer, and let go of every line."""
+        """Stop to read, and close every line."""
         if self.streams is None:
             return
         self.streams.end()
         for _, stream in self.lines.values():
-            stream.close()  # its port is somebody else's from here on
+            stream.close()  # other processes may open the port from here on
         self.streams, closers, self.closers = None, self.closers, []
         for close in closers:
             close()

@@ -119,7 +119,7 @@ def test_every_sensor_is_set_up_and_read_through_the_kernel(stub, converting):
 def test_a_wrong_address_names_those_that_answer(stub):
     with Diagram("robot", rate=50):
         insole = ADS1115(name="insole", bus="imus", address=0x49)
-    with pytest.raises(SeveralRefused, match="TW128.*address 0x49: nobody answers") as refused:
+    with pytest.raises(SeveralRefused, match="TW128.*address 0x49: no reply") as refused:
         I2cInterface(BUS, [insole])
     assert "0x0c, 0x2a, 0x48, 0x68, 0x69, 0x70 answer" in str(refused.value)
 

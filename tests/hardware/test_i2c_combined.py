@@ -256,7 +256,7 @@ def test_what_cannot_be_set_up_is_told_in_words(wires):
     with Diagram("robot", rate=50):
         wrong = MPU9250(name="imu", bus="imus", address=0x68)
         hung = ICM20948(name="thigh", bus="imus", mux=0x70, channel=1)
-    with pytest.raises(SeveralRefused, match="TW128.*address 0x68: nobody answers") as refused:
+    with pytest.raises(SeveralRefused, match="TW128.*address 0x68: no reply") as refused:
         I2cInterface(BUS, [wrong])
     assert "on this bus 0x69, 0x70 answer" in str(refused.value)
     wires.behave(THIGH, stuck=5.0)

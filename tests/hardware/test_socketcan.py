@@ -84,7 +84,7 @@ def test_an_interface_that_is_missing_is_told_with_the_lines_that_make_it():
 
 
 def test_an_interface_that_is_no_can_is_told():
-    assert (refused("lo").code, refused("lo").message) == ("TW113", "[bus.legs] lo is no CAN interface")
+    assert (refused("lo").code, refused("lo").message) == ("TW113", "[bus.legs] lo is not a CAN interface")
 
 
 @needs_own_kernel
@@ -300,7 +300,7 @@ def test_error_frames_come_through_the_filter():
 @pytest.mark.parametrize(
     "change, number, words",
     [
-        (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 was taken down"),
+        (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 went down"),
         (("del", "vcan9"), errno.ENODEV, "vcan9 is gone"),
     ],
 )

@@ -157,7 +157,7 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
         code, out, err = command_line("scan", *nodes.words, *QUICK)
         lock.close()
     said = (
-        f"error TW106 bus that somebody else controls: [bus.can] {nodes.channel} is controlled by process {os.getpid()}"
+        f"error TW106 bus controlled by another process: [bus.can] {nodes.channel} is controlled by process {os.getpid()}"
     )
     assert (code, out) == (CHECK_FAILED, "") and said in err
     assert drive.heard == []
@@ -204,7 +204,7 @@ def test_every_frame_is_told_when_asked(command_line):
         (["--ids", "9-3"], "--ids 9-3: expected"),
         (["--interface", "slcan"], "--interface slcan: which channel? as in --channel /dev/ttyACM0"),
         (["--bus", "legs"], "--bus names a bus of a rig: give --rig, too"),
-        (["--interface", "slacn", "--channel", "x"], "python-can has none of that name"),
+        (["--interface", "slacn", "--channel", "x"], "python-can has no such interface"),
         (["--channel", "can0", "--rig", "lab.toml"], "exclude each other"),
     ],
 )

@@ -42,7 +42,7 @@ def test_a_robot_in_one_process_is_answered_by_its_plant_in_another(rig, tmp_pat
         told = "".join(read_until(plant.stdout, "Ctrl-C ends it"))
         assert re.search(r"legs +udp_multicast 239\.", told) and "knee/emulated_cube_mars  AK10-9-V2.0  id 1" in told
         second = finished("emulate", robot, "--rig", rig, cwd=tmp_path)
-        assert second.returncode == 2 and "TW107 bus that somebody else emulates: [bus.legs] 239" in second.stderr
+        assert second.returncode == 2 and "TW107 bus emulated by another process: [bus.legs] 239" in second.stderr
         assert f"process {plant.pid} (" in second.stderr
         run = finished(
             robot,

@@ -194,7 +194,7 @@ def test_one_controller_a_bus(bus):
     _, err = second.communicate(timeout=20)
     assert second.returncode == 2
     assert (
-        f"error TW106 bus that somebody else controls: [bus.legs] {bus.channel} is controlled by process "
+        f"error TW106 bus controlled by another process: [bus.legs] {bus.channel} is controlled by process "
         f"{process.pid} ("
     ) in err
     process.send_signal(signal.SIGINT)

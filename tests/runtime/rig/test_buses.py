@@ -65,7 +65,7 @@ def test_a_setting_of_the_command_line_comes_after_the_rig(command_line):
 def test_a_wrong_rig_is_refused_before_anything_else(command_line, command):
     rig = write(command_line.folder, '[bus.leg]\ninterface = "socketcan"\nchannel = "can0"\n', "lab.toml")
     assert command_line.refused(*command, KNEE_EXO, "--rig", rig) == (
-        "lab.toml: error TW104 bus without an interface: nothing stands behind the bus 'legs'; did you mean 'leg'?\n"
+        "lab.toml: error TW104 bus without an interface: no interface for bus 'legs'; did you mean 'leg'?\n"
         '    add [bus.legs] with interface = "socketcan" and channel = "can0"'
     )
     assert command_line.refused(*command, KNEE_EXO, "--rig", "lap.toml").startswith("lap.toml: error TW101 ")
@@ -89,7 +89,7 @@ def test_a_kernel_without_can_is_told(command_line):
     rig = write(command_line.folder, LEGS, "lab.toml")
     complaint = command_line.refused(knee(command_line.folder), "--rig", rig, "--yes", "--duration", "1")
     assert (
-        complaint.startswith("lab.toml: error TW111 kernel without CAN: this kernel, ")
+        complaint.startswith("lab.toml: error TW111 kernel without CAN support: this kernel, ")
         and "sudo modprobe can_raw" in complaint
     )
 
@@ -117,7 +117,7 @@ def test_an_interface_of_one_process_is_told(opened):
     [trouble] = caught.value.troubles
     assert (trouble.code, trouble.message) == (
         "TW105",
-        "[bus.legs] interface = 'virtual' has no nodes outside of one process",
+        "[bus.legs] interface = 'virtual' has no nodes outside the process that opens it",
     )
     assert "without --rig" in trouble.hint
 
@@ -125,7 +125,7 @@ def test_an_interface_of_one_process_is_told(opened):
 def test_a_bus_that_another_process_controls_is_told(opened):
     lock = BusLock("slcan", OWN)
     with pytest.raises(
-        RigError, match=f"TW106 bus that somebody else controls: .* is controlled by process {os.getpid()} "
+        RigError, match=f"TW106 bus controlled by another process: .* is controlled by process {os.getpid()} "
     ):
         opened(f'[bus.legs]\ninterface = "slcan"\nchannel = "{OWN}"\n')
     lock.close()
@@ -172,7 +172,7 @@ def test_no_permission_is_told(opened, monkeypatch, number, words):
         return system(*arguments, **options)
 
     monkeypatch.setattr(socket, "socket", refuse)
-    with pytest.raises(RigError, match=f"error TW118 no permission: the system gives no CAN socket: {words}"):
+    with pytest.raises(RigError, match=f"error TW118 no permission: the system provides no CAN socket: {words}"):
         opened(LEGS)
 
 
@@ -185,23 +185,23 @@ def test_no_permission_is_told(opened, monkeypatch, number, words):
         (
             "bus-off",
             False,
-            "can0 is bus-off: its controller has withdrawn after too many errors",
+            "can0 is bus-off after too many errors",
             "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; then: sudo ip link set can0 down "
             f"&& {UP}",
         ),
         (
             "full",
             False,
-            "the queue of can0 was full for 10 ticks: nobody acknowledges its frames, or they are more than it carries",
-            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; room for more: sudo ip link set can0 "
+            "the queue of can0 was full for 10 ticks: no node acknowledges its frames, or the bus is overloaded",
+            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; for a longer queue: sudo ip link set can0 "
             "txqueuelen 128",
         ),
-        (errno.ENETDOWN, False, "can0 was taken down", UP),
-        (errno.ENETDOWN, True, "can0 was taken down", "sudo ip link set can0 up"),
-        (errno.ENODEV, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
-        (errno.ENXIO, False, "can0 is gone: its adapter was unplugged, or lost its supply", f"plug it in, then: {UP}"),
-        (errno.EIO, False, "can0: Input/output error", "look at: ip -details -statistics link show can0"),
-        (None, False, "can0: a frame went neither in nor out", "look at: ip -details -statistics link show can0"),
+        (errno.ENETDOWN, False, "can0 went down", UP),
+        (errno.ENETDOWN, True, "can0 went down", "sudo ip link set can0 up"),
+        (errno.ENODEV, False, "can0 disappeared: its adapter was unplugged or lost power", f"plug it in, then: {UP}"),
+        (errno.ENXIO, False, "can0 disappeared: its adapter was unplugged or lost power", f"plug it in, then: {UP}"),
+        (errno.EIO, False, "can0: Input/output error", "see: ip -details -statistics link show can0"),
+        (None, False, "can0: sending and receiving failed", "see: ip -details -statistics link show can0"),
     ],
 )
 def test_a_bus_that_failed_is_told_with_its_cure(trouble, virtual, why, cure):

@@ -110,22 +110,22 @@ def test_a_wrong_address_names_those_that_answer():
     add_mpu(wires, 0x69)
     wires.add(0x48)
     (said,) = refused(wires, *imus(MPU9250))
-    assert "TW128" in said and '[device."imu0"] /dev/i2c-1, address 0x68: nobody answers' in said
-    assert "on this bus 0x0c, 0x48, 0x69 answer: write address, mux or channel" in said
+    assert "TW128" in said and '[device."imu0"] /dev/i2c-1, address 0x68: no reply' in said
+    assert "on this bus 0x0c, 0x48, 0x69 reply: correct address, mux or channel" in said
 
 
 def test_another_chip_at_the_address_is_told():
     wires = MemoryI2c()
     wires.write(wires.add(0x68), 0x75, b"\x68")
     (said,) = refused(wires, *imus(MPU9250))
-    assert "TW134" in said and "it says 0x68, and a MPU-9250 says 0x71 (MPU-9250) or 0x73 (MPU-9255)" in said
+    assert "TW134" in said and "its identity register is 0x68, but that of a MPU-9250 is 0x71 (MPU-9250) or 0x73 (MPU-9255)" in said
 
 
 def test_a_magnetometer_that_is_not_there_is_told_and_the_way_to_do_without():
     wires = MemoryI2c()
     wires.write(wires.add(0x68), 0x75, b"\x71")
     (said,) = refused(wires, *imus(MPU9250))
-    assert "TW128" in said and "nobody answers at 0x0c, inside it" in said
+    assert "TW128" in said and "no reply at 0x0c, inside it" in said
     wires.add(0x0C)
     (said,) = refused(wires, *imus(MPU9250))
     assert "TW129" in said and "magnetometer=False reads it without" in said
@@ -136,7 +136,7 @@ def test_a_multiplexer_that_does_not_answer_is_told():
     wires.add(0x48)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
     assert (
-        "TW133" in said and "no multiplexer answers at 0x70" in said and "0x48, 0x71 answer on the bus itself" in said
+        "TW133" in said and "no multiplexer replies at 0x70" in said and "0x48, 0x71 reply on the bus itself" in said
     )
 
 
@@ -144,8 +144,8 @@ def test_a_device_behind_another_channel_is_told_with_who_answers_there():
     wires = MemoryI2c((0x70,))
     add_mpu(wires, 0x69, 1 + 3)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
-    assert "multiplexer 0x70 channel 3, address 0x68: nobody answers" in said
-    assert "on channel 3 of the multiplexer 0x70 0x0c, 0x69, 0x70 answer" in said
+    assert "multiplexer 0x70 channel 3, address 0x68: no reply" in said
+    assert "on channel 3 of the multiplexer 0x70 0x0c, 0x69, 0x70 reply" in said
 
 
 def test_all_that_is_wrong_on_a_bus_is_told_at_once():
@@ -173,7 +173,7 @@ class Held(Wires):
 
 @pytest.mark.parametrize(
     "error, code, words",
-    [(errno.EBUSY, "TW135", "a driver of the kernel has this address"), (errno.ETIMEDOUT, "TW128", "the bus hangs")],
+    [(errno.EBUSY, "TW135", "address in use by a kernel driver"), (errno.ETIMEDOUT, "TW128", "the bus is stuck")],
 )
 def test_a_bus_that_hangs_and_a_chip_of_the_kernels_are_told(error, code, words):
     wires = MemoryI2c()
@@ -191,7 +191,7 @@ class Deaf(Wires):
 def test_settings_that_do_not_stick_are_told():
     wires = MemoryI2c()
     add_mpu(wires)
-    with pytest.raises(SeveralRefused, match="TW129.*it was told 04 03 10 10 03 and says 04 03 10 00 03"):
+    with pytest.raises(SeveralRefused, match="TW129.*it was configured with 04 03 10 10 03 and returns 04 03 10 00 03"):
         I2cInterface(RigBus("imus", "i2c", "/dev/i2c-1"), imus(MPU9250), (Chips(Deaf(wires)), wires))
 
 
@@ -201,13 +201,13 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
     said = str(found.value.trouble)
     assert (
         "TW131" in said
-        and "there is no such bus" in said
+        and "no such bus" in said
         and "raspi-config nonint do_i2c 0" in said
         and "jetson-io" in said
     )
     with pytest.raises(Refused, match="TW131.*is no I2C bus"):
         open_adapter(RigBus("imus", "i2c", str(tmp_path)))
-    with pytest.raises(Refused, match="TW131.*/dev/null is no I2C bus"):
+    with pytest.raises(Refused, match="TW131.*/dev/null is not an I2C bus"):
         open_adapter(RigBus("imus", "i2c", "/dev/null"))
     for name in ("i2c-10", "i2c-2", "i2c-x"):
         (tmp_path / name).touch()
@@ -249,10 +249,10 @@ def test_everything_on_a_bus_is_named_and_told_once():
 @pytest.mark.parametrize(
     "line, words",
     [
-        ("bitrate = 400_000", "bitrate: an I2C bus has none"),
-        ("fd = true", "fd: an I2C bus has none"),
-        ("options = { a = 1 }", "options: an I2C bus"),
-        ('channel = "i2c-1"', "an I2C bus is a file in /dev"),
+        ("bitrate = 400_000", "bitrate: not valid for an I2C bus"),
+        ("fd = true", "fd: not valid for an I2C bus"),
+        ("options = { a = 1 }", "options: not valid for an I2C bus"),
+        ('channel = "i2c-1"', "expected a device file in /dev"),
     ],
 )
 def test_what_an_i2c_bus_does_not_have_is_refused(tmp_path, line, words):
@@ -271,7 +271,7 @@ def test_a_rig_says_where_a_sensor_sits(tmp_path):
 
 @pytest.mark.parametrize(
     "kind, interface, words",
-    [("imu", "socketcan", "what is on it speaks I2C"), ("knee", "i2c", "what is on it speaks CAN")],
+    [("imu", "socketcan", "its devices use I2C"), ("knee", "i2c", "its devices use CAN")],
 )
 def test_an_interface_of_another_medium_is_refused(tmp_path, kind, interface, words):
     from blocks.actuators import CubeMars

@@ -45,7 +45,7 @@ def test_a_joint_without_a_range_is_named_with_the_way_to_measure_it(tmp_path):
     [(code, message, hint)] = troubles(tmp_path, model="AK80-9")
     assert (code, message) == (
         "TW136",
-        '[device."knee"] has no range, the lowest and the highest angle that the joint reaches',
+        '[device."knee"] has no range, its lowest and highest position',
     )
     assert (
         "write range = [LOWEST, HIGHEST] there, in rad; configure --joint knee --rig" in hint

@@ -101,7 +101,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             "",
             (
                 "TW104",
-                "nothing stands behind the bus 'legs'",
+                "no interface for bus 'legs'",
                 'add [bus.legs] with interface = "socketcan" and channel = "can0"',
             ),
         ),
@@ -109,7 +109,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             LEGS.replace("legs", "leg"),
             (
                 "TW104",
-                "nothing stands behind the bus 'legs'; did you mean 'leg'?",
+                "no interface for bus 'legs'; did you mean 'leg'?",
                 'add [bus.legs] with interface = "socketcan" and channel = "can0"',
             ),
         ),
@@ -125,22 +125,22 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             LEGS + '[device."left/torque_limiter"]\nlimit = 20.0',
             (
                 "TW103",
-                '[device."left/torque_limiter"] is a TorqueLimiter and no device',
-                "a rig changes hardware alone; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any "
+                '[device."left/torque_limiter"] is a TorqueLimiter and not a device',
+                "a rig changes hardware parameters only; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any "
                 "block",
             ),
         ),
         (
             LEGS + '[device."left/knee"]\nlimit = "peak"',
-            ("TW103", '[device."left/knee"] limit is no hardware parameter', f"set it in the diagram; {HARDWARE}"),
+            ("TW103", '[device."left/knee"] limit is not a hardware parameter', f"set it in the diagram; {HARDWARE}"),
         ),
         (
             LEGS + '[device."left/knee"]\ncanid = 3',
-            ("TW103", '[device."left/knee"] canid: there is no such parameter', "did you mean 'can_id'?"),
+            ("TW103", '[device."left/knee"] canid: no such parameter', "did you mean 'can_id'?"),
         ),
         (
             LEGS + '[device."left/knee"]\nzzz = 3',
-            ("TW103", '[device."left/knee"] zzz: there is no such parameter', HARDWARE),
+            ("TW103", '[device."left/knee"] zzz: no such parameter', HARDWARE),
         ),
         (
             LEGS + '[device."left/knee"]\ncan_id = 300',

@@ -45,7 +45,7 @@ def look(position, stated=None, encoder=0.0, **parameters):
 def test_being_inside_the_range_proves_nothing_where_a_motor_turn_further_is_inside_too():
     why = look(0.52)
     assert why.startswith(
-        "knee reads 0.520 rad; a power cycle can shift that by 0.698 rad (40°), and 1.218 and "
+        "knee reads 0.520 rad; a power cycle can shift it by 0.698 rad (40°), and 1.218 and "
         "1.916 rad lie in its range -0.1 to 2 rad, too: "
     )
     assert "known_pose = [ANGLE, TOLERANCE]" in why and "--pose knee=ANGLE" in why
@@ -67,7 +67,7 @@ def test_it_depends_on_whether_another_reading_lies_inside(width, position, arme
 
 def test_a_unit_that_was_verified_to_keep_its_angle_is_armed_and_a_gear_behind_makes_more_readings():
     assert look(0.52, wake_shift=0.0) == ""
-    assert "can shift that by 0.349 rad (20°)" in look(0.3, gear_ratio=2.0)
+    assert "can shift it by 0.349 rad (20°)" in look(0.3, gear_ratio=2.0)
     assert look(0.3, wake_shift=2.0 * math.pi) == ""
 
 
@@ -79,7 +79,7 @@ def test_a_known_pose_decides_within_its_tolerance(position, armed):
 def test_a_reading_that_is_off_by_whole_turns_is_explained_with_the_offset_that_corrects_it():
     why = look(2 * TURN + 0.02, known_pose=(0.0, 0.1), offset=0.3)
     assert why.startswith(
-        "knee reads 1.416 rad, and its known pose is 0.000 ± 0.1 rad: the reading is off by 2 "
+        "knee reads 1.416 rad, but its known pose is 0.000 ± 0.1 rad: the reading is off by 2 "
         "motor turns of 0.698 rad; offset = 1.6963 in the rig"
     )
     assert "off by 1 motor turn of" in look(-TURN, known_pose=(0.0, 0.1))
@@ -88,7 +88,7 @@ def test_a_reading_that_is_off_by_whole_turns_is_explained_with_the_offset_that_
 
 def test_the_operator_may_state_where_it_stands_within_a_quarter_of_a_turn():
     assert look(0.52, {"knee": 0.4}) == "" and look(0.52, {"knee": 0.52 + TURN / 4 - 1e-6}) == ""
-    assert "and the stated pose is 1.220" in look(0.52, {"knee": 1.22}) and "off by 1 motor turn" in look(
+    assert "but the stated pose is 1.220" in look(0.52, {"knee": 1.22}) and "off by 1 motor turn" in look(
         0.52, {"knee": 1.22}
     )
     assert look(0.52, {"knee": 0.8}) != ""
@@ -114,10 +114,10 @@ def test_everything_that_is_there_has_to_agree():
         (
             {"reference": "encoder.temperature"},
             {},
-            "knee: reference 'encoder.temperature' is no output in rad of another device",
+            "knee: reference 'encoder.temperature' is not an output in rad of another device",
         ),
-        ({"reference": "knee.position"}, {}, "no output in rad of another device"),
-        ({"reference": "nothing"}, {}, "no output in rad of another device"),
+        ({"reference": "knee.position"}, {}, "not an output in rad of another device"),
+        ({"reference": "nothing"}, {}, "not an output in rad of another device"),
         ({"reference": "imu.euler"}, {}, "has 3 elements: name one, as in 'imu.euler[0]'"),
         ({"reference": "imu.euler[3]"}, {}, "has 3 elements"),
         ({}, {"kne": 0.0}, "--pose kne: robot has no such joint with a range; did you mean 'knee'?"),
@@ -136,10 +136,10 @@ def test_a_joint_outside_its_range_is_not_armed_and_the_way_inside_is_named():
         "knee reads 2.300 rad, outside its range -0.1 to 2 rad: move it inside by hand, or correct "
         "`offset` and `range` in the rig"
     )
-    assert "if it stands inside, its reading is off: it may stand at 0.206, 0.904 and 1.602 rad" in look(2.3)
+    assert "if the joint is inside, its reading is wrong, and it may be at 0.206, 0.904 and 1.602 rad" in look(2.3)
     for just_outside in (-0.12, 2.02):
         assert look(just_outside, wake_shift=0.0) == ""
-    assert look(math.nan) == "knee reads no angle"
+    assert look(math.nan) == "knee has no position reading"
 
 
 def test_all_other_readings_are_found():

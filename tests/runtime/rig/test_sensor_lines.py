@@ -140,6 +140,6 @@ def test_a_port_that_is_not_there_and_a_port_that_is_taken_are_told_at_once(lab)
         process = finished("walk.py", "--rig", "lab.toml", "--duration", "0.5", "--yes", cwd=folder)
     assert process.returncode == BAD_INPUT
     assert (
-        '[device."teensy"] /dev/ttyNothing: there is no such port' in process.stderr
-        and f"another program has UDP port {number} open" in process.stderr
+        '[device."teensy"] /dev/ttyNothing: no such port' in process.stderr
+        and f"UDP port {number} is in use by another program" in process.stderr
     )

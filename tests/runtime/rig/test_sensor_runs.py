@@ -73,5 +73,5 @@ def test_a_cable_that_is_pulled_ends_the_run_and_is_named(robot):
     assert (
         "no reply for longer than its timeout (0.5 s); " in err
         and "tty13393" in err
-        and "which was lost 1 time and is gone" in err
+        and "disconnected 1 time and still missing" in err
     )

@@ -33,7 +33,7 @@ class Adapter:
     """An slcan adapter on a pty, and drives that answer every frame to their ids.
 
     channel : the port
-    said : what it was told that is no frame; frames : (id, data in hex digits) that it was given
+    said : what it was configured with that is no frame; frames : (id, data in hex digits) that it was given
     """
 
     def __init__(self, drives=(1,)):
@@ -130,7 +130,7 @@ def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
         assert process.returncode == FAULT and time.monotonic() - at < 3.0
         assert "Traceback" not in errors
         assert "FAULT at legs, tick " in errors and "the bus can neither send nor receive" in errors
-        assert f"slcan {adapter.channel}: the interface has hung up" in errors and "is the adapter plugged in" in errors
+        assert f"slcan {adapter.channel}: the interface has hung up" in errors and "check that the adapter is plugged in" in errors
 
 
 def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_adapter(tmp_path):
@@ -174,14 +174,14 @@ def test_a_port_that_is_not_there_names_those_that_are(tmp_path):
     for name in ("ttyACM0", "ttyUSB3", "tty7"):
         (tmp_path / name).touch()
     trouble = refusal(str(tmp_path / "ttyACM1"), folder=tmp_path)
-    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM1: there is no such port")
+    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM1: no such port")
     assert trouble.hint.startswith(f"did you mean '{tmp_path}/ttyACM0'? there are ") and trouble.hint.endswith(
         f"{tmp_path}/ttyUSB3"
     )
     trouble = refusal(str(tmp_path / "ttyACM0"), folder=tmp_path)
-    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM0 is no serial port")
+    assert (trouble.code, trouble.message) == ("TW125", f"[bus.legs] {tmp_path}/ttyACM0 is not a serial port")
     assert refusal("/dev/ttyNone", folder=tmp_path / "empty").hint == (
-        "this machine has no serial port: is the adapter plugged in?"
+        "no serial port found: check that the adapter is plugged in"
     )
 
 
@@ -264,18 +264,18 @@ def test_options_are_handed_over_as_they_are(tmp_path):
     [
         (
             'channel = "can1"',
-            "[bus.legs] options.channel: that belongs to the bus itself",
+            "[bus.legs] options.channel: key of the bus itself",
             "write channel in [bus.legs]",
         ),
         (
             "when = 1979-05-27",
             "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",
-            "take it out",
+            "remove it",
         ),
         (
             "deep = { a = 1 }",
             "[bus.legs] options.deep = {'a': 1}: expected text, a number, true or false, or a list of those",
-            "take it out",
+            "remove it",
         ),
     ],
 )
@@ -289,7 +289,7 @@ def test_options_that_cannot_be_are_told(tmp_path, line, message, hint):
 
 def test_socketcan_has_no_options(tmp_path):
     rig = write(tmp_path, '[bus.legs]\ninterface = "socketcan"\nchannel = "can0"\noptions = { a = 1 }\n', "lab.toml")
-    with pytest.raises(RigError, match="options: socketcan is driven without python-can, and has none"):
+    with pytest.raises(RigError, match="options: socketcan does not use python-can and has no options"):
         read(rig)
 
 

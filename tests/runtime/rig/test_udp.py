@@ -94,11 +94,11 @@ def test_a_channel_is_an_address_and_a_port(text, found):
     [
         ("9871", "expected ADDRESS:PORT"),
         ("::1:9871", "expected ADDRESS:PORT"),
-        ("localhost:9871", "is no address"),
-        ("0.0.0.0:", "is no port"),
-        ("0.0.0.0:0", "is no port"),
-        ("0.0.0.0:65536", "is no port"),
-        ("0.0.0.0:٣", "is no port"),
+        ("localhost:9871", "is not an IP address"),
+        ("0.0.0.0:", "is not a port"),
+        ("0.0.0.0:0", "is not a port"),
+        ("0.0.0.0:65536", "is not a port"),
+        ("0.0.0.0:٣", "is not a port"),
         ("[0.0.0.0]:9871", "IPv6"),
         ("", "expected"),
     ],
@@ -122,8 +122,8 @@ def test_keys_that_do_not_fit_are_told(tmp_path):
         read(rig)
     assert [trouble.message for trouble in raised.value.troubles] == [
         "[bus.estop] peer = 'button': expected ADDRESS:PORT",
-        "[bus.estop] fd = true: a datagram of UDP is a classic frame",
-        "[bus.legs] peer is of UDP alone",
+        "[bus.estop] fd = true: UDP carries classic CAN frames only",
+        "[bus.legs] peer: only valid for UDP",
     ]
 
 
@@ -158,7 +158,7 @@ def test_an_address_of_another_machine_is_told_with_our_own(tmp_path):
     trouble = refusal(tmp_path, "198.51.100.7:9871")
     assert (
         trouble.code == "TW122"
-        and "198.51.100.7 is no address of this machine; it has " in trouble.message
+        and "198.51.100.7 is not an address of this machine; it has " in trouble.message
         and "127.0.0.1" in trouble.message
     )
     assert trouble.hint == 'write channel = "0.0.0.0:9871" for any of its addresses' and "127.0.0.1" in addresses()
@@ -183,7 +183,7 @@ except Refused as refused:
     print(refused.trouble)
 """
     said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, cwd=ROOT).stdout
-    assert said.startswith("error TW123 privileged port: [bus.estop] port 80 is a privileged one") and "9871" in said
+    assert said.startswith("error TW123 privileged port: [bus.estop] port 80 is privileged") and "9871" in said
 
 
 def test_an_actuator_is_refused_there(tmp_path):
@@ -258,7 +258,7 @@ def test_with_a_peer_it_is_sent_there_and_nobody_else_is_heard():
         peer.close()
         can.end.send(0x200, b"")  # the system hears here that nobody listens
         can.end.receive()
-        assert failed(can.trouble, named)[0] == f"nobody listens at {named.peer}"
+        assert failed(can.trouble, named)[0] == f"no program receives at {named.peer}"
         interface.close()
 
 
