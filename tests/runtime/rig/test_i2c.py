@@ -205,7 +205,7 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
         and "raspi-config nonint do_i2c 0" in said
         and "jetson-io" in said
     )
-    with pytest.raises(Refused, match="TW131.*is no I2C bus"):
+    with pytest.raises(Refused, match="TW131.*is not an I2C bus"):
         open_adapter(RigBus("imus", "i2c", str(tmp_path)))
     with pytest.raises(Refused, match="TW131.*/dev/null is not an I2C bus"):
         open_adapter(RigBus("imus", "i2c", "/dev/null"))
