@@ -2,9 +2,8 @@
 
 import os
 import sys
-from importlib import import_module
+from runpy import run_module
 
-COMMAND_LINE = "runtime.__main__"  # by name: the language itself needs no runtime
 HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
 
 
@@ -12,25 +11,26 @@ def main(diagram=None):
     """Run the command line for the file that calls this, with the options of `python -m runtime FILE`, and exit with
     its code.
 
-    It does nothing where the file is imported, or loaded by the command line.
+    It returns at once where the file is imported, or loaded by the command line.
 
-    diagram : what the file calls `diagram`; left out in a file with a function `build`
+    diagram : the object that the file calls `diagram`; omit it in a file with a function `build`
 
-    Raises ValueError for any other diagram, since the command line takes the diagram from the file.
+    Raises ValueError for any other diagram: the command line takes the diagram from the file.
     """
     caller = sys._getframe(1).f_globals
     if caller.get("__name__") != "__main__":
         return
     if diagram is not None and diagram is not caller.get("diagram"):
         raise ValueError(
-            "main() runs what the file calls `diagram`: assign the diagram to that name, or define "
-            "build() and call main() without it"
+            "main() runs the object that the file calls `diagram`: assign the diagram to that name, or define "
+            "build() and call main() without arguments"
         )
     if "__file__" not in caller:
-        raise ValueError("main() runs a file, and this is none: save it, and run it with `python FILE`")
+        raise ValueError("main() runs a file: save this code, and run it with `python FILE`")
     folder = os.path.dirname(os.path.realpath(caller["__file__"]))
     first = sys.path[0] == folder != HOME
-    if first:  # nothing in it takes the place of a library
+    if first:  # a file beside the diagram must not replace a library
         sys.path.append(sys.path.pop(0))
     sys.argv[1:1] = ["run", os.path.relpath(caller["__file__"])]
-    raise SystemExit(import_module(COMMAND_LINE).main(folder if first else None))
+    program = run_module("runtime", run_name="tickwork")  # as `python -m runtime` does, from this process
+    raise SystemExit(program["main"](folder if first else None))

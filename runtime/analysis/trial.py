@@ -200,7 +200,7 @@ class Trial:
         """A pandas DataFrame: a row a tick, `time` its index, a column a number; `attrs` has the units and the fields
         of the trial. MissingExtra
         """
-        from runtime.analysis.trials import table
+        from runtime.analysis.table import table
 
         return table(self)
 

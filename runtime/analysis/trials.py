@@ -11,6 +11,7 @@ import os
 
 import numpy as np
 
+from runtime.analysis.table import table
 from runtime.analysis.trial import Trial
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
@@ -160,12 +161,3 @@ def signal(trial, name):
         return trial[name]
     except KeyError:
         return None
-
-
-def table(trial):
-    """As Trial.table says."""
-    pandas = need("pandas", "a table")
-    columns = {"tick": trial.tick, **{path: trial[path] for path in trial.signals}}
-    made = pandas.DataFrame(columns, index=pandas.Index(trial.time, name="time"))
-    made.attrs.update(units={path: entry["unit"] for path, entry in trial.signals.items()}, fields=trial.fields)
-    return made

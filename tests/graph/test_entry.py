@@ -60,7 +60,9 @@ def test_a_file_with_build_calls_main_without_a_diagram(wave):
 def test_main_refuses_a_diagram_that_the_command_line_would_not_find(wave):
     wave.write_text(WAVE.replace("as diagram", "as another").replace("main(diagram)", "main(another)"))
     process = started(wave, "--fast", "--duration", "1")
-    assert process.returncode == 1 and "ValueError: main() runs what the file calls `diagram`" in process.stderr
+    assert (
+        process.returncode == 1 and "ValueError: main() runs the object that the file calls `diagram`" in process.stderr
+    )
 
 
 def test_main_does_nothing_in_a_module_that_is_imported():
