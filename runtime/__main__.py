@@ -30,14 +30,14 @@ def main(folder=FOLDER):
 
 
 def start(folder):
-    trouble = installation_check.trouble(*sys.argv[1:2], folder=folder)
-    if trouble is None:
+    problem = installation_check.problem(*sys.argv[1:2], folder=folder)
+    if problem is None:
         try:
             from runtime.cli.main import main as command_line
         except ImportError as error:
-            trouble = installation_check.explain(error)
-    if trouble is not None:
-        print(f"tickwork: {trouble}", file=sys.stderr)
+            problem = installation_check.explain(error)
+    if problem is not None:
+        print(f"tickwork: {problem}", file=sys.stderr)
         return installation_check.BAD_INPUT
     return command_line(folder=folder)
 

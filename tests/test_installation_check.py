@@ -31,7 +31,7 @@ def lab(tmp_path):
 
 
 def test_nothing_keeps_this_checkout_from_starting():
-    assert installation_check.trouble() is None
+    assert installation_check.problem() is None
 
 
 @pytest.mark.parametrize("name", ["blocks", "graph", "cext"])
@@ -63,7 +63,7 @@ def test_a_file_beside_the_diagram_with_the_name_of_a_library_is_named(name, ins
     (lab / "wave.py").write_text(WAVE)
     (lab / f"{name}.py").write_text("raise SystemExit(0)\n")
     process = python(*RUN, "wave.py", "--fast", "--duration", "1", cwd=lab, path=installed)
-    assert_one_line(process, f" {name}.py bears the name of a library", "rename it, or start with `tickwork`")
+    assert_one_line(process, f" {name}.py has the name of a library", "rename it, or start with `tickwork`")
     assert not (lab / "recordings").exists()
 
 
@@ -71,7 +71,7 @@ def test_a_package_beside_the_diagram_with_the_name_of_a_library_is_named(instal
     (lab / "wave.py").write_text(WAVE)
     (lab / "json").mkdir()
     (lab / "json" / "__init__.py").write_text("raise SystemExit(0)\n")
-    assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py bears the name")
+    assert_one_line(python(*RUN, "wave.py", cwd=lab, path=installed), " json/__init__.py has the name")
 
 
 def test_a_diagram_may_bear_the_name_of_a_module_that_no_run_uses(installed, lab):
@@ -92,7 +92,7 @@ def test_a_diagram_imports_a_module_of_the_working_folder(installed, lab):
 def test_a_file_in_the_clone_hides_no_module_of_python(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "signal.py").write_text("raise SystemExit(0)\n")
-    assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py bears the name")
+    assert_one_line(python(*RUN, "diagrams/knee_exo.py", cwd=tmp_path), " signal.py has the name")
 
 
 def test_the_console_script_runs_beside_files_with_the_names_of_libraries(installed, lab):
@@ -236,7 +236,7 @@ def test_an_old_python_can_read_the_first_files_and_is_told(monkeypatch):
     ):
         ast.parse((ROOT / "runtime" / name).read_text(), feature_version=(3, 6))
     monkeypatch.setattr(sys, "version_info", (3, 9, 2, "final", 0))
-    assert "Python 3.9, and 3.10 or newer is needed" in installation_check.trouble()
+    assert "Python 3.9, and 3.10 or newer is needed" in installation_check.problem()
 
 
 def test_the_first_files_import_nothing_of_tickwork():

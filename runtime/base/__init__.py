@@ -1,1 +1,1 @@
-"""Foundations of every room: errors, text of exceptions, the system, child processes, optional dependencies."""
+"""Foundations of all rooms: errors, exception text, the system, child processes, optional dependencies."""

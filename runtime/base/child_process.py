@@ -1,6 +1,4 @@
-"""A process of our own beside the run: started with the parent's packages, its orders on standard input, its answers as
-lines of JSON.
-"""
+"""Child processes of a run, which receive orders on standard input and answer with lines of JSON."""
 
 import json
 import os
@@ -12,7 +10,7 @@ from contextlib import suppress
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
-# The parent's packages, whatever the working folder holds; then the parent's path, for packages that are not ours.
+# Import the parent's own packages regardless of the working folder, then restore the parent's path for all others.
 _BOOT = """
 import sys
 from importlib import import_module
@@ -25,14 +23,14 @@ import_module(module).main(*map(int, numbers))
 
 
 class ChildProcess:
-    """Spawned at once, in a session of its own.
+    """Child process, started at once in a session of its own.
 
-    module : its `main` is called with two file descriptors, of the pipe for answers and a pidfd of this process, and
-        with `numbers`
-    numbers : whole numbers
-    descriptors : file descriptors that it inherits under their numbers
+    module : its `main` is called with two file descriptors (the pipe for answers, and a pidfd of this process), then
+        `numbers`
+    numbers : integers
+    descriptors : file descriptors that the child inherits under the same numbers
 
-    pid : number of the process
+    pid : ID of the process
     """
 
     def __init__(self, module, numbers, descriptors):
@@ -54,15 +52,13 @@ class ChildProcess:
         self._answers, self._heard = answers, b""
 
     def keep_to(self, processors):
-        """From now on it runs on these alone, with all that it starts. One that has ended, or may not, stays as it
-        is.
-        """
+        """Restrict the child and its descendants to processors. Does nothing if it has ended or may not run there."""
         with suppress(OSError):
             for thread in self._threads():
                 os.sched_setaffinity(thread, processors)
 
     def bring_to(self, processors):
-        """It goes on there, and may leave: a thread of real-time priority does where another one is in its way."""
+        """Move the child to processors without restricting it, so that a real-time thread can yield to another."""
         with suppress(OSError):
             for thread in self._threads():
                 before = os.sched_getaffinity(thread)
@@ -73,7 +69,7 @@ class ChildProcess:
         return map(int, os.listdir(f"/proc/{self.pid}/task"))
 
     def _answer(self, timeout):
-        """The next line of JSON from the process; None if it ended without one. TimeoutError."""
+        """Return the next line of JSON; None if the child ended without one. Raises TimeoutError."""
         deadline = time.monotonic() + timeout
         poll = select.poll()
         poll.register(self._answers, select.POLLIN)

@@ -1,12 +1,12 @@
-"""What the command line says when something is wrong: one clear line, and an exit code."""
+"""Errors of the command line, and its exit codes."""
 
 OK, CHECK_FAILED, BAD_INPUT, FAULT = 0, 1, 2, 3
 
 
 class BadInput(Exception):
-    """Something the user typed or wrote cannot be used. Its text says what, where and what to do.
+    """Unusable input of the user. The text states what is wrong, where, and what to do.
 
-    diagnostics : graph.Diagnostic of what the language has refused, if it was that
+    diagnostics : list of graph.Diagnostic, if the language rejected a diagram
     """
 
     code = BAD_INPUT

@@ -1,7 +1,7 @@
-"""Before anything else is imported: are the four packages from one place, built, and is what they need there?
+"""Check of the installation before any other import: packages from one place, compiled modules, libraries.
 
-This file, `runtime/__main__.py` and `runtime/base/working_folder.py` must be readable for any Python 3.6 or newer, and
-import nothing else of Tickwork.
+This file, `runtime/__main__.py` and `runtime/base/working_folder.py` must parse on Python 3.6 or newer, and import
+nothing else of Tickwork.
 """
 
 import os
@@ -26,36 +26,36 @@ NEEDS = {
     "serial": "pyserial",
     "smbus2": "smbus2",
 }
-if sys.version_info < (3, 11):  # later ones read TOML themselves
+if sys.version_info < (3, 11):  # newer versions include tomllib
     NEEDS["tomli"] = "tomli"
 
-READING = ("convert", "diff", "plot")  # commands that need nothing that was compiled
+READING = ("convert", "diff", "plot")  # commands that need no compiled modules
 TO_READ = {module: NEEDS[module] for module in ("matplotlib", "mcap", "msgspec", "numpy")}
 
-# of Python, while a run is on
+# standard modules that a run imports later
 LOADED_LATER = ("decimal", "fractions", "getpass", "json", "shlex", "subprocess", "sysconfig", "tomllib")
 
 
-def trouble(command="", folder=None):
-    """One line on what keeps a command of Tickwork from starting here, and its cure; None when nothing does.
+def problem(command="", folder=None):
+    """Return one line on what prevents a command from starting, and its remedy; None if nothing does.
 
-    folder : the working folder, where `python -m` has put it on the path
+    folder : the working folder, if `python -m` has put it on the path
     """
     if command in READING:
         return old_python() or missing(TO_READ)
-    return old_python() or stranger(folder) or unbuilt() or missing()
+    return old_python() or shadowed_package(folder) or unbuilt() or missing()
 
 
 def old_python():
     if sys.version_info[:2] < OLDEST_PYTHON:
         return "this is Python %d.%d, and %d.%d or newer is needed: %s" % (
-            sys.version_info[:2] + OLDEST_PYTHON + (cure(),)
+            sys.version_info[:2] + OLDEST_PYTHON + (remedy(),)
         )
     return None
 
 
-def stranger(folder=None):
-    """A package that another folder has taken the name of: `blocks` and `graph` are words anybody may use."""
+def shadowed_package(folder=None):
+    """Return a message on a package that another folder shadows, since `blocks` and `graph` are common names."""
     for name in ("cext", "graph", "blocks"):
         place = folder if folder and working_folder.namesake(folder, [name]) else place_of(name)
         if place is None:
@@ -71,8 +71,9 @@ def stranger(folder=None):
 
 
 def namesake(folder):
-    """A file of the working folder that bears the name of a library in use. It hides nothing, but the diagram may have
-    meant it.
+    """Return a message on a file of the working folder with the name of a library in use.
+
+    It does not shadow the library, but the diagram may have intended to import it.
     """
     if folder is None:
         return None
@@ -87,14 +88,13 @@ def namesake(folder):
         path = working_folder.namesake(folder, [name])
         if path is not None and place_of(name) != os.path.realpath(folder):
             return (
-                "%s bears the name of a library that Tickwork uses: rename it, or start with `tickwork`, which "
-                "ignores it"
+                "%s has the name of a library that Tickwork uses: rename it, or start with `tickwork`, which ignores it"
             ) % path
     return None
 
 
 def place_of(name):
-    """The folder that holds a top-level package or module, links resolved; None if there is none."""
+    """Return the folder of a top-level package or module, with links resolved; None if there is none."""
     spec = find_spec(name)
     if spec is None:
         return None
@@ -103,20 +103,21 @@ def place_of(name):
 
 
 def unbuilt():
-    """Native modules of this clone without a build for this Python. An installed Tickwork has no sources and counts as
-    built.
+    """Return a message on compiled modules that are missing for this Python.
+
+    An installed Tickwork has no sources and counts as built.
     """
     sources = list((HERE / "cext").rglob("*.pyx"))
     if all(any(source.with_suffix(suffix).exists() for suffix in EXTENSION_SUFFIXES) for source in sources):
         return None
     elsewhere = any((HERE / "cext").rglob("*.so"))
-    return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", cure())
+    return "%s is not built%s: %s" % (HERE, " for Python %d.%d" % sys.version_info[:2] if elsewhere else "", remedy())
 
 
 def there(module):
     try:
         return find_spec(module) is not None
-    except ModuleNotFoundError:  # not even the package that it is in
+    except ModuleNotFoundError:  # its package is missing
         return False
 
 
@@ -124,28 +125,32 @@ def missing(needs=NEEDS):
     absent = [distribution for module, distribution in needs.items() if not there(module)]
     if not absent:
         return None
-    return "%s %s missing in %s: %s" % (", ".join(absent), "is" if len(absent) == 1 else "are", sys.executable, cure())
+    return "%s %s missing in %s: %s" % (
+        ", ".join(absent),
+        "is" if len(absent) == 1 else "are",
+        sys.executable,
+        remedy(),
+    )
 
 
 def explain(error):
-    """One line for an ImportError of what is installed beside Tickwork or was built from older sources. Raises it if
-    the fault is ours.
+    """Return one line on an ImportError of a library or of outdated compiled modules. Raises all others again.
 
-    error : ImportError, raised by importing `runtime.cli.main`
+    error : ImportError of importing `runtime.cli.main`
     """
     culprit = (error.name or "").split(".")[0]
     if culprit in ("blocks", "graph", "runtime"):
         raise error
     first_line = str(error).strip().split("\n")[0]
     if culprit == "cext":
-        return "the native code does not fit its sources (%s): %s" % (
+        return "the compiled modules do not match their sources (%s): %s" % (
             first_line,
-            "run `make build`" if is_clone() else cure(),
+            "run `make build`" if is_clone() else remedy(),
         )
-    return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, cure())
+    return "%s cannot be imported (%s): %s" % (culprit or "a library", first_line, remedy())
 
 
-def cure():
+def remedy():
     environment = HERE / ".venv" / "bin" / "activate"
     if not is_clone():
         return "run `pip install --force-reinstall tickwork`"

@@ -1,11 +1,12 @@
-"""What somebody may have meant. Imports nothing of the language (graph.block has the same for it), so that it is there
-where nothing was compiled.
+"""Suggestions for misspelt words.
+
+Imports nothing of graph, whose graph.block has the same function, so that it works without compiled modules.
 """
 
 import difflib
 
 
 def suggestion(word, known):
-    """'did you mean ...?' for a misspelt word, or ''."""
+    """Return 'did you mean ...?' for a misspelt word, or ''."""
     near = difflib.get_close_matches(str(word), list(known), n=1)
     return f"did you mean {near[0]!r}?" if near else ""

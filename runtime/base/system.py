@@ -1,4 +1,4 @@
-"""What Linux says of this process and of the processors it has."""
+"""Properties of this process and its processors that Linux reports."""
 
 import os
 import pwd
@@ -16,7 +16,7 @@ def user():
 
 
 def capable(capability):
-    """Whether this process has a capability in effect, by its number in linux/capability.h."""
+    """Return whether this process has an effective capability. capability : number in linux/capability.h"""
     for line in read("/proc/self/status").splitlines():
         if line.startswith("CapEff:"):
             return bool(int(line.split()[1], 16) >> capability & 1)
@@ -24,7 +24,7 @@ def capable(capability):
 
 
 def memory_sizes():
-    """(bytes of address space of this process, bytes that are available on the machine)"""
+    """Return (bytes of address space of this process, bytes available on the machine)."""
     size = int(read("/proc/self/statm").split()[0]) * resource.getpagesize()
     free = [
         int(line.split()[1]) << 10 for line in read("/proc/meminfo").splitlines() if line.startswith("MemAvailable:")
@@ -38,12 +38,12 @@ def stack_limit():
 
 
 def isolated_processors():
-    """Numbers of the processors that the kernel keeps for who asks (isolcpus=)."""
+    """Return the numbers of the isolated processors (isolcpus=)."""
     return processors(read("/sys/devices/system/cpu/isolated"))
 
 
 def processors(text):
-    """{0, 2, 3} of the kernel's "0,2-3"."""
+    """Return the numbers in the kernel's list format: {0, 2, 3} for "0,2-3"."""
     found = set()
     for part in text.strip().split(","):
         first, _, last = part.partition("-")
@@ -53,9 +53,9 @@ def processors(text):
 
 
 def exhausted_group(text_of=None):
-    """The file that denies this session's control group any real-time, or None where none does or it cannot be told.
+    """Return the file that denies the control group of this session any real-time budget; None if none is found.
 
-    text_of : reads a file of the machine, "" where it cannot; this machine's by default
+    text_of : function that reads a file of the machine, "" for an unreadable one; of this machine by default
     """
     text_of = text_of or read
     for line in text_of("/proc/self/cgroup").splitlines():
@@ -69,7 +69,7 @@ def exhausted_group(text_of=None):
 
 
 def read(path):
-    """A small text file, or "" where it cannot be read."""
+    """Return the content of a small text file, "" for an unreadable one."""
     with suppress(OSError), open(path) as file:
         return file.read()
     return ""

@@ -1,7 +1,7 @@
-"""The working folder, which `python -m` puts first on the path: there a `signal.py` would take the place of Python's
-own module.
+"""Removal of the working folder from the head of the path, where `python -m` inserts it.
 
-This file must be readable for any Python 3.6 or newer, and import nothing that the working folder could hide.
+A `signal.py` there would shadow Python's own module. This file must parse on Python 3.6 or newer, and import nothing
+that the working folder could shadow.
 """
 
 import os
@@ -9,15 +9,14 @@ import sys
 
 
 def move_back():
-    """Take the working folder from the head of the path, so that its files hide no library. Returns it; None where it
-    was not there.
+    """Move the working folder from the head of the path to its end, so that its files shadow no library.
 
-    It goes to the end, where a diagram's own modules are still found. The folder of Tickwork itself goes behind
-    Python's own modules only.
+    Returns the folder, or None if it was not at the head. A diagram's own modules are still found at the end. The
+    folder of Tickwork itself moves only behind Python's own modules.
     """
     try:
         folder = os.getcwd()
-    except OSError:  # it has been deleted
+    except OSError:  # the folder was deleted
         return None
     if getattr(sys.flags, "safe_path", False) or not sys.path or sys.path[0] not in ("", folder):
         return None
@@ -36,9 +35,7 @@ def move_back():
 
 
 def namesake(folder, modules):
-    """A file or package in a folder that bears the name of one of these top-level modules, its path; None if there is
-    none.
-    """
+    """Return the path of a file or package in a folder with the name of one of these modules; None for none."""
     for module in modules:
         for name in (module + ".py", os.path.join(module, "__init__.py")):
             path = os.path.join(folder, name)

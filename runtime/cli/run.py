@@ -80,7 +80,7 @@ def poses(texts, rig):
 
 def parse_run(arguments):
     """Command-line words to a Request. BadInput says which is wrong."""
-    from runtime.machine.realtime import HIGHEST, MODES, PRIORITY
+    from runtime.machine.realtime import PRIORITY_LIMIT, MODES, PRIORITY
     from runtime.session.run import Request
 
     parser = Parser("run", "Run a diagram: in simulation, or with --rig on real hardware.")
@@ -124,9 +124,9 @@ def parse_run(arguments):
     )
     parser.add_argument(
         "--priority",
-        type=count("--priority", HIGHEST),
+        type=count("--priority", PRIORITY_LIMIT),
         metavar="N",
-        help=f"of SCHED_FIFO, 1 to {HIGHEST} (default: {PRIORITY})",
+        help=f"of SCHED_FIFO, 1 to {PRIORITY_LIMIT} (default: {PRIORITY})",
     )
     parser.add_argument(
         "--cpu",

@@ -1,13 +1,13 @@
-"""`python -m runtime doctor`: whether a machine is fit to run a robot, and what to change.
+"""Check of a machine for running a robot: `python -m runtime doctor`.
 
-    finding     what a check says: ok, worse, bad or unknown, with why it matters and what to change
-    machine     where checks look: this machine, or a folder with the files and outputs of another
+    finding     result of a check: ok, worse, bad or unknown, with the reason and the remedy
+    machine     source of the checks: this machine, or a folder with files and outputs of another
     kernel, power, user, can, ports, python
-                the checks, one family a file
-    script      a shell script that sets right what a script can, to be read and run by a person
-    command     the command line
+                the checks, by topic
+    script      shell script with the automatic remedies
+    command     command line
 
-A check is a function of (machine, wants) that returns a Finding, several in a list, or None where it does not apply.
+A check is a function of (machine, wants) that returns a Finding, a list of them, or None if it does not apply.
 """
 
 from runtime.doctor import kernel, power, python, user
@@ -18,14 +18,12 @@ CHECKS = (*kernel.CHECKS, *power.CHECKS, *user.CHECKS, *can.CHECKS, *ports.CHECK
 
 
 def examine(machine, wants):
-    """Findings of all checks. A check that fails on a strange machine cannot tell, and says so."""
+    """Return the findings of all checks. A check that raises on an unusual machine results in an unknown finding."""
     findings = []
     for check in CHECKS:
         try:
             found = check(machine, wants)
         except Exception as error:
-            found = Finding(
-                check.__name__.replace("_", " "), UNKNOWN, f"cannot be told: {type(error).__name__}: {error}"
-            )
+            found = Finding(check.__name__.replace("_", " "), UNKNOWN, f"check failed: {type(error).__name__}: {error}")
         findings += found if isinstance(found, list) else [found] if found else []
     return findings

@@ -1,4 +1,4 @@
-"""The kernel and what it runs on: how soon a thread that wakes gets its processor, and how it reads the clock."""
+"""Checks of kernel and hardware: scheduling latency and clock source."""
 
 import re
 
@@ -7,13 +7,13 @@ from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
 from runtime.machine.probe import JETSON, PI
 
 FAST_CLOCKS = {"tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page", "riscv_clocksource"}
-SMALLEST_SHARE = 0.9  # of a period, that real-time threads may run
+SHARE_MINIMUM = 0.9  # fraction of a period for real-time threads
 
 
 def preemption(machine, wants):
     version = machine.read("/proc/version")
     name = "preemption"
-    why = "the loop waits until the kernel has done what another program has asked of it"
+    why = "the loop waits until the kernel has finished work for another program"
     if machine.read("/sys/kernel/realtime") == "1" or re.search("PREEMPT[_ ]RT", version):
         return Finding(name, OK, "PREEMPT_RT")
     if "PREEMPT_DYNAMIC" in version:
@@ -34,7 +34,7 @@ def preemption(machine, wants):
 
 
 def dynamic_model(machine):
-    """none, voluntary, full or lazy; "" where it cannot be told."""
+    """Return none, voluntary, full or lazy; "" if unknown."""
     chosen = re.search(r"\((\w+)\)", machine.read("/sys/kernel/debug/sched/preempt"))
     asked = re.search(r"\bpreempt=(\w+)", machine.read("/proc/cmdline"))
     if chosen or asked:
@@ -44,7 +44,7 @@ def dynamic_model(machine):
 
 
 def patient(machine):
-    """How this machine gets a kernel with PREEMPT_RT."""
+    """Return how to install a PREEMPT_RT kernel on this machine."""
     if machine.kind == PI:
         return "sudo apt install linux-image-rpi-v8-rt, and kernel=kernel8_rt.img in config.txt"
     if machine.kind == JETSON:
@@ -67,7 +67,7 @@ def real_time_share(machine, wants):
     share = int(runtime) / int(period or 1_000_000)
     if share == 0.0:
         return Finding(name, BAD, "none", "no thread may have real-time priority", cure, "share", "950000")
-    verdict = OK if share >= SMALLEST_SHARE else WORSE
+    verdict = OK if share >= SHARE_MINIMUM else WORSE
     return Finding(
         name,
         verdict,
@@ -92,9 +92,7 @@ def clock_source(machine, wants):
         if better
         else ("`dmesg | grep -i clocksource` says why it is this one")
     )
-    return Finding(
-        "clock source", WORSE, now, "every look at the clock is a system call, and takes a microsecond or more", cure
-    )
+    return Finding("clock source", WORSE, now, "every clock reading is a system call of a microsecond or more", cure)
 
 
 def word_size(machine, wants):

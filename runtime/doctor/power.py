@@ -1,4 +1,4 @@
-"""Power: processors that are fast when they are needed, and have the voltage for it."""
+"""Checks of power management: processor frequency, idle states and supply voltage."""
 
 import re
 
@@ -7,10 +7,10 @@ from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding
 from runtime.machine.probe import JETSON, PI
 from runtime.machine.realtime import IDLE_DEVICE
 
-LONGEST_WAKE = 20  # µs that a processor may take to wake
+WAKE_LATENCY_LIMIT = 20  # µs
 CPU = "/sys/devices/system/cpu"
 GET_THROTTLED = "/sys/devices/platform/soc/soc:firmware/get_throttled"
-THROTTLED = {  # bit of get_throttled: what it means; 16 bits further up: that it has happened since the start
+THROTTLED = {  # bit of get_throttled, set at present; 16 bits higher: set since the start
     0: "too little voltage",
     1: "frequency capped",
     2: "throttled",
@@ -36,7 +36,7 @@ def governor(machine, wants):
 
 
 def idle_states(machine, wants):
-    """`disable` is per state; the latency is what waking takes at most."""
+    """Check the deepest enabled idle state. `disable` is per state; `latency` is the maximum time to wake."""
     states = {}
     for name in machine.glob(f"{CPU}/cpu0/cpuidle/state*/latency"):
         folder = name.rpartition("/")[0]
@@ -46,7 +46,7 @@ def idle_states(machine, wants):
         return Finding("idle states", OK, "none")
     deepest = max(states, key=states.get)
     found = f"{deepest} takes {states[deepest]} µs to wake from"
-    if states[deepest] <= LONGEST_WAKE:
+    if states[deepest] <= WAKE_LATENCY_LIMIT:
         return Finding("idle states", OK, found)
     device = machine.devices("cpu_dma_latency")
     if device and device[0].usable:
@@ -70,7 +70,7 @@ def idle_states(machine, wants):
 
 
 def throttling(machine, wants):
-    """Bits as vcgencmd prints them; the file in /sys has the same number, without 0x."""
+    """Check the firmware's throttling bits: of vcgencmd, or the file in /sys with the same number without 0x."""
     if machine.kind != PI:
         return None
     text = machine.read(GET_THROTTLED) or machine.output("vcgencmd", "get_throttled").rpartition("=")[2]
@@ -113,7 +113,7 @@ def power_mode(machine, wants):
 
 
 def strength(mode):
-    """MAXN knows no cap; the others are called by their watts."""
+    """Return the power of a mode in W; infinity for MAXN, which has no limit."""
     watts = re.search(r"(\d+)W", mode)
     return float("inf") if mode.startswith("MAXN") else float(watts[1]) if watts else 0.0
 

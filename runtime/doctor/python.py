@@ -1,4 +1,4 @@
-"""The Python that runs this, and where recordings go."""
+"""Checks of the Python interpreter and the folder of recordings."""
 
 import os
 import platform
@@ -7,7 +7,7 @@ import sysconfig
 
 from runtime.machine.finding import BAD, OK, WORSE, Finding
 
-LITTLE, TOO_LITTLE = 2 << 30, 100 << 20  # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
+FREE_SPACE_WORSE, FREE_SPACE_BAD = 2 << 30, 100 << 20  # bytes: an hour of 60 signals at 1000 Hz is 2 GB of CSV
 
 
 def python(machine, wants):
@@ -39,7 +39,7 @@ def recordings(machine, wants):
         )
     space = os.statvfs(there)
     free = space.f_bavail * space.f_frsize
-    verdict = OK if free >= LITTLE else WORSE if free >= TOO_LITTLE else BAD
+    verdict = OK if free >= FREE_SPACE_WORSE else WORSE if free >= FREE_SPACE_BAD else BAD
     return Finding(
         "recordings",
         verdict,

@@ -1,7 +1,7 @@
-"""The shell script of `doctor --script`: what sets right what the checks found wanting, for a person to read and run.
+"""Shell script of `doctor --script` with the remedies of findings.
 
-It is made of parts, each of which says why it is there. Whatever it does can be done again and changes nothing then.
-With DESTDIR set it writes its files below that folder, runs no command, and needs no root.
+The script consists of parts with a comment on the reason of each. Running it again changes nothing. With DESTDIR set,
+it writes its files below that folder, runs no commands, and needs no root.
 """
 
 import re
@@ -58,18 +58,14 @@ FIRMWARE_CONFIG, OLDER_CONFIG = "/boot/firmware/config.txt", "/boot/config.txt"
 
 
 def script(machine, wants, findings, program):
-    """Lines of the script. program : how the person starts us"""
+    """Return the lines of the script. program : command that starts this program"""
     wanting = {}
     for finding in findings:
         if finding.part and finding.verdict != OK:
             wanting.setdefault(finding.part, []).append(finding)
     about = one_line("; ".join(part for part in (machine.model, machine.system, f"Linux {machine.kernel}") if part))
     if not wanting:
-        return [
-            "#!/bin/sh",
-            f"# {about}",
-            f"# `{program} doctor --script` found nothing wanting that a script could set right.",
-        ]
+        return ["#!/bin/sh", f"# {about}", f"# `{program} doctor --script` found nothing that a script can change."]
     parts = [
         reasons(wanting[name]) + part(wants, wanting[name]).lstrip("\n")
         for name, part in PARTS.items()
@@ -89,7 +85,7 @@ def one_line(text):
 
 
 def reasons(findings):
-    """The comment above a part."""
+    """Return the comment above a part."""
     seen = dict.fromkeys(f"# {finding.name}: {finding.found}; {finding.why}." for finding in findings)
     return "\n".join(re.sub(r"\s", " ", line) for line in seen) + "\n"
 
@@ -158,7 +154,7 @@ run systemctl enable --now tickwork-clocks.service
 
 
 def modules(wants, findings):
-    """The pins: NVIDIA's Jetson Linux Developer Guide, Controller Area Network."""
+    """Return the part for a Jetson's CAN modules. Pins: NVIDIA Jetson Linux Developer Guide, Controller Area Network"""
     return f"""
 # If no interface appears, or no frame is received, configure the pins for CAN: sudo /opt/nvidia/jetson-io/jetson-io.py
 # The pins need a transceiver (3.3 V) between them and the bus.
@@ -172,8 +168,9 @@ run modprobe -a can can_raw mttcan
 
 
 def overlay(wants, findings):
-    """Overlays and their parameters: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: the makers
-    of the HATs.
+    """Return the part for a Raspberry Pi's CAN overlays.
+
+    Source: boot/overlays/README of the Raspberry Pi firmware; crystals and pins: manufacturers of the HATs.
     """
     if wants.overlays:
         lines = "\n".join(f"config_line {shlex.quote('dtoverlay=' + text)}" for text in wants.overlays)
@@ -197,8 +194,10 @@ def can(wants, findings):
 
 
 def can_files(wants, names, downs=""):
-    """A unit for systemd-networkd, which sets the bitrate and brings the interface up; and the queue, which it does not
-    know everywhere.
+    """Return the files that configure CAN interfaces.
+
+    A unit for systemd-networkd sets the bitrate and brings the interface up; a udev rule sets the queue length, which
+    older versions of networkd lack.
     """
     queues = "\n".join(
         f'SUBSYSTEM=="net", ACTION=="add|change", KERNEL=="{name}", ATTR{{tx_queue_len}}="{wants.queue}"'

@@ -1,10 +1,10 @@
-"""What the person who runs the robot is allowed."""
+"""Checks of the privileges of the user who runs the robot."""
 
 from runtime.base.system import CAP_IPC_LOCK, CAP_SYS_NICE, exhausted_group
 from runtime.machine.finding import OK, UNKNOWN, WORSE, Finding
 from runtime.machine.realtime import LIMITS_FILE, PRIORITY
 
-NEEDED_MEMORY = 512 << 20  # bytes: a run with its libraries, and what it grows by
+MEMORY_REQUIRED = 512 << 20  # bytes: a run with its libraries and its growth
 AGAIN = "then log in again"
 
 
@@ -28,7 +28,7 @@ def memlock(machine, wants):
     if machine.capable(CAP_IPC_LOCK):
         return Finding("memlock", OK, f"{machine.user} may lock any amount of memory")
     limit = machine.limit("Max locked memory")
-    if limit is None or limit >= NEEDED_MEMORY:
+    if limit is None or limit >= MEMORY_REQUIRED:
         return Finding(
             "memlock",
             OK,
@@ -60,7 +60,7 @@ def control_group(machine, wants):
 
 
 def groups(machine, wants):
-    """Groups in effect, and those that only the next login brings."""
+    """Check the groups in effect, and those that only the next login adds."""
     if machine.user == "?":
         return Finding("groups", UNKNOWN, "`id` does not tell who this is")
     names = [line.split(":")[0] for line in machine.read("/etc/group").splitlines()]

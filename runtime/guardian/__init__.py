@@ -1,31 +1,28 @@
-"""The guardian as the control process sees it: a process of its own that stops the actuators where this one cannot.
+"""The guardian: a separate process that stops the actuators if the control process cannot.
 
     guardian = GuardianProcess(page, lines, bell, locks)
-    guardian.configure(plan)              # its buses are open from here on, and it watches
+    guardian.configure(plan)              # opens its buses and starts to watch
     ...                                   # the run
     report = guardian.finish()
 
-The plan is a dict that JSON can carry:
+The plan is a dict that can be encoded as JSON:
 
-    buses       of each: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number; None
-    where the loop drives
-                the bus itself)
-    devices     of each: name, bus (index), zero and disable as [id, data], unanswered (how many frames of disable are),
-    replies as
-                [id, mask, first digits], damp (as below, or None); data in hex digits, ids with the flag bits of struct
-                can_frame
+    buses       for each bus: name, interface, channel, bitrate, fd, options (of python-can), virtual, line (its number;
+                None if the loop drives the bus itself)
+    devices     for each device: name, bus (index), zero and disable as [id, data], unanswered (number of disable frames
+                without a reply), replies as [id, mask, first digits], damp (as below, or None); data in hex digits, ids
+                with the flag bits of struct can_frame
     damp        duration and round in s, acceleration in rad/s², bands as [highest speed in rad/s or None, frames as
-    above], velocity:
-                the fields of graph.ReplyField with frames like replies, or None
-    relays      of each charge pump: descriptor of its line, gpio (whether that is a GPIO line), frames (two in hex
-    digits, sent in turn), hold in s items       what a tick can hang with, by the numbers that the watchdog of the loop
-    puts on the page
+                above], velocity: the fields of graph.ReplyField with frames like replies, or None
+    relays      for each charge pump: descriptor of its line, gpio (whether it is a GPIO line), frames (two in hex
+                digits, sent alternately), hold in s
+    items       names of what a tick can hang in, by the numbers that the loop's watchdog writes to the shared state
     limit       s without a tick after which the loop counts as stalled
     priority    of SCHED_FIFO, or None
 
-The guardian writes on the page when it has looked last, and holds a mutex there: where its look is longer ago than
-GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The actuators on buses that the guardian carried are
-then stopped from here, by `take_over`.
+The guardian writes the time of its last check to the shared state, and holds a mutex there. If the time is older than
+GUARDIAN_SILENCE, or its thread has died, the loop ends the run. The control process then stops the actuators on the
+buses that the guardian carried with `take_over`.
 """
 
 import json
@@ -51,7 +48,7 @@ FLAGS = 0xE0000000  # of struct can_frame: extended, remote, error
 
 
 class GuardianError(Exception):
-    """There is no guardian, so nothing may be armed. troubles : {bus: why it cannot be opened}"""
+    """Failure to start the guardian, so nothing may be armed. troubles : {bus: reason it cannot be opened}"""
 
     def __init__(self, words, troubles):
         super().__init__(words)
@@ -59,20 +56,20 @@ class GuardianError(Exception):
 
 
 class GuardianProcess(ChildProcess):
-    """The guardian of one run. Spawned at once.
+    """Guardian of one run, spawned at once.
 
     page : cext.safety.shared_state.Page
     lines : cext.ring.rings.Lines, or None where the loop drives every bus itself
-    bell : file descriptor of the eventfd that the loop rings, or -1
-    locks : runtime.guardian.lock.BusLock of every bus, which it holds as long as it lives
+    bell : file descriptor of the eventfd that the loop signals, or -1
+    locks : runtime.guardian.lock.BusLock of every bus, which the guardian inherits
     lines_of_relays : file descriptors of the plan's relays
 
-    pid : number of the process
-    granted : what the system has granted it, in words
+    pid : ID of the process
+    granted : privileges that it obtained, as text
     """
 
     def __init__(self, page, lines, bell, locks, lines_of_relays=()):
-        page.take_hold()  # before anybody waits for it
+        page.take_hold()  # before another process waits for it
         self._page = page
         inherited = (
             page.fd,
@@ -86,12 +83,12 @@ class GuardianProcess(ChildProcess):
         self._plan = None
 
     def configure(self, plan):
-        """Send the plan and wait until every bus is open. GuardianError; then nothing is left behind."""
+        """Send the plan and wait until every bus is open. Raises GuardianError, with nothing left open."""
         self._plan = plan
         try:
             self._child.stdin.write(json.dumps(plan).encode() + b"\n")
             self._child.stdin.flush()
-            import_interfaces(plan["buses"])  # meanwhile: `take_over` has no time for it
+            import_interfaces(plan["buses"])  # in advance, since `take_over` must be fast
             answer = self._answer(READY_TIMEOUT)
         except BrokenPipeError:
             answer = None
@@ -105,12 +102,12 @@ class GuardianProcess(ChildProcess):
         self.granted, self._group = answer["granted"], answer["group"]
 
     def finish(self):
-        """The run is over: let it go. Returns its report.
+        """End the guardian after the run. Returns its report.
 
-        stop : what it has done on its own, None if nothing: `because` is "died", "stalled" or "hung"; `silent`, `took`
-            in s; `last_tick`; `block`, where one hung; `confirmed`, `unconfirmed` are names of devices
-        troubles : {bus: why it failed}
-        died : how it ended, where it did not last to the end
+        stop : the safe stop that it performed, or None: `because` is "died", "stalled" or "hung"; `silent`, `took` in
+            s; `last_tick`; `block` that hung; `confirmed`, `unconfirmed` are names of devices
+        troubles : {bus: reason it failed}
+        died : how the process ended, if it ended early
         """
         try:
             self._child.stdin.write(b"release\n")
@@ -122,7 +119,7 @@ class GuardianProcess(ChildProcess):
         return answer | {"died": None} if answer is not None else {"stop": None, "troubles": {}, "died": how}
 
     def kill(self, patience=0.0):
-        """End it, by force if it takes longer than `patience` s, and say how it ended."""
+        """End the process, by force after `patience` s, and return how it ended."""
         if self._child.stdin.closed:
             return ending(self._child.returncode)
         self._page.let_go()
@@ -141,11 +138,11 @@ class GuardianProcess(ChildProcess):
         return ending(self._child.returncode)
 
     def take_over(self):
-        """Where the guardian does not answer: open every bus from here, and stop the actuators.
+        """Open every bus and stop the actuators, if the guardian does not respond.
 
-        Returns (how the guardian ended, {bus: why it could not be opened}, the report of the stop).
+        Returns (how the guardian ended, {bus: reason it could not be opened}, report of the stop).
         """
-        self._child.kill()  # it is reaped below, once the actuators are stopped
+        self._child.kill()  # reaped below, after the actuators are stopped
         deadline = time.monotonic() + GUARDIAN_KILL_LIMIT * 1e-9
         while not self._page.guardian_died and time.monotonic() < deadline:
             time.sleep(0.0002)
@@ -183,9 +180,7 @@ class GuardianProcess(ChildProcess):
 
 
 def import_interfaces(buses):
-    """Import what `open_wire` needs for the buses that the guardian carries. An interface that cannot be imported is
-    reported by the guardian.
-    """
+    """Import what `open_wire` needs for the buses of the guardian. The guardian reports a failed import."""
     for bus in buses:
         if bus["line"] is not None:
             with suppress(Exception):
@@ -199,8 +194,11 @@ def ending(code):
 
 
 def plan(buses, schedule, diagram, priority, relays=()):
-    """The guardian's plan. buses : as above, those of CAN alone; priority : of the loop's SCHED_FIFO, or None; relays :
-    as above
+    """Return the guardian's plan.
+
+    buses : CAN buses, with the keys above
+    priority : of the loop's SCHED_FIFO, or None
+    relays : as above
     """
     place = {
         bus: number
@@ -232,7 +230,7 @@ def plan(buses, schedule, diagram, priority, relays=()):
 
 
 def damping(stop):
-    """A graph.DampedStop as the plan has it."""
+    """Convert a graph.DampedStop for the plan."""
     if stop is None:
         return None
     field = stop.velocity

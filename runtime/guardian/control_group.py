@@ -1,11 +1,10 @@
-"""A control group for the guardian alone, outside of the group of its run.
+"""Control group for the guardian alone, outside the group of its run.
 
-systemd stops a unit, and systemd-oomd frees memory, by killing every process of one control group and of those below
-it. `enter` moves the calling process out of the group in which the run was started, as far up the hierarchy (version 2)
-as the system permits: root may use all of it, and a process below user@UID.service that part. Elsewhere the guardian
-stays where it is.
+systemd stops a unit, and systemd-oomd frees memory, by killing every process of a control group and its descendants.
+`enter` moves the calling process out of the group in which the run was started, as far up the hierarchy (version 2) as
+permitted: root may use all of it, a process below user@UID.service that part. Elsewhere the guardian does not move.
 
-An empty group is left behind only where both the guardian and the run are killed; the next guardian removes it.
+An empty group remains only if both the guardian and the run are killed; the next guardian removes it.
 """
 
 import os
@@ -18,9 +17,7 @@ PREFIX = "tickwork-guardian-"
 
 
 def enter():
-    """Move this process into a group of its own. Returns (its folder, the folder of the group it came from), or
-    None.
-    """
+    """Move this process into a new group. Returns (folder of the group, folder of the previous group), or None."""
     top, before = hierarchy(), group_of("self")
     if top is None or before is None:
         return None
@@ -37,9 +34,7 @@ def enter():
 
 
 def leave(own, came_from):
-    """Move this process back, and remove its own group. Where the group it came from has gone, another process has to
-    remove it.
-    """
+    """Move this process back, and remove its group. If the previous group is gone, a later guardian removes it."""
     if move_here(came_from):
         remove(own)
 
@@ -59,7 +54,7 @@ def remove_stale(parent):
 
 
 def hierarchy():
-    """Folder of the control groups of version 2, None where there are none."""
+    """Return the folder of the control groups of version 2, None if there is none."""
     for line in read("/proc/self/mounts").splitlines():
         _, folder, kind, *_ = line.split()
         if kind == "cgroup2":
@@ -68,9 +63,7 @@ def hierarchy():
 
 
 def group_of(process):
-    """Path of a process's group in the hierarchy, without a slash in front; None where it is outside of what this
-    process may see.
-    """
+    """Return the path of a process's group in the hierarchy, without a leading slash; None if it is outside."""
     for line in read(f"/proc/{process}/cgroup").splitlines():
         number, _, path = line.split(":", 2)
         if number == "0" and ".." not in path.split("/"):
@@ -79,7 +72,7 @@ def group_of(process):
 
 
 def move_here(group):
-    """Move this process into a group, with all its threads. Returns whether the system permits it."""
+    """Move this process with all its threads into a group. Returns whether this is permitted."""
     try:
         procs = os.open(group / "cgroup.procs", os.O_WRONLY | os.O_CLOEXEC)
     except OSError:

@@ -1,7 +1,7 @@
-"""One controller for each bus: a lock that ends with whoever holds it, kill -9 included, and names its process.
+"""Lock that gives each bus a single controller, ends with its holder, and identifies the holder's process.
 
-It is a socket in Linux's abstract namespace that listens and never answers: there is no file that could be left behind.
-The guardian inherits it, so that a bus is not free before its actuators are stopped.
+It is a socket in Linux's abstract namespace that listens and never replies, so no file can be left behind. The guardian
+inherits it, so that a bus is released only after its actuators are stopped.
 """
 
 import errno
@@ -14,16 +14,16 @@ import time
 
 from cext.safety.thresholds import BUS_LOCK_RELEASE_LIMIT
 
-NAME_BYTES = 80  # at most; the system takes 107
+NAME_BYTES = 80  # limit; the system allows 107
 CREDENTIALS = struct.Struct("iII")  # struct ucred: pid, uid, gid
 
 
 class BusTaken(Exception):
-    """Another process controls the bus.
+    """A bus that another process controls.
 
-    pid : its number, 0 if the system does not tell
-    user : number of the account that it runs under, None if the system does not tell
-    owner : the process and its account in words
+    pid : ID of the process, 0 if unknown
+    user : ID of its account, None if unknown
+    owner : process and account as text
     """
 
     def __init__(self, pid, user=None):
@@ -32,9 +32,9 @@ class BusTaken(Exception):
 
 
 class BusLock:
-    """The right to command what is on a bus, from now until `close`. BusTaken.
+    """Exclusive right to command a bus, from construction until `close`. Raises BusTaken.
 
-    interface, channel : as python-can names them
+    interface, channel : names of python-can
     """
 
     def __init__(self, interface, channel):
@@ -63,7 +63,7 @@ class BusLock:
 
 
 def name_of(interface, channel):
-    channel = os.path.realpath(channel) if os.path.exists(channel) else channel  # two links to one port are one bus
+    channel = os.path.realpath(channel) if os.path.exists(channel) else channel  # links to one port are one bus
     name = f"tickwork/bus/{interface}/{channel}".encode()
     if len(name) > NAME_BYTES:
         name = name[: NAME_BYTES - 33] + b"/" + hashlib.sha256(name).hexdigest()[:32].encode()
@@ -71,9 +71,7 @@ def name_of(interface, channel):
 
 
 def holder(name):
-    """(process, account) that listens at a name, as numbers; 0 and None if the system does not tell. None if there is
-    none by now.
-    """
+    """Return (process ID, account ID) of the holder of a name; 0 and None for unknown ones. None without a holder."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as visitor:
         visitor.setblocking(False)
         try:
@@ -102,7 +100,7 @@ def in_words(pid, user):
 
 
 def account(user):
-    """The name of an account, or its number where it has none, as in a container."""
+    """Return the name of an account, or its number if it has none, as in a container."""
     try:
         return pwd.getpwuid(user).pw_name
     except KeyError:

@@ -1,13 +1,12 @@
-"""The guardian process itself: carries frames, watches the loop, and stops the actuators where the loop cannot.
+"""The guardian process: it carries frames, watches the loop, and stops the actuators if the loop cannot.
 
-    watch       the control process by its loop's hold on the page and by its pidfd (death), its loop by the time of its
-    newest tick on the
-                page (stall), and by what stands there of a block that hangs or crashes
-    stop        the fence first; then zero torque and disable to every actuator on every bus, until each has confirmed
-    or 200 ms have passed carry       frames between the rings and the interfaces that are ours; behind the fence none
-    but those of the safe stop
+    watch       the control process, by its mutex in the shared state and by its pidfd (death); the loop, by the time of
+                its newest tick (stall), and by the block that hangs or crashes in the shared state
+    stop        raise the fence; then send zero torque and disable to every actuator, until each has confirmed or
+                200 ms have passed
+    carry       frames between the rings and its interfaces; behind the fence only those of the safe stop
 
-It ends with the control process, or when that says so. Signals do not end it.
+It ends with the control process, or by its order. It ignores signals.
 """
 
 import gc
@@ -38,8 +37,10 @@ NAME = "tickwork-guard"
 
 
 def main(answers, control, page, lines, bell):
-    """The process. File descriptors: of the pipe for answers, a pidfd of the control process, the page, the lines or
-    -1, the bell or -1.
+    """Run the process.
+
+    The arguments are file descriptors: pipe for answers, pidfd of the control process, shared state, lines or -1, bell
+    or -1.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
@@ -54,18 +55,18 @@ class Guardian:
     def __init__(self, page, lines, bell, answers, control):
         self.page, self.lines, self.bell, self.answers, self.control = page, lines, bell, answers, control
         self.heard = b""
-        # dead: its loop; gone: all of the process, which may take it 20 ms more
+        # dead: its loop; gone: the whole process, which may take 20 ms longer
         self.released = self.dead = self.gone = self.told = False
         self.stop = self.verdict = self.mourner = self.groups = None
-        self.stuck_at = None  # ns at which to look whether what hangs still does
+        self.stuck_at = None  # ns at which to check whether the block still hangs
         self.wires, self.carried, self.places, self.relays = {}, [], {}, []
-        self.drained = {}  # ns, by the index of a wire: everything that came earlier has been read
+        self.drained = {}  # ns, by the index of a wire: everything older has been read
         self.poll = select.poll()
         for descriptor in (control, ORDERS, *([bell] if bell >= 0 else ())):
             self.poll.register(descriptor, select.POLLIN)
 
     def prepare(self):
-        """Get the plan, open the wires, take what the system grants. False where that is not to be."""
+        """Receive the plan, open the wires, request privileges. Returns False if the run must not start."""
         while b"\n" not in self.heard and not (self.gone or self.released):
             self.look(None)
         if self.gone or self.released:
@@ -112,9 +113,9 @@ class Guardian:
             now = time.monotonic_ns()
             self.page.look_after(now)
             if now - looked > self.limit // 2:
-                grace = now + GUARDIAN_LOOK_PERIOD  # we were away ourselves: so, perhaps, was the whole machine
+                grace = now + GUARDIAN_LOOK_PERIOD  # this process was delayed, perhaps with the whole machine
             looked = now
-            # the page says so: no grace
+            # reported in the shared state: no grace
             if self.stop is None and (self.dead or now >= grace or self.page.hung is not None):
                 self.judge(now)
             self.carry()
@@ -130,20 +131,20 @@ class Guardian:
         return (self.released or self.gone) and (self.stop is None or self.told)
 
     def milliseconds(self):
-        """How long to sleep at most."""
+        """Return the time-out of the next poll in ms."""
         if self.restless or (self.stop is not None and not self.stop.over):
             return 1
         return GUARDIAN_LOOK_PERIOD // 1_000_000
 
     def look(self, milliseconds):
-        """Wait until something happens, and take what it is."""
+        """Wait for an event, and handle it."""
         for descriptor, event in self.poll.poll(milliseconds):
             if descriptor == self.bell:
                 with suppress(BlockingIOError):
                     os.eventfd_read(self.bell)
             elif descriptor in self.places:
                 self.receive(self.places[descriptor])
-                if event & select.POLLHUP or not event & select.POLLIN:  # it is gone
+                if event & select.POLLHUP or not event & select.POLLIN:  # disconnected
                     self.poll.unregister(descriptor)
                     self.wires[self.places.pop(descriptor)].fail(0, "the interface has hung up")
             elif descriptor == self.control:
@@ -160,7 +161,7 @@ class Guardian:
                     self.poll.unregister(ORDERS)
 
     def judge(self, now):
-        """Is the loop there? If not, stop what it has left."""
+        """Check the loop, and begin the safe stop if it has died or stalled."""
         if self.page.state not in ACTIVE:
             return
         silent = now - self.page.beat
@@ -196,18 +197,18 @@ class Guardian:
                     ]
                 )
             else:
-                self.receive(index)  # answers to what came before confirm nothing
+                self.receive(index)  # replies to earlier commands confirm nothing
             self.drained[index] = time.monotonic_ns()
         relays = [Relay(relay, now - silent) for relay in self.relays]
         self.stop = SafeStop(self.devices, self.wires, now, self.verdict["last_tick"] >= 0, relays)
         self.stop.step(now)
 
     def block(self):
-        """What the tick hangs with, in words."""
+        """Return the name of what the tick hangs in."""
         return self.items[self.page.hung] if self.page.hung >= 0 else "the tick"
 
     def carry(self):
-        """What the loop wants sent goes out; behind the fence the frames of the safe stop alone."""
+        """Send the frames of the loop; behind the fence only those of the safe stop."""
         for index, line, wire in self.carried:
             for identifier, data, _ in self.lines.take(line):
                 if (self.verdict is not None or self.page.fenced) and (index, identifier, data) not in self.harmless:
@@ -224,7 +225,7 @@ class Guardian:
                 self.lines.fail(line, wire.trouble[0])
 
     def receive(self, index):
-        """What has come on a wire of ours goes to the loop, and to the safe stop if there is one."""
+        """Pass received frames of a carried bus to the loop, and to a safe stop in progress."""
         before = time.monotonic_ns()
         frames = self.wires[index].receive()
         now = time.monotonic_ns()
@@ -236,7 +237,7 @@ class Guardian:
             self.drained[index] = before
 
     def listen(self):
-        """In a safe stop, what has come where the loop drives the bus."""
+        """Receive frames during a safe stop on a bus that the loop drives."""
         for index, wire in self.wires.items():
             if self.buses[index]["line"] is None:
                 before = time.monotonic_ns()
@@ -247,9 +248,7 @@ class Guardian:
                     self.drained[index] = before
 
     def tell(self):
-        """Once it is done, say what was done: on standard error, and in the recording where its ring has no other
-        writer any more.
-        """
+        """Report a finished safe stop on standard error, and in the recording if no other process writes it."""
         if not self.stop.over:
             return
         self.told = True
@@ -257,7 +256,7 @@ class Guardian:
         print(in_words(self.verdict), file=sys.stderr, flush=True)
 
     def tell_stuck(self):
-        """What nothing could break: a person has to end it."""
+        """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
         self.stuck_at = None
         if self.page.state in ("arming", "running") and not self.gone:
             words = f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run"
@@ -283,33 +282,33 @@ class Guardian:
             control_group.leave(*self.groups)
 
     def answer(self, message):
-        """One line of JSON to the control process, if it still listens."""
+        """Send a line of JSON to the control process, if it still reads."""
         with suppress(BrokenPipeError):
             os.write(self.answers, json.dumps(message).encode() + b"\n")
 
 
 def in_words(verdict):
-    """What happened, in one line."""
+    """Return a verdict as one line of text."""
     tick = f"tick {verdict['last_tick']}" if verdict["last_tick"] >= 0 else "arming"
     why = {
         "died": f"the control process died{cause(verdict)} after {tick}",
-        "hung": f"{verdict.get('block')} hangs: {verdict['silent'] * 1e3:.0f} ms after {tick} it has not come back",
-        "stalled": f"the loop has stood still for {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "hung": f"{verdict.get('block')} hangs: no return {verdict['silent'] * 1e3:.0f} ms after {tick}",
+        "stalled": f"the loop has stalled for {verdict['silent'] * 1e3:.0f} ms after {tick}",
     }[verdict["because"]]
     done = [f"confirmed by {', '.join(verdict['confirmed'])} after {verdict['took'] * 1e3:.0f} ms"] * bool(
         verdict["confirmed"]
     )
     done += [f"NOT confirmed by {', '.join(verdict['unconfirmed'])}"] * bool(verdict["unconfirmed"])
-    return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'nobody to tell'}"
+    return f"tickwork guardian: {why}; zero torque, then disable: {'; '.join(done) or 'no actuator to stop'}"
 
 
 def cause(verdict):
-    """' of SIGSEGV in left/law', where the process could tell."""
+    """Return ' of SIGSEGV in left/law', if the process reported its signal, else ''."""
     return f" of {verdict['signal']} in {verdict['block']}" if "signal" in verdict else ""
 
 
 def hold_on(priority):
-    """Take what the system grants, so that nothing else keeps us from our task: a list of what that is.
+    """Request privileges that protect the guardian from other processes. Returns a list of those granted.
 
     priority : of SCHED_FIFO, None for an ordinary process
     """
@@ -327,7 +326,7 @@ def hold_on(priority):
             granted.append("memory locked")
     if priority is not None:
         with suppress(OSError):
-            for thread in threading.enumerate():  # those that hear an interface, too
+            for thread in threading.enumerate():  # including those that receive from an interface
                 os.sched_setscheduler(
                     thread.native_id, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority)
                 )

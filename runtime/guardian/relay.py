@@ -1,19 +1,20 @@
-"""The relay of a charge pump, held by the guardian while it damps a joint."""
+"""Relay of a charge pump, which the guardian holds while it damps a joint."""
 
 import fcntl
 import os
 import struct
 from contextlib import suppress
 
-# of <linux/gpio.h>; two u64: values, and a mask of the lines that they are for
+# <linux/gpio.h>: two u64, the values and a mask of the lines
 GPIO_V2_LINE_SET_VALUES_IOCTL = 0xC010B40F
 VALUES = struct.Struct("=QQ")
 
 
 class Relay:
-    """
+    """Relay of a charge pump.
+
     relay : of the plan (runtime.guardian)
-    changed : ns, CLOCK_MONOTONIC at which the loop changed the line last
+    changed : ns of CLOCK_MONOTONIC of the loop's last change of the line
     """
 
     def __init__(self, relay, changed):
@@ -22,8 +23,9 @@ class Relay:
         self.changed, self.sent = changed, 0
 
     def change(self, now):
-        """Change the line once more, unless the relay may have dropped: no drive gets its power back. A line that is
-        gone is left alone.
+        """Change the line, unless the relay may have dropped, so that no drive gets its power again.
+
+        Ignores a disconnected line.
         """
         if now - self.changed >= self.hold:
             return

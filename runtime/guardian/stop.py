@@ -1,10 +1,9 @@
-"""The safe stop over wires: zero torque, then disable, again and again until every actuator has confirmed or time is
-up.
+"""Safe stop over wires: zero torque, then disable, repeated until every actuator has confirmed or time is up.
 
-An actuator with `damp` is damped for its time before that, so that no joint drops its wearer: by frames for the speed
-that its replies report.
+An actuator with `damp` is damped first, so that the joint does not give way under the wearer, with frames for the speed
+in its replies.
 
-Answers look alike. Those in the first round may be to what was commanded before, so that they confirm nothing.
+Replies in the first round may belong to earlier commands and confirm nothing, since replies look alike.
 """
 
 import math
@@ -19,12 +18,12 @@ class SafeStop:
     """One safe stop, step by step.
 
     devices : of the plan (runtime.guardian)
-    wires : {index of the bus: wire}, as runtime.guardian.wires has them
-    now : ns, CLOCK_MONOTONIC at which it begins
-    moving : whether they may have been under torque, and are damped where they should be
-    relays : runtime.guardian.relay.Relay, which hold the power of the drives while any is damped
+    wires : {index of the bus: wire of runtime.guardian.wires}
+    now : ns of CLOCK_MONOTONIC at which it begins
+    moving : whether the actuators may be under torque, and are damped if configured
+    relays : runtime.guardian.relay.Relay, which keep the drives powered while any is damped
 
-    due : ns at which `step` has something to do next
+    due : ns of the next `step`
     """
 
     def __init__(self, devices, wires, now, moving=True, relays=()):
@@ -47,7 +46,7 @@ class SafeStop:
         return self.ended is not None
 
     def step(self, now):
-        """Send what is due to those that have not confirmed; see whether all is done."""
+        """Send the due frames to devices that have not confirmed, and check whether the stop is complete."""
         if self.over:
             return
         if not self.waiting or now - self.began >= self.limit:
@@ -68,7 +67,7 @@ class SafeStop:
         self.due = min([self.disabling_due, *(damped.due for damped in self.damped.values())])
 
     def disable(self, now):
-        """A round of zero torque and disable to those that are not damped any more."""
+        """Send zero torque and disable to the devices that are not damped any more."""
         self.disabling_due = now + STOP_ROUND
         self.heard = dict.fromkeys(self.asked & self.waiting.keys(), 0)
         self.asked |= self.waiting.keys() - self.damped.keys()
@@ -83,7 +82,7 @@ class SafeStop:
                 self.sent += 1
 
     def hear(self, bus, identifier, data, now, since=None):
-        """A frame that is no echo, which is read now. since : ns from which on it may have arrived; `now` by default"""
+        """Handle a received frame other than an echo. since : ns of its earliest arrival; `now` by default"""
         for name, damped in self.damped.items():
             if self.waiting[name]["bus"] == bus:
                 damped.bands.hear(identifier, data, now if since is None else since)
@@ -99,7 +98,7 @@ class SafeStop:
             self.ended = now
 
     def report(self):
-        """confirmed, unconfirmed : names; sent : frames; took : s"""
+        """Return a dict with confirmed, unconfirmed (names), sent (frames) and took (s)."""
         return {
             "confirmed": [name for name in self.order if name in self.confirmed],
             "unconfirmed": list(self.waiting),
@@ -109,7 +108,7 @@ class SafeStop:
 
 
 class Damped:
-    """The damping of one device. end, due : ns, CLOCK_MONOTONIC: when it is over, and of the next frames"""
+    """Damping of one device. end, due : ns of CLOCK_MONOTONIC at which it ends, and of the next frames"""
 
     def __init__(self, damp, now):
         velocity = damp["velocity"]
@@ -135,9 +134,7 @@ class Damped:
 
 
 def decoded(device):
-    """A device of the plan with bytes in place of their hex digits, and `speeds`: the replies that carry its
-    velocity.
-    """
+    """Convert a device of the plan: bytes for hex digits, and `speeds`, the replies with its velocity."""
     damp = device["damp"]
     if damp is not None:
         damp = damp | {
@@ -157,7 +154,7 @@ def in_bytes(frames):
 
 
 def frames_of_stop(device):
-    """Every frame that a safe stop may send to a device: the only ones that pass the fence."""
+    """Return every frame that a safe stop may send to a device, which are the only ones that pass the fence."""
     damping = [frame for _, frames in device["damp"]["bands"] for frame in frames] if device["damp"] is not None else []
     return device["zero"] + device["disable"] + damping
 

@@ -1,10 +1,10 @@
-"""Interfaces as the guardian has them: non-blocking, and never an exception once they are open.
+"""Non-blocking interfaces of the guardian, which raise no exception once they are open.
 
-receive()       the frames that have come: a list of (id with the flag bits of struct can_frame, data, arrival in ns of
+receive()       received frames: a list of (id with the flag bits of struct can_frame, data, arrival in ns of
                 CLOCK_MONOTONIC)
-send(id, data)  whether the frame went out
-fileno()        for poll, or None where there is nothing to poll
-counts          {what became of frames: how many}; trouble : (errno, words) once the interface has failed, else None
+send(id, data)  send a frame; returns whether it was sent
+fileno()        for poll, or None if there is nothing to poll
+counts          {kind: number of frames}; trouble : (errno, text) after the interface has failed, else None
 """
 
 import errno
@@ -20,22 +20,22 @@ from contextlib import suppress
 from cext.safety.thresholds import INTERFACE_FAILURE_LIMIT
 
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000
-IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # of Linux, which Python's socket has no names for
-FRAMES_AT_ONCE = 64  # that a wire gives at most
-ECHO = 0.1  # s within which an interface hands back what was sent
-TIMEOUT = 0.002  # s that an interface may take to accept a frame
-QUICK = {"slcan": {"timeout": 0.0}}  # it would wait a millisecond for every byte that is not there yet
-# for an adapter that was open until now: else it would wait 2 s for it to start
+IP_MULTICAST_ALL, IPV6_MULTICAST_ALL = 49, 29  # Linux constants that Python's socket lacks
+FRAMES_AT_ONCE = 64  # limit of frames in one `receive`
+ECHO_TIMEOUT = 0.1  # s within which an interface returns sent frames
+SEND_TIMEOUT = 0.002  # s for an interface to accept a frame
+QUICK = {"slcan": {"timeout": 0.0}}  # the default waits a millisecond for every missing byte
+# for an adapter that was open until now; the default waits 2 s for it to start
 STARTED = {"slcan": {"sleep_after_open": 0.0}}
-# for a frame that has not come; others are heard in a thread
+# `recv` of these returns at once; others are received in a thread
 NEVER_WAITS = {"robotell", "slcan", "udp_multicast", "virtual"}
-WAIT = 0.05  # s that such a thread waits for a frame before it looks whether it is over
-BREATH = 0.0005  # s between two tries of an interface that fails
-REMEMBERED = 1024  # different frames of which an echo is awaited
+RECV_TIMEOUT = 0.05  # s of `recv` in such a thread, between checks for its end
+RETRY_DELAY = 0.0005  # s between two attempts after a failure
+ECHO_LIMIT = 1024  # different frames with an outstanding echo
 
 
 class CannotOpen(Exception):
-    """The interface cannot be opened. The text says why."""
+    """An interface that cannot be opened. The text states the reason."""
 
 
 class Wire:
@@ -51,7 +51,7 @@ class Wire:
         self.trouble = self.trouble or (number or errno.EIO, words)
 
     def failed_once(self, error):
-        """A failure that may pass: many in a row do not."""
+        """Count a temporary failure; many in a row fail the interface."""
         self.failures += 1
         if self.failures >= INTERFACE_FAILURE_LIMIT:
             self.fail(errno_of(error), str(error))
@@ -60,26 +60,25 @@ class Wire:
 class PythonCanWire(Wire):
     """Any interface of python-can.
 
-    What is received is compared with what was sent: some interfaces hand a sender its own frames, as if they had been
-    received.
+    Received frames are compared with those sent, since some interfaces return a sender's own frames as received ones.
     """
 
     def __init__(self, interface, channel, bitrate, fd, options=None):
         super().__init__()
         import can
 
-        logging.getLogger("can").addHandler(logging.NullHandler())  # it is told by whoever opens us, once
+        logging.getLogger("can").addHandler(logging.NullHandler())  # the caller reports errors
         self.message = can.Message
         try:
             given = ({"fd": True} if fd else {}) | QUICK.get(interface, {}) | (options or {})
             self.bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate, **given)
-        except Exception as error:  # what an interface raises is its own
+        except Exception as error:  # interfaces raise any exception
             raise CannotOpen(str(error) or type(error).__name__) from error
         if interface == "udp_multicast":
             keep_apart(self.bus.fileno())
         self.ear = Stamped(self.bus) if interface in NEVER_WAITS else Ear(self.bus)
         self.fd = fd
-        self.echoes = {}  # (id, data): when each was sent whose echo is awaited
+        self.echoes = {}  # (id, data): times of sending with an outstanding echo
 
     def fileno(self):
         try:
@@ -93,7 +92,7 @@ class PythonCanWire(Wire):
         for _ in range(FRAMES_AT_ONCE):
             try:
                 message, arrival = self.ear.recv(0)
-            except Exception as error:  # a TypeError, for half a frame on some serial lines
+            except Exception as error:  # TypeError for half a frame on some serial lines
                 self.failed_once(error)
                 if errno_of(error) or self.trouble:
                     break
@@ -122,24 +121,22 @@ class PythonCanWire(Wire):
                     data=data,
                     is_fd=self.fd and len(data) > 8,
                 ),
-                timeout=TIMEOUT,
+                timeout=SEND_TIMEOUT,
             )
         except Exception as error:
             self.count("refused")
             self.failed_once(error)
             return False
         self.failures = 0
-        if len(self.echoes) >= REMEMBERED:
-            self.echoes = {frame: sent for frame, sent in self.echoes.items() if sent and now - sent[-1] < ECHO}
+        if len(self.echoes) >= ECHO_LIMIT:
+            self.echoes = {frame: sent for frame, sent in self.echoes.items() if sent and now - sent[-1] < ECHO_TIMEOUT}
         sent = self.echoes.setdefault((identifier, data), deque())
         forget(sent, now)
         sent.append(now)
         return True
 
     def is_echo(self, frame):
-        """Each frame that was sent accounts for one echo, for a while: one more, or one too late, is somebody
-        else's.
-        """
+        """Return whether a frame is the echo of a sent one. A further or a late one is from another node."""
         sent = self.echoes.get(frame)
         if sent is None:
             return False
@@ -151,7 +148,7 @@ class PythonCanWire(Wire):
         return False
 
     def close(self):
-        with suppress(Exception):  # of an interface that is gone already
+        with suppress(Exception):  # the interface may be disconnected
             self.ear.close()
             self.bus.shutdown()
 
@@ -191,7 +188,7 @@ class Ear:
 
     def __init__(self, bus):
         self.bus = Stamped(bus)
-        self.came = deque(maxlen=REMEMBERED)  # messages with their arrivals, and what the interface raised
+        self.came = deque(maxlen=ECHO_LIMIT)  # messages with their arrivals, and exceptions of the interface
         self.bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.over = threading.Event()
         self.thread = threading.Thread(target=self.hear, name="ear", daemon=True)
@@ -200,14 +197,14 @@ class Ear:
     def hear(self):
         while not self.over.is_set():
             try:
-                came = self.bus.recv(WAIT)
+                came = self.bus.recv(RECV_TIMEOUT)
             except Exception as error:
                 came = error
             if came != (None, None):
                 self.came.append(came)
                 os.eventfd_write(self.bell, 1)
             if isinstance(came, Exception):
-                self.over.wait(BREATH)
+                self.over.wait(RETRY_DELAY)
 
     def fileno(self):
         return self.bell
@@ -226,13 +223,13 @@ class Ear:
 
     def close(self):
         self.over.set()
-        self.thread.join(4.0 * WAIT)
-        if not self.thread.is_alive():  # one that still hangs in its interface may yet ring
+        self.thread.join(4.0 * RECV_TIMEOUT)
+        if not self.thread.is_alive():  # a thread that hangs in its interface may still use it
             os.close(self.bell)
 
 
 class SocketCanWire(Wire):
-    """A socket of our own on an interface that the loop drives itself: it hears nothing before `listen`."""
+    """Socket of the guardian on an interface that the loop drives; it receives nothing before `listen`."""
 
     FILTER, FD_FRAMES = 1, 5
     FRAME, FD_FRAME = struct.Struct("=IB3x8s"), struct.Struct("=IB3x64s")
@@ -253,7 +250,7 @@ class SocketCanWire(Wire):
         return self.socket.fileno()
 
     def listen(self, replies):
-        """replies : (id, mask, first bytes) of frames to hear"""
+        """Receive replies from here on. replies : (id, mask, first bytes) of frames to receive"""
         self.socket.setsockopt(
             socket.SOL_CAN_RAW,
             self.FILTER,
@@ -293,7 +290,7 @@ class SocketCanWire(Wire):
 
 
 class Unwatched(Wire):
-    """Where the loop drives a bus on which nothing moves: there is nothing to stop, and nothing to hear."""
+    """Bus that the loop drives without actuators: nothing to stop, and nothing to receive."""
 
     def fileno(self):
         return None
@@ -312,7 +309,7 @@ class Unwatched(Wire):
 
 
 def open_wire(bus, again=False):
-    """The wire of a bus of the plan. CannotOpen. again : its adapter has been open until now, and need not start"""
+    """Open the wire of a bus of the plan. Raises CannotOpen. again : its adapter was open until now"""
     if bus["interface"] == "udp":
         return Unwatched()
     if bus["interface"] == "socketcan":
@@ -322,16 +319,16 @@ def open_wire(bus, again=False):
 
 
 def forget(sent, now):
-    """Drop the instants that are too long ago for an echo."""
-    while sent and now - sent[0] >= ECHO:
+    """Drop times that are too old for an echo."""
+    while sent and now - sent[0] >= ECHO_TIMEOUT:
         sent.popleft()
 
 
 def keep_apart(descriptor):
-    """Let a socket hear its own multicast group alone. By itself it hears every group that some process of this machine
-    has joined.
+    """Restrict a socket to its own multicast group.
 
-    What it has heard until now, which may be the drives of another robot, is thrown away.
+    By default it receives all groups that any process of this machine has joined. Frames received so far, perhaps from
+    the drives of another robot, are discarded.
     """
     with socket.socket(fileno=os.dup(descriptor)) as twin:
         if twin.family == socket.AF_INET6:
@@ -353,7 +350,7 @@ def identifier_of(message):
 
 
 def errno_of(error):
-    """The errno behind an exception of an interface, 0 if there is none."""
+    """Return the errno of an interface's exception, 0 if it has none."""
     while error is not None:
         if isinstance(error, OSError) and error.errno:
             return error.errno

@@ -1,4 +1,4 @@
-"""CAN interfaces: up, at the right bitrate, healthy, and with room for the frames of a tick."""
+"""Checks of CAN interfaces: up, at the configured bitrate, healthy, and with a long enough queue."""
 
 import json
 
@@ -6,11 +6,11 @@ from runtime.machine.finding import BAD, OK, UNKNOWN, WORSE, Finding, Wants
 from runtime.machine.probe import JETSON, PI
 
 ARPHRD_CAN = "280"
-SHORTEST_QUEUE = 64  # frames
+QUEUE_MINIMUM = 64  # frames
 STATES = {
     "ERROR-WARNING": (WORSE, "frames are lost or not acknowledged"),
-    "ERROR-PASSIVE": (BAD, "no frame is acknowledged: a wire, a terminator, the bitrate, or drives without power"),
-    "BUS-OFF": (BAD, "it has withdrawn from the bus after too many errors: a wire, a terminator, or the bitrate"),
+    "ERROR-PASSIVE": (BAD, "no frame is acknowledged: check wiring, termination, bitrate and drive power"),
+    "BUS-OFF": (BAD, "the controller left the bus after too many errors: check wiring, termination and bitrate"),
 }
 
 
@@ -49,7 +49,7 @@ def none(machine):
 
 
 def interface(machine, wants, name, link):
-    """Findings about one interface: one for each trouble, or one that all is well."""
+    """Return the findings of one interface: one for each problem, or a single one without any."""
     driver = machine.target(f"/sys/class/net/{name}/device/driver")
     queue = int(machine.read(f"/sys/class/net/{name}/tx_queue_len") or 0)
     up = machine.read(f"/sys/class/net/{name}/operstate") != "down"
@@ -71,7 +71,7 @@ def interface(machine, wants, name, link):
     if bitrate is None:
         trouble(
             UNKNOWN,
-            "its bitrate cannot be told",
+            "its bitrate is unknown",
             "at another bitrate than the drives' no frame gets through",
             f"look at: ip -details link show {name}" if link else "sudo apt install iproute2",
             "",
@@ -95,7 +95,7 @@ def interface(machine, wants, name, link):
             "once withdrawn from the bus it stays so, until somebody takes it down and up again",
             down_first,
         )
-    if queue < SHORTEST_QUEUE:
+    if queue < QUEUE_MINIMUM:
         trouble(
             WORSE,
             f"room for {queue} frames",
@@ -115,7 +115,7 @@ def interface(machine, wants, name, link):
 
 
 def bring_up(name, bitrate, restart=Wants.restart, queue=Wants.queue):
-    """The commands that take an interface up."""
+    """Return the commands that bring an interface up."""
     return (
         f"sudo ip link set {name} type can bitrate {bitrate} restart-ms {restart} && "
         f"sudo ip link set {name} txqueuelen {queue} up"

@@ -1,4 +1,4 @@
-"""What a check says."""
+"""Result of a check, and the requirements for the machine."""
 
 from dataclasses import dataclass, field
 
@@ -8,14 +8,15 @@ SEVERITY = (BAD, WORSE, UNKNOWN, OK)
 
 @dataclass
 class Finding:
-    """
-    name : what was looked at
+    """Result of a check.
+
+    name : subject of the check
     verdict : "ok"; "worse": a robot runs, but less well; "bad": it does not run, or must not; "unknown"
-    found : what is there
+    found : observed state
     why : why it matters, in one sentence
-    cure : what to change, in one line
-    part : of the script that does so, "" if none does
-    subject : what the part is about: an interface, a group, a mode
+    cure : remedy, in one line
+    part : part of the script with the remedy, "" for none
+    subject : what that part applies to: an interface, a group, a mode
     """
 
     name: str
@@ -29,14 +30,14 @@ class Finding:
 
 @dataclass
 class Wants:
-    """What a person wants of the machine.
+    """Requirements for the machine.
 
     bitrate : bit/s of the CAN buses
-    queue : frames that may wait in a CAN interface
-    restart : ms after which a CAN interface comes back from bus-off
-    user : who runs the robot; None: whoever asks
+    queue : frames in the queue of a CAN interface
+    restart : ms until a CAN interface restarts after bus-off
+    user : account that runs the robot; the calling one by default
     folder : of the recordings
-    overlays : lines for a Raspberry Pi's config.txt, behind `dtoverlay=`
+    overlays : lines for a Raspberry Pi's config.txt, without `dtoverlay=`
     """
 
     bitrate: int = 1_000_000

@@ -1,21 +1,21 @@
-"""Serial ports and I2C buses: there, permitted, and not slowed down."""
+"""Checks of serial ports and I2C buses: present, permitted, and at full speed."""
 
 from runtime.machine.finding import BAD, OK, WORSE, Finding
 from runtime.machine.probe import PI
 
-SLOWEST_I2C = 400_000  # Hz, that IMUs expect
+I2C_CLOCK_MINIMUM = 400_000  # Hz, for IMUs
 SERIAL = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyTHS*")
 
 
 def serial_ports(machine, wants):
-    ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # those are consoles
+    ports = [port for port in machine.devices(*SERIAL) if port.group != "tty"]  # group tty: consoles
     if not ports:
         return Finding("serial ports", OK, "none")
     return permission(machine, "serial ports", ports, "serial")
 
 
 def serial_latency(machine, wants):
-    """Only FTDI chips have the timer; it is in ms."""
+    """Check the latency timer, in ms, that only FTDI chips have."""
     timers = {
         name.split("/")[-2]: machine.read(name) for name in machine.glob("sys/bus/usb-serial/devices/*/latency_timer")
     }
@@ -29,7 +29,7 @@ def serial_latency(machine, wants):
         "serial latency",
         WORSE,
         ", ".join(f"{timer} ms on {port}" for port, timer in slow.items()),
-        "an FTDI chip keeps what it has received for so long before it hands it over",
+        "an FTDI chip delays received data by up to this time",
         f"echo 1 | sudo tee /sys/bus/usb-serial/devices/{port}/latency_timer",
         "ftdi",
     )
@@ -56,14 +56,15 @@ def i2c_buses(machine, wants):
 
 
 def i2c_speed(machine, wants):
-    """The device tree has the clock as four bytes, the highest first. Only on a Pi is it known which bus is on the
-    header: 1.
+    """Check the I2C clock, which the device tree has as four bytes, big-endian.
+
+    Only a Raspberry Pi has a fixed number for the bus of its header: 1.
     """
     clock = machine.raw("/sys/class/i2c-adapter/i2c-1/of_node/clock-frequency")
     if machine.kind != PI or len(clock) != 4:
         return None
     rate = int.from_bytes(clock, "big")
-    if rate >= SLOWEST_I2C:
+    if rate >= I2C_CLOCK_MINIMUM:
         return Finding("I2C speed", OK, f"{rate / 1e3:g} kHz")
     return Finding(
         "I2C speed",
@@ -76,7 +77,7 @@ def i2c_speed(machine, wants):
 
 
 def permission(machine, name, devices, part):
-    """Finding about devices that this user may use, or may not."""
+    """Return a finding on devices that this user may or may not open."""
     refused = [device for device in devices if not device.usable]
     if not refused:
         return Finding(name, OK, ", ".join(device.name for device in devices))

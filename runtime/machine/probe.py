@@ -1,7 +1,7 @@
-"""Where checks look: this machine, or a folder that holds another's files and the outputs of its commands.
+"""Source of the checks: this machine, or a folder with the files and command outputs of another.
 
-Such a folder has the files at their places (proc/version, sys/class/net/can0/type) and in `commands/` a file for each
-command that a check may run, with the words as its name and slashes as underscores: `commands/ip -details -json link`,
+Such a folder has the files at their paths (proc/version, sys/class/net/can0/type), and in `commands/` a file for each
+command that a check may run, named by the command line with slashes as underscores: `commands/ip -details -json link`,
 `commands/id`, `commands/ls -l _dev`.
 """
 
@@ -20,7 +20,7 @@ PI, JETSON, OTHER = "pi", "jetson", "other"
 
 @dataclass(frozen=True)
 class Device:
-    """A file in /dev. usable : whether this user may read and write it"""
+    """File in /dev. usable : whether this user may read and write it"""
 
     name: str
     group: str
@@ -36,35 +36,35 @@ class Machine:
         return self.root / name.lstrip("/")
 
     def raw(self, name):
-        """The bytes of a file, b"" where it cannot be read."""
+        """Return the bytes of a file, b"" for an unreadable one."""
         try:
             return self.path(name).read_bytes()
         except OSError:
             return b""
 
     def read(self, name):
-        """The text of a file without what pads it, "" where it cannot be read."""
+        """Return the stripped text of a file, "" for an unreadable one."""
         return self.raw(name).decode("utf-8", "replace").strip("\0 \n\t")
 
     def exists(self, name):
         return os.path.lexists(self.path(name))
 
     def glob(self, pattern):
-        """Names of files that match, with a slash in front, in the order of their numbers."""
-        found = [f"/{path.relative_to(self.root)}" for path in self.root.glob(pattern.lstrip("/"))]
+        """Return the names of matching files, with a leading slash, in numeric order."""
+        names = [f"/{path.relative_to(self.root)}" for path in self.root.glob(pattern.lstrip("/"))]
         return sorted(
-            found, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
+            names, key=lambda name: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name)]
         )
 
     def target(self, name):
-        """The last part of what a link leads to, or ""."""
+        """Return the last part of a link's target, or ""."""
         try:
             return os.path.basename(os.readlink(self.path(name)))
         except OSError:
             return ""
 
     def output(self, *words):
-        """What a command prints, "" where it is not there, fails, or takes too long."""
+        """Return the output of a command; "" if it is missing, fails, or exceeds COMMAND_TIMEOUT."""
         if not self.here:
             return self.read("commands/" + " ".join(words).replace("/", "_"))
         environment = {**os.environ, "LC_ALL": "C", "PATH": f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"}
@@ -83,7 +83,7 @@ class Machine:
         return done.stdout.strip() if done.returncode == 0 else ""
 
     def devices(self, *patterns):
-        """Devices in /dev whose names match."""
+        """Return the devices in /dev with matching names."""
         names = [
             (name, device)
             for name, device in self._devices.items()
@@ -93,8 +93,9 @@ class Machine:
 
     @cached_property
     def _devices(self):
-        """Devices by name, from what `ls -l /dev` prints. On this machine permission is asked for: it may be more than
-        the mode says.
+        """Devices by name, from the output of `ls -l /dev`.
+
+        On this machine, access is tested, since it may exceed the mode.
         """
         found = {}
         for line in self.output("ls", "-l", "/dev").splitlines():
@@ -115,7 +116,7 @@ class Machine:
 
     @property
     def user(self):
-        """Who asks."""
+        """Name of the calling user."""
         match = re.match(r"uid=(\d+)(?:\(([^)]*)\))?", self._id)
         return (match[2] or match[1]) if match else "?"
 
@@ -125,11 +126,11 @@ class Machine:
 
     @property
     def groups(self):
-        """Names of the groups that this session has."""
+        """Names of the groups of this session."""
         return re.findall(r"\d+\(([^)]*)\)", self._id.partition("groups=")[2])
 
     def members(self, group):
-        """Who is in a group from the next login on; None if there is no such group."""
+        """Return the members of a group, which the next login has; None if there is no such group."""
         for line in self.read("/etc/group").splitlines():
             name, _, _, members = (line.split(":") + [""] * 3)[:4]
             if name == group:
@@ -138,7 +139,7 @@ class Machine:
 
     @property
     def model(self):
-        """What its maker calls it, or ""."""
+        """Model name by its manufacturer, or ""."""
         maker, product = (self.read(f"/sys/class/dmi/id/{name}") for name in ("sys_vendor", "product_version"))
         product = product if re.search("[A-Za-z]{4}", product) else self.read("/sys/class/dmi/id/product_name")
         return self.read("/proc/device-tree/model") or " ".join(part for part in (maker, product) if part)
@@ -161,7 +162,7 @@ class Machine:
         return words[2] if len(words) > 2 else ""
 
     def configured(self, option):
-        """'y' or 'm' of an option of the kernel, "" if it is off or cannot be told."""
+        """Return 'y' or 'm' for an option of the kernel, "" if it is off or unknown."""
         try:
             text = gzip.decompress(self.raw("/proc/config.gz")).decode()
         except (OSError, EOFError):
@@ -171,12 +172,13 @@ class Machine:
         return match[1] if match else ""
 
     def runs(self, program):
-        """Whether a process of this name runs."""
+        """Return whether a process of this name runs."""
         return any(self.read(name) == program for name in self.glob("proc/[0-9]*/comm"))
 
     def limit(self, title):
-        """The hard limit of this session, as /proc/self/limits calls it: a number, None for unlimited. KeyError if it
-        is not there.
+        """Return a hard limit of this session by its name in /proc/self/limits; None for unlimited.
+
+        Raises KeyError for an unknown name.
         """
         for line in self.read("/proc/self/limits").splitlines():
             if line.startswith(title):
@@ -185,6 +187,6 @@ class Machine:
         raise KeyError(title)
 
     def capable(self, capability):
-        """Whether processes of this session have a capability, by its number in linux/capability.h."""
+        """Return whether processes of this session have a capability. capability : number in linux/capability.h"""
         match = re.search(r"^CapEff:\s*([0-9a-f]+)", self.read("/proc/self/status"), re.MULTILINE)
         return bool(match and int(match[1], 16) >> capability & 1)

@@ -1,7 +1,7 @@
-"""A processor for the loop: which one it takes, so that two loops of one machine do not take the same.
+"""Allocation of a processor to the loop, so that two loops on one machine use different ones.
 
-A loop that has one holds a name in Linux's abstract namespace of sockets, as a bus has (runtime.guardian.lock): it ends
-with its holder.
+A loop reserves its processor with a name in Linux's abstract socket namespace, as for a bus (runtime.guardian.lock):
+the reservation ends with the process.
 """
 
 import socket
@@ -10,12 +10,13 @@ from runtime.base.system import read
 
 
 class Processor:
-    """The first of these that no other loop has, from now until `close`; where every one is taken, the first, together
-    with another.
+    """Processor of a loop from construction until `close`.
 
-    numbers : of processors, the best first; one at least
+    It is the first one that no other loop uses; if all are in use, the first, shared.
 
-    number : of the one it is
+    numbers : of processors, at least one, in order of preference
+
+    number : of the allocated processor
     """
 
     def __init__(self, numbers):
@@ -35,10 +36,9 @@ class Processor:
 
 
 def fastest_first(numbers, text_of=read):
-    """Processors with the best for a loop first: of the fastest the last, as it is the first that answers interrupts
-    where nothing else is set.
+    """Return processors in order of preference: the last of the fastest first, since the first serves interrupts.
 
-    text_of : reads a file of the machine, "" where it cannot
+    text_of : function that reads a file of the machine, "" for an unreadable one
     """
 
     def speed(number):

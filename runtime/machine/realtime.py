@@ -1,14 +1,14 @@
-"""What the system grants a loop that must not wait, for the length of a run.
+"""Real-time privileges of a loop for the duration of a run.
 
     realtime = Realtime("try")
-    realtime.obtain()           # RealtimeRefused where "require" does not get everything
+    realtime.obtain()           # RealtimeRefused if "require" does not get everything
     ...                         # the loop, on this thread
-    realtime.release()          # all is as before
+    realtime.release()          # restores the previous settings
 
 The timer slack and the slice are set in every mode, as they need no privilege; the garbage collector is the executor's.
 
-A thread of real-time priority that never sleeps could lock the machine. After SPIN seconds without a sleep ours becomes
-an ordinary one and goes on; `spun` tells it.
+A real-time thread that never sleeps could lock up the machine. After SPIN seconds without a sleep, the thread becomes
+an ordinary one and continues; `spun` reports this.
 """
 
 import os
@@ -32,28 +32,27 @@ from runtime.machine.processor import Processor, fastest_first
 
 MODES = ("off", "try", "require")
 PRIORITY = 80  # below the kernel's own threads that must run (99), above its interrupt threads (50)
-HIGHEST = 98
+PRIORITY_LIMIT = 98
 SPIN = 0.5  # s
-SLICE = 100_000  # ns, the least that Linux knows: longer than a tick of ours computes
-STACK = 512 << 10  # bytes of stack that are there from the beginning
-HEADROOM = 64 << 20  # bytes that a process whose locked memory is limited may still grow by
-GROUP = "realtime"  # who may have what a loop needs, after `doctor --script`
+SLICE = 100_000  # ns, the minimum of Linux, which exceeds the computing time of a tick
+STACK = 512 << 10  # bytes of stack touched in advance
+HEADROOM = 64 << 20  # bytes of growth for a process with a limit on locked memory
+GROUP = "realtime"  # group with the privileges of a loop, which `doctor --script` creates
 LIMITS_FILE = "/etc/security/limits.d/90-tickwork.conf"
 IDLE_DEVICE = "/dev/cpu_dma_latency"
 RISK = (
     "caution: the loop has no real-time priority. Other processes can delay it: ticks are then lost, commands arrive "
-    "late, and the run may "
-    "stop the motors in mid-movement as if a drive were silent"
+    "late, and the run may stop the motors in mid-movement as if a drive were silent"
 )
 
 
 class RealtimeRefused(Exception):
-    """`require` did not get everything. The text has a line for each refusal, and for each its cure."""
+    """Refusal of privileges under `require`. The text has a line for each of them and for each remedy."""
 
 
 @dataclass(eq=False)
 class Refusal(Exception):
-    """name : what was not granted; why : in one line; cure : what grants it, in one line"""
+    """Refused privilege. name : of the privilege; why : reason, in one line; cure : remedy, in one line"""
 
     name: str
     why: str
@@ -61,7 +60,7 @@ class Refusal(Exception):
 
 
 class Realtime:
-    """
+    """Real-time privileges of the calling thread and its process.
     Parameters
     ----------
     mode : "off", "try" or "require"
@@ -70,16 +69,15 @@ class Realtime:
         was granted, the last of the fastest
 
     granted, refused : list of names; list of Refusal
-    processor : number of the one that the loop stays on, None where it may move
-    others : processors for everything else of the run, so that one is free whenever the loop is due; empty where there
-        is only one
-    spun : whether the thread lost its priority because it did not sleep; known after `release`
+    processor : number of the processor that the loop is bound to, None if it may move
+    others : processors for the other processes of the run, so that one is always free for the loop; empty with only one
+    spun : whether the thread lost its priority because it did not sleep; valid after `release`
     """
 
     def __init__(self, mode="off", priority=PRIORITY, cpu=None):
-        if mode not in MODES or not 1 <= priority <= HIGHEST:
+        if mode not in MODES or not 1 <= priority <= PRIORITY_LIMIT:
             raise ValueError(
-                f"a mode of {', '.join(MODES)} and a priority of 1 to {HIGHEST}, not {mode!r} and {priority!r}"
+                f"a mode of {', '.join(MODES)} and a priority of 1 to {PRIORITY_LIMIT}, not {mode!r} and {priority!r}"
             )
         self.mode, self.priority, self.cpu = mode, priority, cpu
         self.granted, self.refused = [], []
@@ -95,8 +93,9 @@ class Realtime:
         self.release()
 
     def obtain(self):
-        """Ask for everything, for the calling thread and its process. RealtimeRefused under "require", with nothing
-        held.
+        """Request all privileges for the calling thread and its process.
+
+        Raises RealtimeRefused under "require", with nothing kept.
         """
         slack = native.timer_slack()
         native.set_timer_slack(1)
@@ -125,11 +124,11 @@ class Realtime:
             )
 
     def release(self):
-        """Give everything back. Again: nothing."""
+        """Restore the previous settings. A second call does nothing."""
         self._undo.close()
 
     def lines(self):
-        """What a person should know before the run, or nothing."""
+        """Return remarks for the operator before the run, or nothing."""
         if self.mode == "off":
             return []
         if not self.refused:
@@ -137,16 +136,16 @@ class Realtime:
         return [f"realtime: granted {', '.join(self.granted)}; NOT granted {self._names()}", *self._cures()]
 
     def risk(self):
-        """Lines for the operator of a rig: what a run without real-time priority risks; none where it was granted."""
+        """Return lines on the risk of a run on a rig without real-time priority; none if it was granted."""
         return [] if any(name.startswith("SCHED_FIFO") for name in self.granted) else [RISK]
 
     def summary(self):
-        """One line for after the run."""
+        """Return one line for the end of the run."""
         lost = f"; LOST its priority: {SPIN:g} s without a sleep" if self.spun else ""
         return ", ".join(self.granted) + (f"; NOT granted: {self._names()}" if self.refused else "") + lost
 
     def metadata(self):
-        """For the recording."""
+        """Return the metadata for the recording."""
         return {
             "mode": self.mode,
             "granted": list(self.granted),
@@ -163,8 +162,8 @@ class Realtime:
         yield f"  all of it as a script, to be read and run: {program()} doctor --script"
 
     def _wake_soon(self):
-        """Among ordinary threads, take the processor as soon as the tick is due: from the recorder, for one."""
-        with suppress(OSError):  # where a sandbox forbids the call, all is as it was
+        """Shorten the timer slack and slice, so that an ordinary thread runs as soon as its tick is due."""
+        with suppress(OSError):  # a sandbox forbids the call
             native.set_slice(SLICE)
             self._undo.callback(native.set_slice, 0)
 
@@ -187,9 +186,7 @@ class Realtime:
         return "memory locked"
 
     def _stay_awake(self):
-        """While the device is open with a 0 in it, processors do not sleep so deep that they are late. It needs no
-        closing word.
-        """
+        """Open the idle device with a latency of 0, which prevents deep idle states while it stays open."""
         name = "awake processors"
         try:
             device = os.open(IDLE_DEVICE, os.O_WRONLY)
@@ -197,9 +194,9 @@ class Realtime:
             os.write(device, bytes(4))
         except FileNotFoundError:
             if not os.path.exists("/sys/devices/system/cpu/cpu0/cpuidle"):
-                return None  # there is no sleep to be kept from
+                return None  # no idle states
             raise Refusal(
-                name, f"there is no {IDLE_DEVICE}", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM"
+                name, f"{IDLE_DEVICE} does not exist", f"docker run --device {IDLE_DEVICE}; or a kernel with CONFIG_PM"
             ) from None
         except OSError as error:
             raise Refusal(name, f"{IDLE_DEVICE}: {error.strerror}", idle_cure()) from None
@@ -208,7 +205,7 @@ class Realtime:
     def _stay_on_one_processor(self):
         before, isolated = set(self._permitted), isolated_processors()
         choice = [self.cpu] if self.cpu is not None else fastest_first(isolated)
-        # an ordinary loop finds one sooner if it may move
+        # without real-time priority, moving to a free processor is faster
         if not choice and len(before) > 1 and os.sched_getscheduler(0) & os.SCHED_FIFO:
             choice = self._permitted
         if not choice:
@@ -243,9 +240,7 @@ class Realtime:
         return name
 
     def _guard_against_spinning(self, guard):
-        """Whoever is of real-time priority and does not sleep is made ordinary. The hard limit, which kills, stays as
-        it is.
-        """
+        """Make the thread an ordinary one when it does not sleep. The hard limit, which would kill, is not changed."""
         before = resource.getrlimit(resource.RLIMIT_RTTIME)
         native.watch_for_spinning()
         guard.callback(self._stop_watching)
@@ -279,7 +274,7 @@ class Realtime:
         )
 
     def _raised(self, which, wanted):
-        """Whether the limit is `wanted` or more, after raising it as far as it goes without privilege."""
+        """Raise a limit as far as possible without privilege, and return whether it is `wanted` or more."""
         soft, hard = resource.getrlimit(which)
         if beyond(soft, wanted):
             return True
@@ -291,7 +286,7 @@ class Realtime:
 
 
 def restore_scheduler(policy, parameters):
-    """Without privilege the flag that children are ordinary cannot be taken away again; it then stays."""
+    """Restore the scheduler. The reset-on-fork flag cannot be cleared without privilege, and then stays."""
     try:
         os.sched_setscheduler(0, policy, parameters)
     except PermissionError:

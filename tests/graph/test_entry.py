@@ -74,6 +74,6 @@ def test_a_file_beside_it_takes_the_place_of_no_module_of_a_run(name, wave):
     (wave.parent / f"{name}.py").write_text("raise SystemExit(0)\n")
     process = started(wave, "--fast", "--duration", "1", "--no-record")
     if name == "json":
-        assert_one_line(process, " json.py bears the name of a library", "rename it")
+        assert_one_line(process, " json.py has the name of a library", "rename it")
     else:
         assert (process.returncode, process.stderr) == (0, "") and "wave: 1 s at 100 Hz" in process.stdout

@@ -185,7 +185,7 @@ def test_systems_of_32_bits(look, machine, bits, found):
         ),
         (
             {"/sys/devices/platform/soc/soc:firmware/get_throttled": "?\n"},
-            (UNKNOWN, "cannot be told: ValueError: invalid literal for int() with base 16: '?'"),
+            (UNKNOWN, "check failed: ValueError: invalid literal for int() with base 16: '?'"),
         ),
     ],
 )
@@ -244,9 +244,9 @@ def test_limits_privilege_and_the_idle_device_are_enough(look):
             can_link("can0", state="ERROR-WARNING", restart=100),
             [(WORSE, "ERROR-WARNING (0 errors sending, 0 receiving)")],
         ),
-        (None, [(UNKNOWN, "its bitrate cannot be told")]),
-        ({"ifname": "can0", "linkinfo": {"info_kind": "can"}}, [(UNKNOWN, "its bitrate cannot be told")]),
-        ({"ifname": "can0"}, [(UNKNOWN, "its bitrate cannot be told")]),
+        (None, [(UNKNOWN, "its bitrate is unknown")]),
+        ({"ifname": "can0", "linkinfo": {"info_kind": "can"}}, [(UNKNOWN, "its bitrate is unknown")]),
+        ({"ifname": "can0"}, [(UNKNOWN, "its bitrate is unknown")]),
     ],
 )
 def test_troubles_of_a_can_interface(look, link, troubles):
@@ -333,6 +333,6 @@ def test_this_machine_is_looked_at():
     findings = examine(Machine(), Wants())
     assert {"preemption", "clock source", "Python", "rtprio"} <= {finding.name for finding in findings}
     assert one(findings, "word size")[0] == OK and one(findings, "clock source")[0] != UNKNOWN
-    assert not [finding for finding in findings if "cannot be told:" in finding.found]
+    assert not [finding for finding in findings if "check failed:" in finding.found]
     assert Machine().kernel == os.uname().release
     assert len(CHECKS) > 20

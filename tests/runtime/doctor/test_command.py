@@ -6,7 +6,7 @@ import re
 import pytest
 
 from runtime.base.errors import CHECK_FAILED, OK
-from runtime.machine.realtime import HIGHEST, PRIORITY, SPIN
+from runtime.machine.realtime import PRIORITY_LIMIT, PRIORITY, SPIN
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
 from tests.runtime.runs import ROOT, finished
 
@@ -30,7 +30,7 @@ def test_the_worst_comes_first_with_why_and_what_to_do(command_line, laid_out):
     )
     assert lines[2:5] == [
         "bad    can0             ERROR-PASSIVE (0 errors sending, 127 receiving)",
-        "                        no frame is acknowledged: a wire, a terminator, the bitrate, or drives without power",
+        "                        no frame is acknowledged: check wiring, termination, bitrate and drive power",
         "                        → 120 Ω at both ends, CAN_H to CAN_H, drives on, one bitrate for all",
     ]
     marks = [line.split()[0] for line in lines[2:-1] if line and not line.startswith(" ")]
@@ -103,7 +103,7 @@ def test_json_and_script_exclude_each_other(command_line):
 def test_this_machine_is_examined_in_a_process_of_its_own(tmp_path):
     process = finished("doctor", cwd=tmp_path)
     assert process.returncode in (OK, CHECK_FAILED) and process.stderr == ""
-    assert "\nok     Python" in process.stdout and "cannot be told:" not in process.stdout
+    assert "\nok     Python" in process.stdout and "check failed:" not in process.stdout
     assert list(tmp_path.iterdir()) == []
 
 
@@ -120,7 +120,7 @@ def test_the_page_tells_what_is_so(command_line):
     """Its numbers are the program's, and its options exist."""
     page = (ROOT / "docs" / "realtime.md").read_text()
     assert (
-        f"priority {PRIORITY} (`--priority`, {HIGHEST} at most)" in page
+        f"priority {PRIORITY} (`--priority`, {PRIORITY_LIMIT} at most)" in page
         and SPIN == 0.5
         and "half a second without a sleep" in page
     )

@@ -103,7 +103,7 @@ def test_it_has_only_what_was_found_wanting(written):
 
 def test_where_nothing_is_wanting_it_does_nothing(written, tmp_path):
     path, text = written({})
-    assert text.endswith("# `tickwork doctor --script` found nothing wanting that a script could set right.\n")
+    assert text.endswith("# `tickwork doctor --script` found nothing that a script can change.\n")
     (tmp_path / "into").mkdir()
     assert look(path, tmp_path / "into") == [] and files(tmp_path / "into") == {}
 

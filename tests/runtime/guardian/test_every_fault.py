@@ -186,7 +186,7 @@ MORE = {
     "SIGABRT": Fault("the control process died of SIGABRT", -6, act=told(signal.SIGABRT), seconds=2 * PERIOD),
     "SIGKILL": Fault("the control process died after", -9, act=told(signal.SIGKILL), seconds=2 * PERIOD),
     "SIGSTOP": Fault(
-        "the loop has stood still",
+        "the loop has stalled",
         3,
         seconds=0.04 + 2 * PERIOD,
         act=lambda process, buses: (

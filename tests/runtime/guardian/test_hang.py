@@ -50,7 +50,8 @@ def test_a_python_block_that_hangs_is_told_with_its_line(bus, tmp_path, what):
     assert process.returncode == 3 and "confirmed by left/knee, right/knee" in out
     assert (
         "tickwork guardian: left/law hangs: " in err
-        and "it has not come back; zero torque" in err
+        and "after tick" in err
+        and "; zero torque" in err
         and "still hangs" not in err
     )
     assert re.search(

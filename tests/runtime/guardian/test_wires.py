@@ -13,7 +13,15 @@ import can
 import pytest
 
 from runtime.guardian import wires
-from runtime.guardian.wires import ECHO, REMEMBERED, CannotOpen, PythonCanWire, SocketCanWire, Stamped, keep_apart
+from runtime.guardian.wires import (
+    ECHO_TIMEOUT,
+    ECHO_LIMIT,
+    CannotOpen,
+    PythonCanWire,
+    SocketCanWire,
+    Stamped,
+    keep_apart,
+)
 from tests.runtime.guardian.drives import open_bus
 
 pytestmark = pytest.mark.timing
@@ -82,10 +90,10 @@ def test_each_frame_more_than_we_have_sent_is_somebody_elses_though_all_are_alik
 
 def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
     wire = PythonCanWire("virtual", channel, 1_000_000, False)
-    for number in range(REMEMBERED):
+    for number in range(ECHO_LIMIT):
         assert wire.send(number, b"early")
-    assert wire.is_echo((7, b"early")) and len(wire.echoes) == REMEMBERED
-    time.sleep(ECHO)
+    assert wire.is_echo((7, b"early")) and len(wire.echoes) == ECHO_LIMIT
+    time.sleep(ECHO_TIMEOUT)
     assert wire.send(1, b"late") and list(wire.echoes) == [(1, b"late")]
     wire.close()
 
@@ -93,13 +101,13 @@ def test_of_many_different_frames_only_those_of_late_are_remembered(channel):
 def test_an_echo_that_was_lost_does_not_hide_a_frame_of_somebody_else_for_ever(channel):
     """On this interface nothing ever comes back, and the same frame is sent again and again."""
     wire, node = PythonCanWire("virtual", channel, 1_000_000, False), can.Bus(channel, interface="virtual")
-    end = time.monotonic() + 2.0 * ECHO
+    end = time.monotonic() + 2.0 * ECHO_TIMEOUT
     while time.monotonic() < end:
         wire.send(127, NOTHING)
         sent, last = wire.echoes[127, NOTHING], time.monotonic()
         time.sleep(0.002)
-    assert 0 < len(sent) <= 0.6 * 2.0 * ECHO / 0.002 and last - sent[0] <= ECHO
-    time.sleep(ECHO)
+    assert 0 < len(sent) <= 0.6 * 2.0 * ECHO_TIMEOUT / 0.002 and last - sent[0] <= ECHO_TIMEOUT
+    time.sleep(ECHO_TIMEOUT)
     node.send(message(127, NOTHING))
     assert received(wire) == [(127, NOTHING)] and wire.counts == {}
     wire.close()
