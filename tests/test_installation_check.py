@@ -192,7 +192,7 @@ def test_native_code_older_than_the_python_beside_it_names_make_build(tmp_path):
     copy_rooms(tmp_path)
     (tmp_path / "Makefile").touch()
     (tmp_path / "runtime" / "cli" / "main.py").write_text("from cext.schedule.program import a_name_that_is_newer\n")
-    assert_one_line(python(*RUN, cwd=tmp_path), "does not fit", "a_name_that_is_newer", "`make build`")
+    assert_one_line(python(*RUN, cwd=tmp_path), "do not match", "a_name_that_is_newer", "`make build`")
 
 
 def test_a_dependency_that_does_not_load_is_told_in_one_line(tmp_path):
