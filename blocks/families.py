@@ -1,0 +1,76 @@
+"""The device families that are installed: every `family` module of this library, and those that entry points name."""
+
+import importlib
+import importlib.metadata
+import pkgutil
+import warnings
+from functools import cache
+
+import blocks
+from graph.block import suggestion
+from graph.family import ENTRY_POINTS, Family
+
+OBJECT = "FAMILY"  # of a `family` module of this library
+
+
+@cache
+def families():
+    """Return every Family, in the order in which commands ask them. One that cannot be loaded gives a warning."""
+    modules = [info.name for info in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}.")]
+    own = [name for name in modules if name.endswith(".family")]
+    loads = [(name, lambda name=name: getattr(importlib.import_module(name), OBJECT)) for name in own]
+    loads += [(point.value, point.load) for point in importlib.metadata.entry_points(group=ENTRY_POINTS)]
+    found = []
+    for name, load in loads:
+        try:
+            family = load()
+            if not isinstance(family, Family):
+                raise TypeError(f"expected an instance of graph.family.Family, got {family!r}")
+        except Exception as error:  # whatever a plug-in does while it is imported, the others work
+            warnings.warn(f"device family {name} cannot be loaded: {type(error).__name__}: {error}", stacklevel=2)
+        else:
+            found.append(family)
+    return tuple(sorted(found, key=lambda family: -family.precedence))
+
+
+def family_of(block):
+    """Return the Family that has the class of an actuator block, None without one."""
+    return next((family for family in families() if drive_of(block, family)), None)
+
+
+def drive_of(block, family):
+    return next((drive for drive in family.drives if isinstance(block, drive.block)), None)
+
+
+def drives(option=""):
+    """Return every Drive that an option of the command line selects."""
+    return [drive for family in families() for drive in family.drives if drive.option == option]
+
+
+def example_models():
+    """Return the names of two models, for help texts: of different families where there are."""
+    models = [
+        (family.benchmark or {}).get("model") or next(iter(table.models), "MODEL")
+        for family in families()
+        for table in family.tables[:1]
+    ]
+    return (models[::-1] * 2)[:2]
+
+
+def find_model(name, option=""):
+    """Return (Drive, model) of a model's name. Raises ValueError, with the cause or a suggestion."""
+    causes = {}
+    for family in families():
+        for drive in family.drives:
+            if drive.option == option:
+                try:
+                    return drive, drive.find(name)
+                except ValueError as error:
+                    causes[family] = str(error)
+    for family, cause in causes.items():
+        if len(causes) == 1 or family.recognises(name):
+            raise ValueError(cause)
+    close = suggestion(str(name), [model for family in causes for table in family.tables for model in table.models])
+    raise ValueError(
+        f"no device family that is installed has a model {name!r}; {close or 'blocks --actuators lists them'}"
+    )

@@ -1,0 +1,78 @@
+"""Dialogues with devices, as generators that contain no I/O: they yield what to send and receive what was answered.
+
+    def state(can_id):
+        frames = yield Listen(0.1)                                # on a CAN bus
+        answer = yield from ask(frame, "disable", read)
+        reply = yield Exchange(b"?", 0.25)                        # on a serial line
+
+The runtime carries a dialogue out on a bus or a port; a test sends it the answers of a device. A CAN frame is
+(arbitration id, is extended, data).
+"""
+
+from dataclasses import dataclass
+
+
+class Rejected(ValueError):
+    """A dialogue that cannot be completed: the message states the cause, `hint` the remedy."""
+
+    def __init__(self, message, hint=""):
+        super().__init__(message)
+        self.hint = hint
+
+
+class NoReply(Exception):
+    """The device at a serial line has not answered."""
+
+
+@dataclass(frozen=True)
+class Send:
+    """Send one CAN frame. why : purpose, for the report. Yields whether the frame was sent."""
+
+    frame: tuple
+    why: str
+
+
+@dataclass(frozen=True)
+class Listen:
+    """Receive CAN frames for `seconds`, or until `until(frames)` is true. Yields the list of frames."""
+
+    seconds: float
+    until: object = None
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Write `data` to a serial line; yields the next bytes, or b"" when none arrived within `patience` s of the last
+    write. Without data: wait for more bytes of the same answer.
+    """
+
+    data: bytes = b""
+    patience: float = 0.0
+
+
+@dataclass(frozen=True)
+class Tell:
+    """Show lines to the operator. Yields None."""
+
+    lines: tuple
+
+
+@dataclass(frozen=True)
+class Confirm:
+    """Ask the operator for permission, as in "change that". Yields True or False."""
+
+    what: str
+
+
+def ask(frame, why, read, patience=0.1, attempts=2):
+    """Send a frame until it is answered; return read(identifier, is extended, data) of the first answer, or None.
+
+    read : returns None for a frame that is no answer; patience : s to wait after each attempt
+    """
+    for _ in range(attempts):
+        yield Send(frame, why)
+        frames = yield Listen(patience, lambda frames: any(read(*frame) is not None for frame in frames))
+        for received in frames:
+            if (answer := read(*received)) is not None:
+                return answer
+    return None
