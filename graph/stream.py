@@ -25,6 +25,11 @@ class StreamDevice(Device):
     abstract = True
     medium = "stream"
     line = "serial"
+    # of a device on a line of kind "dialogue":
+    identify = None  # dialogue that returns its identity: serial, model, firmware, options, ends_with(), proof()
+    sensor = "device"  # what it is, in messages
+    usb_vendors = ()  # USB vendor ids of its own ports; those of serial adapters are tried, too
+    remedy = ""  # which baud rates are usual, for a line that stays silent
     encode = no_io.send_nothing
 
     def __init_subclass__(cls, **options):
@@ -40,6 +45,14 @@ class StreamDevice(Device):
     def opening(self):
         """What a rig needs to know to open its line, by name; runtime.rig.streams.KINDS says which kind takes what."""
         return {}
+
+    def set_up(self):
+        """On a line of kind "dialogue": a dialogue (graph.dialogue) that sets an identified device up for a run.
+
+        Returns (messages that set it up, to be sent again after a reconnect; remarks for the operator). Raises
+        Rejected, NoReply, ValueError.
+        """
+        return [], []
 
     def relay_frames(self):
         """Two frames that hold its relay when they are sent in turn, for the guardian; a device with a `relay_time` has

@@ -7,7 +7,7 @@ from pathlib import Path
 from cext.lines.streams import Streams
 from graph import StreamDevice
 
-SERIAL = ("serial", "microstrain")  # kinds of line that a terminal can stand for
+SERIAL = ("serial", "dialogue")  # kinds of line that a pseudo-terminal can replace
 
 
 def on_terminals(robot, schedule):

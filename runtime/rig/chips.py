@@ -2,6 +2,7 @@
 
 import errno
 
+from blocks.families import families
 from blocks.i2c import CHANNELS, MUX
 
 FIRST, LAST = 0x08, 0x77  # range of device addresses
@@ -121,34 +122,30 @@ class answered:
 class KnownChips:
     """Identification of chips by their registers. chips : Chips"""
 
-    # address: (register, {value: name}, mask); an address with several entries is probed for each
-    REGISTERS = {
-        0x68: (
-            (0x75, {0x71: "MPU-9250", 0x73: "MPU-9255", 0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}, 0xFF),
-            (0x00, {0xEA: "ICM-20948"}, 0xFF),
-        ),
-        0x0C: ((0x00, {0x48: "AK8963"}, 0xFF), (0x01, {0x09: "AK09916"}, 0xFF)),
-        0x2A: ((0x1F, {0x0F: "NAU7802"}, 0x0F),),
-    }
-    REGISTERS[0x69] = REGISTERS[0x68]
-    GUESSES = {
-        **{address: "ADS1115 or ADS1015" for address in range(0x48, 0x4C)},
-        **{address: "TCA9548A multiplexer" for address in range(MUX, MUX + 8)},
-    }
-
     def __init__(self, chips):
         self.chips = chips
+        self.registers, self.guesses = {}, {}  # by address: [(register, {value: name}, mask)], and names
+        for chip in (chip for family in families() for chip in family.chips):
+            for address in chip.addresses:
+                if chip.registers:
+                    self.registers.setdefault(address, []).append(chip.registers)
+                else:
+                    self.guesses[address] = chip.name
+        self.guesses |= {address: "TCA9548A multiplexer" for address in range(MUX, MUX + 8)}
 
     def name(self, address):
-        """Return (name, how it was identified); ("", "") for an unknown chip."""
-        for register, values, mask in self.REGISTERS.get(address, ()):
-            try:
-                value = self.chips.read(address, register, 1)[0]
-            except NoAnswer:
-                return "", ""
+        """Return (name, how it is known): "" twice where nothing is."""
+        read = {}
+        for register, values, mask in self.registers.get(address, ()):
+            if register not in read:
+                try:
+                    read[register] = self.chips.read(address, register, 1)[0]
+                except NoAnswer:
+                    return "", ""
+            value = read[register]
             if value & mask in values:
                 return values[value & mask], f"register {register:#04x} is {value:#04x}"
-        return (self.GUESSES[address], "by its address") if address in self.GUESSES else ("", "")
+        return (self.guesses[address], "by its address") if address in self.guesses else ("", "")
 
     def everywhere(self):
         """Return all chips as [(mux, channel, address, name, how)]; mux is 0 on the bus itself.

@@ -9,7 +9,7 @@ import stat
 from pathlib import Path
 
 from runtime.rig.errors import Refused, Trouble
-from runtime.rig.streams import Opened, one_by_one
+from runtime.rig.line import Opened, one_by_one
 
 EVENT = 24  # bytes of struct input_event with 64-bit time stamps
 BY_ID = Path("/dev/input/by-id")

@@ -8,7 +8,7 @@ import os
 from datetime import timedelta
 
 from runtime.rig.errors import Refused, Trouble
-from runtime.rig.streams import Opened, one_by_one
+from runtime.rig.line import Opened, one_by_one
 
 EVENT = 48  # bytes of struct gpio_v2_line_event
 CONSUMER = "tickwork"

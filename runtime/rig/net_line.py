@@ -13,7 +13,7 @@ import os
 import socket
 
 from runtime.rig.errors import Refused, Trouble
-from runtime.rig.streams import Opened, one_by_one
+from runtime.rig.line import Opened, one_by_one
 
 CONNECT_TIMEOUT = 3.0  # s
 

@@ -8,11 +8,10 @@ Keys of `opening`:
     setup       messages, as bytes, sent on connect and after every reconnect
 """
 
-import os
 import time
 
 from runtime.rig import ports
-from runtime.rig.streams import Opened, one_by_one
+from runtime.rig.line import Opened, let_go, one_by_one
 
 BAUDRATE = 115200
 SETUP_PAUSE = 0.02  # s between messages of the set-up
@@ -31,10 +30,3 @@ def opened(device, wanted):
         port.flush()
         time.sleep(SETUP_PAUSE)
     return Opened(let_go(port), path, path=ports.by_id(path), setup=tuple(wanted.get("setup", ())))
-
-
-def let_go(port):
-    """Return the descriptor of an open pyserial port, which the caller then owns."""
-    descriptor = os.dup(port.fileno())
-    port.close()
-    return descriptor

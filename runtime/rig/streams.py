@@ -1,10 +1,10 @@
-"""Lines of a robot on its rig: all descriptors except CAN buses, opened and set up before arming.
+"""The lines of a robot on its rig: everything with a descriptor except CAN buses, opened and set up before arming.
 
-A block gives the kind of its line and the options to open it (graph.StreamDevice: line, opening). The module of that
-kind opens all lines of the kind at once, since a search by serial number covers every port. After `start`, one native thread
-reads all lines.
+A block declares its kind of line and how to open it (graph.StreamDevice: line, opening). The module of that kind opens
+all lines of its kind at once, because a device with a serial number may be at any port. From `start` on one native
+thread reads them all.
 
-A module of KINDS has `open_lines(devices)`, which returns {device: Opened or Trouble}.
+A module of KINDS has `open_lines(devices)`, which returns {device: Opened or Trouble} (runtime.rig.line).
 """
 
 import importlib
@@ -12,50 +12,15 @@ import os
 from dataclasses import dataclass
 
 from cext.lines.streams import Streams
-from runtime.rig.errors import Refused
+from runtime.rig.line import Opened
 
 KINDS = {  # kind of line: the module that opens it
+    "dialogue": "runtime.rig.dialogue_line",
     "serial": "runtime.rig.serial_line",
     "evdev": "runtime.rig.evdev_line",
     "gpio": "runtime.rig.gpio_line",
-    "microstrain": "runtime.rig.microstrain",
     "net": "runtime.rig.net_line",
 }
-
-
-@dataclass
-class Opened:
-    """Open line that has been set up.
-
-    fd : of the line, which this object owns; close : called after the last read, or None
-    channel : its name in messages
-    path : to open it again, "" for none
-    setup : messages sent after a reconnect
-    record, is_gpio, reconnects, proof : as of cext.lines.streams.Streams.add
-    remarks : for the operator before the run
-    """
-
-    fd: int
-    channel: str
-    path: str = ""
-    setup: tuple = ()
-    record: int = 1
-    is_gpio: bool = False
-    reconnects: bool = False
-    proof: tuple = (b"", b"")
-    remarks: tuple = ()
-    close: object = None
-
-
-def one_by_one(devices, opened):
-    """Open independent lines one by one. opened : function that returns the Opened of a device, or raises Refused"""
-    lines = {}
-    for device in devices:
-        try:
-            lines[device] = opened(device)
-        except Refused as refused:
-            lines[device] = refused.trouble
-    return lines
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,9 @@
 import math
 import struct
 
+from blocks.imus.microstrain import queries, set_up
 from blocks.imus.microstrain.descriptors import CHANNELS, COMMON, EXTRA, FIELDS, FILTER, SENSOR, SHARED, TIMES, wanted
+from blocks.imus.microstrain.emulator import EmulatedMicroStrain
 from blocks.serial_lines import speed_of
 from cext.kernels.devices.microstrain import mip as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
@@ -106,7 +108,11 @@ class MicroStrain(StreamDevice):
     settings = Memory((0.0,) * 4, "rate, time of the tare, whether to tare at the start, set whose rate is told")
     state = Memory((0.0,) * 72, "newest times, attitude of the tare, map of the clock")
 
-    line = "microstrain"
+    line = "dialogue"
+    identify = staticmethod(queries.identify)
+    sensor = "MicroStrain sensor"
+    usb_vendors = (0x199B,)
+    remedy = "115200 and 921600 are what MicroStrain sells"
     kernel = kernels.before
     decode = kernels.decode
     encode = kernels.encode
@@ -197,7 +203,8 @@ class MicroStrain(StreamDevice):
     def output_range(self, **inputs):
         return {name: Interval(0.0) for name in ("age", "packets", "corrupt", "lost")}
 
-    def emulator(self, **parameters):
-        from blocks.imus.microstrain.emulator import EmulatedMicroStrain
+    def set_up(self):
+        return set_up.set_up(self)
 
+    def emulator(self, **parameters):
         return EmulatedMicroStrain.of(self, **parameters)

@@ -170,7 +170,7 @@ def test_commands_are_byte_for_byte_those_of_the_vendors_libraries():
 
 
 def test_the_device_information_is_read_as_the_vendor_has_it():
-    from blocks.imus.microstrain.asking import Information
+    from blocks.imus.microstrain.queries import Information
 
     [entry] = [entry for entry in PACKETS if entry["name"].startswith("device info reply")]
     [(_, data)] = [field for field in mip.fields(bytes.fromhex(entry["packet_hex"])) if field[0] == 0x81]

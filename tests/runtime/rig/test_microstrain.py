@@ -14,8 +14,9 @@ import pytest
 
 from blocks.imus import MicroStrain
 from graph import Diagram
-from runtime.rig.microstrain import open_lines
-from runtime.rig.streams import Opened, StreamLines
+from runtime.rig.dialogue_line import converse, open_lines
+from runtime.rig.line import Opened
+from runtime.rig.streams import StreamLines
 from tests.blocks.imus.hearing import Hearing
 
 pytestmark = pytest.mark.timing
@@ -138,7 +139,7 @@ def test_several_are_found_by_their_last_digits_whatever_port_they_are_at(there,
 def test_what_it_was_set_to_is_what_it_was_told(there):
     """The set-up that is kept for its return, read back from the sensor."""
     from blocks.imus.microstrain import mip
-    from runtime.rig.mip_port import MipPort
+    from blocks.imus.microstrain.queries import ask, identify
     from runtime.rig.ports import open_port
 
     found = one(serial="133931", rate=250.0, heading="magnetometer", low_pass=40.0, channels=("gyro", "quaternion"))
@@ -153,17 +154,20 @@ def test_what_it_was_set_to_is_what_it_was_told(there):
         0x0106,
     ]
     with open_port("", found.channel, 115200) as port:
-        sensor = MipPort(port)
-        sensor.identify()
-        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x08, "B", mip.READ))[0x80] == bytes((2, 0x12, 0, 4, 0x05, 0, 4))
-        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x0A, "B", mip.READ))[0x82] == bytes((2, 0x11, 0, 4, 0x03, 0, 4))
-        assert sensor.ask(mip.command(mip.COMMAND_3DM, 0x11, "BB", mip.READ, 3))[0x85] == bytes((3, 1))
+        converse(port, identify())
+        assert converse(port, ask(mip.command(mip.COMMAND_3DM, 0x08, "B", mip.READ)))[0x80] == bytes(
+            (2, 0x12, 0, 4, 0x05, 0, 4)
+        )
+        assert converse(port, ask(mip.command(mip.COMMAND_3DM, 0x0A, "B", mip.READ)))[0x82] == bytes(
+            (2, 0x11, 0, 4, 0x03, 0, 4)
+        )
+        assert converse(port, ask(mip.command(mip.COMMAND_3DM, 0x11, "BB", mip.READ, 3)))[0x85] == bytes((3, 1))
 
 
 def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(there):
     """0D 50, of which it knows one source: the fourth, as in the examples of its maker."""
     from blocks.imus.microstrain import mip
-    from runtime.rig.mip_port import MipPort, Refusal
+    from blocks.imus.microstrain.queries import Refusal, ask, identify
     from runtime.rig.ports import open_port
 
     for heading, enabled in (("magnetometer", 1), ("none", 0)):
@@ -172,11 +176,10 @@ def test_the_newer_generation_is_told_whether_its_magnetometer_aids_the_filter(t
             (0x50, bytes((mip.WRITE, 0, 4, enabled)))
         ]
     with open_port("", found.channel, 115200) as port:
-        sensor = MipPort(port)
-        sensor.identify()
+        converse(port, identify())
         for source in (3, 0x104):
             with pytest.raises(Refusal) as refused:
-                sensor.ask(mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, source, 1))
+                converse(port, ask(mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, source, 1)))
             assert refused.value.code == 3
 
 

@@ -1,0 +1,190 @@
+"""The set-up of a MicroStrain sensor before a run, as a dialogue.
+
+    base rate, formats                 what it sends, and how often
+    heading source, low-pass           where the block sets them
+    streams, resume
+
+Two generations differ: the older has a format command for each set and calls the streams 1 and 3; the newer has one
+for all (0C 0F) and calls a stream by its set. The messages that were sent are sent again after a reconnect.
+"""
+
+import struct
+
+from blocks.imus.microstrain import mip
+from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR
+from blocks.imus.microstrain.queries import Refusal, ask, known
+from graph.dialogue import Rejected
+
+GENERIC_FORMAT, GENERIC_BASE_RATE = 0x0C0F, 0x0C0E
+# commands format and base rate, its reply, stream
+LEGACY = {SENSOR: (0x08, 0x06, 0x83, 1), FILTER: (0x0A, 0x0B, 0x8A, 3)}
+HEADING, MEASUREMENT, MAGNETIC_FIELD = 0x0D18, 0x0D50, 0x8006
+INVALID_PARAMETER = 3  # of an acknowledgement
+MAGNETOMETER_HEADING, MAGNETOMETER_MEASUREMENT = 1, 4
+NEW_LOW_PASS, OLD_LOW_PASS = 0x0C54, 0x0C50
+VENDOR_PROGRAM = "its own program, SensorConnect, shows which settings it accepts"
+
+
+def set_up(device):
+    """Set a sensor up for a MicroStrain block; return (messages sent, remarks for the operator).
+
+    Raises Rejected, NoReply, Refusal.
+    """
+    sensor = SetUp(device, (yield from known()))
+    yield from sensor.send()
+    return sensor.messages, sensor.remarks
+
+
+class SetUp:
+    """device : blocks.imus.MicroStrain; known : commands and data of the sensor"""
+
+    def __init__(self, device, known):
+        self.device, self.known = device, known
+        self.newer = GENERIC_FORMAT in known
+        self.messages, self.remarks = [mip.command(mip.BASE, mip.IDLE)], []
+
+    def send(self):
+        formats = {descriptor_set: self.fields(descriptor_set) for descriptor_set in (SENSOR, FILTER)}
+        lacking = [field.name for field in self.device.fields if not self.has(field)]
+        if lacking:
+            self.remarks.append(f"has no {', '.join(lacking)}: those outputs are NaN")
+        if not any(formats.values()):
+            self.refuse(
+                f"it has none of {', '.join(field.name for field in self.device.fields)}",
+                "ask for what it has: channels=...",
+            )
+        for descriptor_set, fields in formats.items():
+            if self.has_set(descriptor_set):
+                yield from self.format(descriptor_set, fields)
+        yield from self.heading()
+        yield from self.low_pass()
+        for descriptor_set, fields in formats.items():
+            if self.has_set(descriptor_set):
+                stream = descriptor_set if self.newer else LEGACY[descriptor_set][3]
+                yield from self.tell(
+                    mip.command(mip.COMMAND_3DM, 0x11, "BBB", mip.WRITE, stream, bool(fields)), "its stream"
+                )
+        yield from self.tell(mip.command(mip.BASE, mip.RESUME), "to resume")
+
+    def has(self, field):
+        return field.set << 8 | field.descriptor in self.known or (
+            field.set == 0x100
+            and any(descriptor_set << 8 | field.descriptor in self.known for descriptor_set in (SENSOR, FILTER))
+        )
+
+    def has_set(self, descriptor_set):
+        return any(number >> 8 == descriptor_set for number in self.known)
+
+    def fields(self, descriptor_set):
+        """Return the descriptors to request of a set, its time first; [] for none."""
+        wanted = [
+            field.descriptor
+            for field in self.device.fields
+            if field.set in (descriptor_set, 0x100) and descriptor_set << 8 | field.descriptor in self.known
+        ]
+        own = [field for field in self.device.fields if field.set == descriptor_set and self.has(field)]
+        if not own:
+            return []
+        legacy = BY_NAME["sensor_time" if descriptor_set == SENSOR else "filter_time"].descriptor
+        time_of = next((number for number in (0xD5, 0xD3, legacy) if descriptor_set << 8 | number in self.known), None)
+        return list(dict.fromkeys(([] if time_of is None else [time_of]) + wanted))
+
+    def format(self, descriptor_set, fields):
+        decimation = (yield from self.decimation(descriptor_set)) if fields else 1
+        body = b"".join(struct.pack(">BH", field, decimation) for field in fields)
+        if self.newer:
+            data = bytes((mip.WRITE, descriptor_set, len(fields))) + body
+            packet = mip.packet(mip.COMMAND_3DM, (GENERIC_FORMAT & 0xFF, data))
+        else:
+            packet = mip.packet(mip.COMMAND_3DM, (LEGACY[descriptor_set][0], bytes((mip.WRITE, len(fields))) + body))
+        yield from self.tell(
+            packet, f"the format of set {descriptor_set:02X}: {' '.join(f'{field:02X}' for field in fields)}"
+        )
+
+    def decimation(self, descriptor_set):
+        """Return the whole number by which the base rate is divided. Rejected where it would not be whole"""
+        if self.newer and GENERIC_BASE_RATE in self.known:
+            reply = yield from self.ask(mip.command(mip.COMMAND_3DM, 0x0E, "B", descriptor_set), "its base rate")
+            [base] = struct.unpack(">H", reply[0x8E][1:3])
+        else:
+            _, command, field, _ = LEGACY[descriptor_set]
+            reply = yield from self.ask(mip.command(mip.COMMAND_3DM, command), "its base rate")
+            [base] = struct.unpack(">H", reply[field][:2])
+        ratio = base / self.device.rate
+        if ratio < 1.0 - 1e-6 or abs(ratio - round(ratio)) > 1e-6:
+            near = sorted({base / divisor for divisor in (int(ratio) or 1, int(ratio) + 1)}, reverse=True)
+            self.refuse(
+                f"{self.device.rate:g} Hz is not its base rate, {base} Hz, divided by a whole number",
+                f"take {' or '.join(f'{rate:g}' for rate in near)} Hz",
+            )
+        return round(ratio)
+
+    def heading(self):
+        if not self.device.heading:
+            return
+        magnetic = self.device.heading == "magnetometer"
+        if magnetic and (MAGNETIC_FIELD not in self.known or not {HEADING, MEASUREMENT} & set(self.known)):
+            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command that says so"
+            self.refuse(
+                f"its filter cannot take its heading from a magnetometer: it has {why}",
+                'leave `heading` out, or give it "none"',
+            )
+        if HEADING in self.known:
+            yield from self.tell(
+                mip.command(mip.COMMAND_FILTER, 0x18, "BB", mip.WRITE, MAGNETOMETER_HEADING * magnetic),
+                "its heading source",
+            )
+        elif MEASUREMENT in self.known:
+            yield from self.measure(magnetic)
+        else:
+            self.remarks.append("has no command for its heading source: it stays as it is")
+
+    def measure(self, magnetic):
+        """Set whether the filter of the newer generation uses the magnetometer, as in MicroStrain's own examples.
+
+        A sensor without a magnetometer rejects the source as unknown, which is as good as switched off.
+        """
+        packet = mip.command(mip.COMMAND_FILTER, 0x50, "BHB", mip.WRITE, MAGNETOMETER_MEASUREMENT, magnetic)
+        try:
+            yield from ask(packet)
+        except Refusal as refusal:
+            if magnetic or refusal.code != INVALID_PARAMETER:
+                self.refuse(f"its heading source: {refusal}", VENDOR_PROGRAM)
+        else:
+            self.messages.append(packet)
+
+    def low_pass(self):
+        cutoff = self.device.low_pass
+        if cutoff <= 0.0:
+            return
+        for name in ("accel", "gyro", "mag"):
+            field = BY_NAME[name]
+            if not self.has(field) or field not in self.device.fields:
+                continue
+            if NEW_LOW_PASS in self.known:
+                yield from self.tell(
+                    mip.command(mip.COMMAND_3DM, 0x54, "BBBBBf", mip.WRITE, SENSOR, field.descriptor, 1, 1, cutoff),
+                    f"the low-pass of {name}",
+                )
+            elif OLD_LOW_PASS in self.known:
+                yield from self.tell(
+                    mip.command(mip.COMMAND_3DM, 0x50, "BBBBHB", mip.WRITE, field.descriptor, 1, 1, round(cutoff), 0),
+                    f"the low-pass of {name}",
+                )
+            else:
+                self.remarks.append("has no command for its low-pass: it stays as it is")
+                return
+
+    def tell(self, packet, what):
+        """Send a setting, and keep it for a reconnect."""
+        yield from self.ask(packet, what)
+        self.messages.append(packet)
+
+    def ask(self, packet, what):
+        try:
+            return (yield from ask(packet))
+        except Refusal as refusal:
+            self.refuse(f"{what}: {refusal}", VENDOR_PROGRAM)
+
+    def refuse(self, message, hint):
+        raise Rejected(message, hint)
