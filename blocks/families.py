@@ -7,8 +7,8 @@ import warnings
 from functools import cache
 
 import blocks
-from graph.block import suggestion
 from graph.family import ENTRY_POINTS, Family
+from graph.names import suggestion
 
 OBJECT = "FAMILY"  # of a `family` module of this library
 

@@ -161,13 +161,6 @@ def test_every_folder_has_its_place_in_the_order(package):
     assert folders == set(ORDER[package])
 
 
-CIRCLES = {  # {first module: how many}, to be untied
-    "blocks.actuators.cubemars.emulator": 2,
-    "blocks.imus.invensense.emulator": 3,
-    "runtime.rig.evdev_line": 6,
-}
-
-
 def python_modules():
     """{dotted name: path} of every Python module of the four packages."""
     return {
@@ -189,7 +182,7 @@ def test_no_modules_import_each_other_in_a_circle():
     circles = {
         min(circle): len(circle) for circle in networkx.strongly_connected_components(imports) if len(circle) > 1
     }
-    assert circles == CIRCLES
+    assert circles == {}
 
 
 # Packages

@@ -1,40 +1,61 @@
-"""What a drive says when it is asked while nobody controls it: the state of one answer, in the units of its
-declaration.
-"""
+"""Queries that several families share: the state of a drive in MIT mode, and the decoding of symmetric codes."""
 
-from dataclasses import dataclass, field
+from blocks.actuators.mit_frames import DISABLE
+from graph.family import Answer
 
-
-@dataclass
-class Answer:
-    """
-    family : how its frames are read, in words; can_id : its own
-    position in rad, velocity in rad/s, torque in N·m, current in A, temperature in °C, voltage in V: None where it does
-    not say
-    fault : in words, "" for none, None where it does not say; enabled : whether it says that it is, None where it does
-        not say
-    unique : what tells it from every other drive, "" where it does not say; firmware likewise
-    remarks : what is amiss; notes : what is good to know; settings : {parameter: value} that its block needs and that
-        differ from the defaults
-    """
-
-    family: str
-    can_id: int
-    position: float | None = None
-    velocity: float | None = None
-    torque: float | None = None
-    current: float | None = None
-    temperature: float | None = None
-    voltage: float | None = None
-    fault: str | None = ""
-    enabled: bool | None = None
-    unique: str = ""
-    firmware: str = ""
-    remarks: list = field(default_factory=list)
-    notes: list = field(default_factory=list)
-    settings: dict = field(default_factory=dict)
+MIT_PURPOSE = "disable of drives in MIT mode"
 
 
 def symmetric(code, half, bits):
-    """The value of a code whose range is ± half: everybody decodes with 2ⁿ − 1."""
+    """Return the value of a code whose range is ± half; every vendor decodes with 2ⁿ − 1."""
     return code * 2.0 * half / ((1 << bits) - 1) - half
+
+
+def disable_in_mit_mode(can_id):
+    """Return the frame that queries a drive in MIT mode.
+
+    Every frame of MIT mode is answered with the state. Of those frames, disable is the safest:
+
+        enable (FC)     enables the drive, and with it the last command
+        zero torque     eight bytes whose meaning depends on the firmware's layout and ranges: other boards read a
+                        stiffness where these have a position; and a drive that was left enabled stays so
+        disable (FD)    has no fields that could be misread, and leaves every drive as an uncontrolled drive should be
+    """
+    return can_id, False, DISABLE
+
+
+def state_in_mit_mode(can_id, data, family, block, half, model=None):
+    """Return the Answer with position, velocity and torque of a reply in MIT mode; the two last need the model.
+
+    half : rad, half the range of the position where the model is not known
+    """
+    found = Answer(family, can_id, block=block)
+    half = half if model is None else model.wire_position
+    found.position = symmetric(data[1] << 8 | data[2], half, 16)
+    if model is not None:
+        found.velocity = symmetric(data[3] << 4 | data[4] >> 4, model.wire_velocity, 12)
+        found.torque = symmetric((data[4] & 15) << 8 | data[5], model.wire_torque, 12)
+    return found
+
+
+def commanded_in_mit_mode(identifier, extended, data):
+    """Return the id that a frame commands in MIT mode, None for a frame that begins with the id, as answers do."""
+    return None if extended or len(data) != 8 or data[0] == identifier else identifier
+
+
+def same_id(count, can_id):
+    """Return the remark that several drives have one id."""
+    return (
+        f"{count} answers to one question: {count} drives have id {can_id}; take all but one off the bus, and give "
+        "it another. Enable none: in MIT mode each takes the other's answers for commands"
+    )
+
+
+def one_of(answers, can_id, read_before):
+    """Return the first of the answers of one id, as a list of one or none, with a remark where there are several.
+
+    read_before : whether the drive had already reported before the query, so that one more frame may be such a report
+    """
+    if len(answers) > 1 and not read_before:
+        answers[0].remarks.append(same_id(len(answers), can_id))
+    return answers[:1]

@@ -58,6 +58,7 @@ class ADS1115(I2cDevice):
     hardware = (*I2cDevice.hardware, "full_scale")
     kind = "ADS1115"
     known_addresses = ADDRESSES
+    channel_names = tuple(INPUTS)
     decode = kernels.ads_decode
 
     def configure(self):

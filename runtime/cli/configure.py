@@ -1,17 +1,16 @@
 """`configure`: set up a drive on a bus, or find how a motor sits at its joint."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
-from blocks.actuators.robstride.parameters import PARAMETERS
+from blocks.families import families
 from graph import Device
+from graph.family import Request
 from graph.names import suggestion
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.cli.parsing import Parser, add_bus
 from runtime.commissioning import rig_edit
 from runtime.commissioning.bus import opened, single_bus
 from runtime.commissioning.configure import apply, joint
-from runtime.commissioning.configure.robstride import VENDOR_ONLY, named, protocol, settings_of
 from runtime.console.confirm import confirm
 from runtime.console.terminal import complain, tell
 from runtime.diagrams.file import compiled, load
@@ -22,22 +21,20 @@ from runtime.rig.overrides import override
 EPILOG = """\
   configure 127 --channel can0 --set-id 3                   a new drive gets its id
   configure 3 --channel can0 --zero --save                  here is zero, also after power off
-  configure 1 --channel can0 --zero                         of a CubeMars, too: --save where it is in servo mode
   configure 3 --channel can0 --read all                     every parameter
   configure 3 --channel can0 --write limit_torque=10        one of them
   configure --joint left/knee --rig lab.toml knee.py        offset, sign and range of a joint, into lab.toml
 
 The command stops the drive and asks for confirmation before it changes anything. It does not change a drive that runs.
-Changes that are not saved are lost when the drive is switched off. A CyberGear cannot save: it reads the save frame as
-a change of baud rate, so the frame is never sent to a drive that may be one.
+Changes that are not saved are lost when the drive is switched off.
 """
 
 
 def main(arguments):
     parser = Parser(
         "configure",
-        "Set up a RobStride drive or a CyberGear, the zero of a CubeMars, or find how a motor sits at its joint.",
-        EPILOG,
+        "Set up a drive, or find how a motor sits at its joint.",
+        "\n".join([EPILOG, *(family.configure_note for family in families() if family.configure_note), ""]),
     )
     parser.add_argument("what", nargs="?", metavar="ID", help="id of a drive; with --joint the diagram file")
     add_bus(parser)
@@ -45,15 +42,11 @@ def main(arguments):
         "--set-id", type=drive_id, metavar="N", help="its new id, 1 to 127, which nobody on the bus may have"
     )
     parser.add_argument("--zero", action="store_true", help="its position is zero where it is")
-    parser.add_argument(
-        "--protocol", type=protocol, metavar="NAME", help="private, mit or canopen, from its next power on"
-    )
+    parser.add_argument("--protocol", metavar="NAME", help="private, mit or canopen, from its next power on")
     parser.add_argument("--read", nargs="+", default=[], metavar="NAME", help="parameters to tell; all for every one")
     parser.add_argument("--write", nargs="+", default=[], metavar="NAME=VALUE", help="parameters to change")
     parser.add_argument(
-        "--save",
-        action="store_true",
-        help="keep what was set when the power goes; of a RobStride, and the zero in servo mode",
+        "--save", action="store_true", help="keep what was set when the power goes, where the drive can"
     )
     parser.add_argument("--joint", metavar="PATH", help="block of an actuator in the diagram, as in left/knee")
     parser.add_argument("--yes", action="store_true", help="change without asking, for scripts")
@@ -67,25 +60,18 @@ def drive(options):
             "which drive? name its id, as in configure 127 --channel can0 --set-id 3; `scan` tells the ids of a bus"
         )
     can_id = drive_id(options.what)
-    reads = list(PARAMETERS.values()) if "all" in options.read else [named(name, "--read") for name in options.read]
-    wanted = SimpleNamespace(
-        can_id=can_id,
-        reads=reads,
-        writes=settings_of(options.write),
-        zero=options.zero,
-        protocol=options.protocol,
-        new_id=options.set_id,
-        save=options.save,
-        yes=options.yes,
+    request = Request(
+        can_id, tuple(options.read), tuple(options.write), options.zero, options.protocol, options.set_id, options.save
     )
-    if wanted.new_id == can_id:
+    if request.new_id == can_id:
         raise BadInput(f"--set-id {can_id}: that is its id already")
-    if not (reads or wanted.writes or wanted.zero or wanted.protocol or wanted.new_id or wanted.save):
+    if not request.other_than():
         raise BadInput(
             "what shall be done? --read, --write, --set-id, --zero, --protocol or --save (--help tells of them)"
         )
+    apply.check(request)
     with opened(single_bus(options)) as bus:
-        return OK if apply.carry_out(bus, wanted) else CHECK_FAILED
+        return OK if apply.carry_out(bus, request, options.yes) else CHECK_FAILED
 
 
 def configure_joint(options):
@@ -119,8 +105,9 @@ def configure_joint(options):
 
 
 def drive_id(text):
-    if str(text).upper().startswith(("AK", "CUBEMARS")):
-        raise BadInput(f"{text}: {VENDOR_ONLY}")
     if not text.isdecimal() or not 1 <= int(text) <= 127:
+        program = next((family.vendor_program for family in families() if family.recognises(text)), "")
+        if program:
+            raise BadInput(f"{text}: {program}")
         raise BadInput(f"{text}: expected an id from 1 to 127; `scan` tells the ids of a bus")
     return int(text)

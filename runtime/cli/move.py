@@ -4,10 +4,7 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from blocks.actuators.cubemars import models as cubemars
-from blocks.actuators.cubemars import models_v3
-from blocks.actuators.robstride import mit
-from blocks.actuators.robstride import models as robstride
+from blocks.families import example_models, families, find_model
 from runtime.base.errors import BadInput
 from runtime.cli.configure import drive_id
 from runtime.cli.parsing import LONGEST, Parser, add_bus, add_pace, folder, host_and_port, number
@@ -23,10 +20,9 @@ SPRING = 2.0  # 1/rad: with the limit, the stiffness of a position; its damping 
 DAMPER = 1.0  # s/rad: with the limit, the damping of a velocity
 
 EPILOG = """\
-  move 3 --channel can0 --model AK80-9 --torque 0.5
-  move 3 --channel can0 --model AK80-9 --position 0.3 --speed 0.2
-  move 9 --rig lab.toml --bus legs --model RS02 --velocity 1 --duration 3
-  move 4 --channel can0 --model AK60-6-V1.1 --servo --torque 0.2
+  move 3 --channel can0 --model {0} --torque 0.5
+  move 3 --channel can0 --model {0} --position 0.3 --speed 0.2
+  move 9 --rig lab.toml --bus legs --model {1} --velocity 1 --duration 3
 
 This is a full run on a rig: with a guardian, a pre-flight table to confirm with Enter, torque that fades in, a
 recording, and a safe stop at the end. Hold an emergency stop that cuts the power, and do not wear the robot.
@@ -35,20 +31,13 @@ recording, and a safe stop at the end. Hold an emergency stop that cuts the powe
 
 def main(arguments):
     parser = Parser(
-        "move", "Move one actuator: with a torque, to a position, or at a velocity, within small limits.", EPILOG
+        "move",
+        "Move one actuator: with a torque, to a position, or at a velocity, within small limits.",
+        EPILOG.format(*example_models()),
     )
     parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
     add_bus(parser)
-    parser.add_argument(
-        "--model", metavar="NAME", help="of the actuator, as the vendor writes it: AK80-9, RS02 (a drive does not tell)"
-    )
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
-    how.add_argument(
-        "--servo",
-        action="store_true",
-        help="a CubeMars in servo mode: a velocity or a position does not bound its torque",
-    )
+    add_model(parser, "of the actuator, as the vendor writes it: {} (a drive does not report it)")
     what = parser.add_mutually_exclusive_group()
     what.add_argument("--torque", type=value("--torque", "N·m"), metavar="T", help="N·m")
     what.add_argument("--position", type=value("--position", "rad"), metavar="P", help="rad, of the drive's own zero")
@@ -103,12 +92,14 @@ def main(arguments):
     options = parser.parse_args(arguments)
     can_id = drive_id(options.can_id)
     kind, target = target_of(options)
-    family, found = model_of(options)
+    drive, found = model_of(options)
+    if kind not in drive.movements:
+        raise BadInput(f"--{kind}: {drive.block.__name__} is commanded with --{', --'.join(drive.movements)}")
     limit = limit_of(options, found, kind, target)
-    unbounded = family == "CubeMarsServo" and kind != "torque"
+    unbounded = kind not in drive.bounded
     bus = single_bus(options)
     settings = {
-        "family": family,
+        "block": drive.block.__name__,
         "model": found.name,
         "bus": bus.name,
         "can_id": can_id,
@@ -123,7 +114,7 @@ def main(arguments):
         "stiffness": options.stiffness or SPRING * limit,
         "damping": options.damping or limit * (DAMPER if kind == "velocity" else SPRING / 5.0),
     }
-    if family != "CubeMarsServo":
+    if drive.wire is None:
         check_law(found, settings)
     rated = f" ({limit / found.rated:.0%} of rated)" if found.rated else ""
     bound = (
@@ -170,31 +161,26 @@ def target_of(options):
     raise BadInput("where to? one of --torque T, --position P and --velocity V")
 
 
+def add_model(parser, text):
+    """Add --model, and the options of the families that select another block for it. text : with {} for examples"""
+    parser.add_argument("--model", metavar="NAME", help=text.format(", ".join(example_models())))
+    how = parser.add_mutually_exclusive_group()
+    texts = {}
+    for drive in (drive for family in families() for drive in family.drives if drive.option):
+        texts.setdefault(drive.option, []).append(drive.help)
+    for option, lines in texts.items():
+        how.add_argument(f"--{option}", dest="option", action="store_const", const=option, help="; ".join(lines))
+
+
 def model_of(options):
-    """(family, model). BadInput"""
+    """Return (graph.family.Drive, model). BadInput"""
     if not options.model:
-        raise BadInput(
-            "which model? its ranges make a torque of a frame, and a drive does not tell: --model AK80-9, --model RS02"
-        )
-    if options.mit:
-        return "RobStrideMIT", found_in(mit.find, options.model)
-    if options.servo:
-        return "CubeMarsServo", found_in(models_v3.find_in_servo_mode, options.model)
-    for family, find in (("CubeMarsV3", models_v3.find), ("CubeMars", cubemars.find)):
-        try:
-            return family, find(options.model)
-        except ValueError as error:
-            trouble = error
-    if str(options.model).upper().startswith("AK"):
-        raise BadInput(f"--model {trouble}")
-    return "RobStride", found_in(robstride.find, options.model)
-
-
-def found_in(find, name):
+        examples = ", ".join(f"--model {name}" for name in example_models())
+        raise BadInput(f"which model? its ranges make a torque of a frame, and a drive does not report it: {examples}")
     try:
-        return find(name)
+        return find_model(options.model, options.option or "")
     except ValueError as error:
-        raise BadInput(f"--model {error}; or a CubeMars: {', '.join(cubemars.MODELS)}") from None
+        raise BadInput(f"--model {error}") from None
 
 
 def limit_of(options, found, kind, target):

@@ -1,10 +1,11 @@
-"""`stream actuator ID`: one drive live, without torque; `stream imu SERIAL...`, `stream openimu ADDRESS` and `stream
-i2c ADDRESS...`: sensors.
+"""`stream actuator ID`: one drive live, without torque; `stream imu SERIAL...`, `stream i2c ADDRESS...` and `stream
+NAME ADDRESS`, for the sensors on CAN of a device family: sensors.
 """
 
+from blocks.families import example_models, families
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
 from runtime.cli.configure import drive_id
-from runtime.cli.move import model_of
+from runtime.cli.move import add_model, model_of
 from runtime.cli.parsing import LONGEST, Parser, add_bus, folder, host_and_port, number, rerun_target, settings
 from runtime.commissioning.bus import i2c_bus, opened, single_bus
 from runtime.commissioning.streaming import Watched, stream
@@ -13,40 +14,41 @@ from runtime.recording.files import make_folder
 
 FASTEST = 500.0  # Hz: Python asks and waits
 EPILOG = """\
-  stream actuator 3 --channel can0 --model AK80-9 --plotjuggler 127.0.0.1:9870
+  stream actuator 3 --channel can0 --model {0} --plotjuggler 127.0.0.1:9870
   stream actuator 9 --rig lab.toml --bus legs --record recordings
   stream imu 133931 --channels accel,gyro --rate 500
   stream imu --rerun                    every sensor that answers, in Rerun's viewer
-  stream openimu 128 --channel can1 --bitrate 250000
-  stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
+{1}  stream i2c 0x68 0x70.3:0x48 --channel /dev/i2c-1
 
 Nothing is armed: the drive is asked with the frame that disables or stops it, and can be moved by hand. Ctrl-C ends it.
 """
 
 
 def main(arguments):
-    kinds = {"imu": imu, "openimu": openimu, "i2c": i2c}
+    kinds = {"imu": imu, "i2c": i2c}
+    nodes = {kind.name.lower(): kind for family in families() for kind in family.nodes}
+    if arguments and arguments[0] in nodes:
+        return node(nodes[arguments[0]], arguments[1:])
     if arguments and arguments[0] in kinds:
         return kinds[arguments[0]](arguments[1:])
     parser = Parser(
-        "stream", "Show one drive live: position, velocity, torque and temperature, without torque.", EPILOG
+        "stream",
+        "Show one drive live: position, velocity, torque and temperature, without torque.",
+        EPILOG.format(
+            example_models()[0], "".join(f"  stream {name} 128 --channel can1 --bitrate 250000\n" for name in nodes)
+        ),
     )
     parser.add_argument(
         "kind", metavar="actuator", help="what is shown: actuator; `stream imu --help` tells of sensors"
     )
     parser.add_argument("can_id", metavar="ID", help="of the drive; `scan` tells who is there")
     add_bus(parser)
-    parser.add_argument(
-        "--model", metavar="NAME", help="as in AK80-9 or RS02; without it velocity and torque cannot be told"
-    )
-    how = parser.add_mutually_exclusive_group()
-    how.add_argument("--mit", action="store_true", help="a RobStride that is set to its MIT protocol")
-    how.add_argument("--servo", action="store_true", help="a CubeMars in servo mode, which reports by itself")
+    add_model(parser, "as in {}; without it velocity and torque are not known")
     add_showing(parser)
     options = parser.parse_args(arguments)
     if options.kind != "actuator":
         raise BadInput(
-            f"stream {options.kind}: expected stream actuator ID, or stream imu, openimu or i2c; what a "
+            f"stream {options.kind}: expected stream actuator ID, or stream imu, {', '.join(nodes)} or i2c; what a "
             "whole robot measures is shown by a run"
         )
     can_id = drive_id(options.can_id)
@@ -104,25 +106,25 @@ def ended(told, what):
     return OK if told.answers else CHECK_FAILED
 
 
-def names(text):
+def comma_separated(text):
     return tuple(name.strip() for name in text.split(",")) if text else ()
 
 
 def imu(arguments):
     """`stream imu`: sensors that are found by the last digits of their serial numbers."""
-    from blocks.imus.microstrain.block import STANDARD
     from runtime.commissioning.imus import WatchedImus
 
-    parser = Parser("stream imu", "Show MicroStrain sensors live, each set up as asked. Ctrl-C ends it.")
+    kinds = [kind for family in families() for kind in family.sensors]
+    names = " and ".join(f"{kind.sensor}s" for kind in kinds)
+    standard = ",".join(kinds[0].parameters["channels"].default)
+    parser = Parser("stream imu", f"Show {names} live, each set up as asked. Ctrl-C ends it.")
     parser.add_argument(
         "serials",
         nargs="*",
         metavar="SERIAL",
         help="last digits of a serial number (default: every sensor that answers)",
     )
-    parser.add_argument(
-        "--channels", default=",".join(STANDARD), metavar="NAME,...", help=f"default: {','.join(STANDARD)}"
-    )
+    parser.add_argument("--channels", default=standard, metavar="NAME,...", help=f"default: {standard}")
     parser.add_argument(
         "--attitude",
         choices=("filter", "sensor"),
@@ -131,7 +133,7 @@ def imu(arguments):
     )
     add_showing(parser)
     options = parser.parse_args(arguments)
-    watched = WatchedImus(options.serials, names(options.channels), options.rate, options.attitude)
+    watched = WatchedImus(options.serials, comma_separated(options.channels), options.rate, options.attitude)
     try:
         tell([f"{interface.bus.channel}: {name}" for name, (interface, _) in watched.lines.lines.items()])
         told = show(watched, "imu", options)
@@ -141,13 +143,13 @@ def imu(arguments):
     return ended(told, f"{told.answers} rows")
 
 
-def openimu(arguments):
-    """`stream openimu`: one OpenIMU on a CAN bus, by its source address."""
-    from runtime.commissioning.watched_openimu import WatchedOpenImu
+def node(kind, arguments):
+    """`stream NAME`: one sensor on a CAN bus, by its source address. kind : graph.family.Node"""
+    from runtime.commissioning.watched_node import WatchedNode
 
     parser = Parser(
-        "stream openimu",
-        "Show one OpenIMU on CAN live, set up as a run would, until its power is gone. Ctrl-C ends it.",
+        f"stream {kind.name.lower()}",
+        f"Show one {kind.name} on CAN live, set up as a run would, until its power is gone. Ctrl-C ends it.",
     )
     parser.add_argument(
         "address",
@@ -156,31 +158,32 @@ def openimu(arguments):
         help="its source address, 128 as it is sold; `scan` tells who is there",
     )
     add_bus(parser)
-    parser.add_argument("--model", choices=("300RI", "335RI"), default="300RI", help="default: 300RI")
-    parser.add_argument(
-        "--axes", choices=("printed", "z up"), default="printed", help="frame of what is shown (default: printed)"
-    )
-    parser.add_argument("--untold", action="store_true", help="set nothing, and read it in the axes in which it speaks")
+    for option, (name, text) in kind.options.items():
+        parameter = kind.block.parameters[name]
+        if parameter.default is True:
+            parser.add_argument(f"--{option}", dest=name, action="store_false", help=text)
+        else:
+            default = parameter.default
+            text = f"{text} (default: {default})"
+            parser.add_argument(f"--{option}", dest=name, choices=parameter.choices, default=default, help=text)
     add_showing(parser)
     options = parser.parse_args(arguments)
     if options.address != int(options.address) or options.address < 128:
         raise BadInput(f"ADDRESS: expected a whole number from 128 to 247, got {options.address:g}")
+    parameters = {name: getattr(options, name) for name, _ in kind.options.values()}
     with opened(single_bus(options)) as bus:
-        watched = WatchedOpenImu(
-            bus, int(options.address), model=options.model, axes=options.axes, told=not options.untold
-        )
-        tell([f"OpenIMU {options.model} at address {options.address:g} on {bus.bus.channel}"])
+        watched = WatchedNode(bus, kind, int(options.address), **parameters)
+        tell([f"{kind.name} {getattr(watched.block, 'model', '')} at address {options.address:g} on {bus.bus.channel}"])
         told = show(watched, watched.block.path, options)
     return ended(told, f"{told.answers} rows")
 
 
 def i2c(arguments):
     """`stream i2c`: sensors on an I2C bus, by their addresses."""
-    from runtime.commissioning.watched_chips import WatchedChips, place_of
+    from runtime.commissioning.watched_chips import WatchedChips, chip_names, place_of
 
     parser = Parser(
-        "stream i2c",
-        "Show MPU-9250, ICM-20948, ADS1115 and NAU7802 live, each recognised and set up as for a run. Ctrl-C ends it.",
+        "stream i2c", f"Show {', '.join(chip_names())} live, each recognised and set up as for a run. Ctrl-C ends it."
     )
     parser.add_argument(
         "places",
@@ -202,12 +205,12 @@ def i2c(arguments):
         default=[],
         metavar="NAME=VALUE",
         dest="settings",
-        help="a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks MPU9250` lists them",
+        help="a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks NAME` lists them",
     )
     add_showing(parser)
     options = parser.parse_args(arguments)
     watched = WatchedChips(
-        i2c_bus(options), options.places, names(options.channels), options.rate, settings(options.settings)
+        i2c_bus(options), options.places, comma_separated(options.channels), options.rate, settings(options.settings)
     )
     try:
         tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])

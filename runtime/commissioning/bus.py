@@ -7,8 +7,11 @@ import struct
 import time
 from dataclasses import replace
 
+from graph import dialogue
 from graph.names import suggestion
 from runtime.base.errors import BadInput
+from runtime.console.confirm import confirm
+from runtime.console.terminal import tell
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.guardian.wires import ERROR, EXTENDED, REMOTE, CannotOpen, PythonCanWire, SocketCanWire
 from runtime.machine.can import ARPHRD_CAN
@@ -117,16 +120,35 @@ class ToolBus:
                 found.append((identifier & 0x1FFFFFFF, bool(identifier & EXTENDED), bytes(data)))
         return found
 
-    def ask(self, frame, why, reads, patience=0.1, attempts=2):
-        """The first answer to a question, None if there is none. reads : makes an answer of (identifier, is extended,
-        data), or None
+    def ask(self, frame, why, read, patience=0.1, attempts=2):
+        """Carry out graph.dialogue.ask."""
+        return self.converse(dialogue.ask(frame, why, read, patience, attempts))
+
+    def converse(self, talk, yes=False):
+        """Carry out a dialogue of a device family (graph.dialogue); return its result. BadInput where it is rejected.
+
+        yes : whether every question to the operator is answered with yes, unasked
         """
-        for _ in range(attempts):
-            self.send(frame, why)
-            for heard in self.listen(patience, lambda frames: any(reads(*frame) is not None for frame in frames)):
-                if (answer := reads(*heard)) is not None:
-                    return answer
-        return None
+        reply = None
+        while True:
+            try:
+                step = talk.send(reply)
+            except StopIteration as end:
+                return end.value
+            except dialogue.Rejected as rejected:
+                raise BadInput("; ".join(filter(None, (str(rejected), rejected.hint)))) from None
+            if isinstance(step, dialogue.Send):
+                reply = self.send(step.frame, step.why)
+            elif isinstance(step, dialogue.Listen):
+                reply = self.listen(step.seconds, step.until or (lambda frames: False))
+            elif isinstance(step, dialogue.Tell):
+                reply = tell(step.lines)
+            elif isinstance(step, dialogue.Confirm):
+                reply = confirm(step.what, yes)
+                if not reply:
+                    tell(["nothing was changed"])
+            else:
+                raise TypeError(f"a dialogue on a CAN bus yields Send, Listen, Tell or Confirm, got {step!r}")
 
 
 def named_buses(options, machine=None):

@@ -4,19 +4,22 @@ that tell are read.
 
 from dataclasses import dataclass
 
+from blocks.families import families
 from runtime.commissioning.scan import Report
 from runtime.guardian.lock import BusLock, BusTaken
 from runtime.rig.chips import KnownChips
 from runtime.rig.errors import Refused, Trouble
 from runtime.rig.i2c import open_adapter
 
-BLOCKS = {
-    "MPU-9250": "mpu9250",
-    "MPU-9255": "mpu9250",
-    "ICM-20948": "icm20948",
-    "NAU7802": "nau7802",
-    "ADS1115 or ADS1015": "ads1115",
-}
+
+def chip_of(name):
+    """Return the graph.family.Chip with a block that has this name, None without one."""
+    chips = [chip for family in families() for chip in family.chips if chip.block is not None]
+    return next(
+        (chip for chip in chips if name == chip.name or chip.registers and name in chip.registers[1].values()), None
+    )
+
+
 NOBODY = (
     "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
     "and 5 are bus 1"
@@ -70,7 +73,7 @@ def look(bus, opened=None):
     finally:
         lock.close()
     report = Report(bus.name, bus.interface, bus.channel, 0)
-    report.chips = [Chip(*row, BLOCKS.get(row[3], "")) for row in found]
+    report.chips = [Chip(*row, kind.rig_name if (kind := chip_of(row[3])) else "") for row in found]
     if not report.chips:
         report.remarks.append(NOBODY)
     return report

@@ -1,13 +1,13 @@
-"""Inertial sensors on serial lines: which there are, and one or more watched live."""
+"""Inertial sensors on serial lines: those that respond, and one or more shown live."""
 
 import time
 from dataclasses import asdict, dataclass
 
-from blocks.imus import MicroStrain
+from blocks.families import families
 from graph import Diagram
 from runtime.base.errors import BadInput
 from runtime.commissioning.watched import WatchedBlocks
-from runtime.rig.microstrain import Seen
+from runtime.rig.dialogue_line import Seen
 from runtime.rig.streams import StreamLines
 
 REST = 0.0005  # s between looks
@@ -23,15 +23,19 @@ class Found:
     model: str
     firmware: str
     options: str
+    block: type
 
 
 def look(baudrate=115200):
-    """(Found of every sensor that answers, lines on ports that could not be asked)"""
-    seen = Seen().look(baudrate)
-    found = [
-        Found("MicroStrain", path, about.serial, about.model, about.firmware, about.options)
-        for path, (_, about) in sorted(seen.open.items())
-    ]
+    """Return (Found of every sensor that answers, lines on ports that could not be asked)."""
+    names = {kind: family.name for family in families() for kind in family.sensors}
+    seen = Seen(names).look(baudrate)
+    found = []
+    for path, sensor in sorted(seen.open.items()):
+        about = sensor.about
+        found.append(
+            Found(names[sensor.kind], path, about.serial, about.model, about.firmware, about.options, sensor.kind)
+        )
     seen.close()
     return found, [str(trouble) for trouble in seen.troubles]
 
@@ -45,7 +49,8 @@ def text(found):
 
 
 def plain(found):
-    return asdict(found)
+    row = asdict(found)
+    return {name: value for name, value in row.items() if name != "block"}
 
 
 class WatchedImus(WatchedBlocks):
@@ -58,12 +63,15 @@ class WatchedImus(WatchedBlocks):
     shown = ("accel", "gyro", "euler", "temperature")
 
     def __init__(self, serials, channels, rate, attitude="filter"):
-        serials = serials or [found.serial for found in look()[0]]
+        known = [kind for family in families() for kind in family.sensors]
+        seen = look()[0] if len(known) > 1 or not serials else []
+        serials = serials or [found.serial for found in seen]
         if not serials:
-            raise BadInput("no MicroStrain sensor answers on any port; the command `doctor` looks at ports")
+            names = " or ".join(kind.sensor for kind in known)
+            raise BadInput(f"no {names} answers on any port; the command `doctor` looks at ports")
         with Diagram("stream", rate=rate) as diagram:
             blocks = [
-                MicroStrain(
+                next((found.block for found in seen if found.serial.endswith(serial)), known[0])(
                     serial=serial,
                     channels=channels,
                     rate=rate,

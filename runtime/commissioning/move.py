@@ -2,28 +2,20 @@
 
     torque      rises to the target, stays, falls to zero, behind a limiter that changes it slowly
     position    a weak spring in the drive, whose equilibrium goes from where the joint is to the target at a bounded
-    speed velocity    a damper in the drive, whose velocity rises to the target, stays, and falls to zero
+    speed
+    velocity    a damper in the drive, whose velocity rises to the target, stays, and falls to zero
 
-The actuator's limit bounds the drive's whole law. A CubeMars in servo mode has other ways: a current of the motor, its
-own velocity loop, and its own way to a position; there only the current bounds the torque. Whatever passes `fastest`,
-as a motor without load would, ends the run.
+The actuator's limit bounds the drive's whole law. A family may command its drives in other ways (graph.family.Drive).
+A velocity beyond `fastest`, as of a motor without load, ends the run.
 """
 
-from blocks.actuators import CubeMars, CubeMarsServo, CubeMarsV3, RobStride, RobStrideMIT
+from blocks.families import families
 from blocks.limiters import Saturation, TorqueLimiter
 from blocks.logic import Compare, Or
 from blocks.recorders import CsvRecorder
 from blocks.safety import EmergencyStop
 from blocks.sources import TimeTable
 from graph import Block, Diagram, Input, Output, Param
-
-FAMILIES = {
-    "CubeMars": CubeMars,
-    "CubeMarsV3": CubeMarsV3,
-    "CubeMarsServo": CubeMarsServo,
-    "RobStride": RobStride,
-    "RobStrideMIT": RobStrideMIT,
-}
 
 
 class Approach(Block):
@@ -50,7 +42,7 @@ class Approach(Block):
 
 
 def build(
-    family="CubeMars",
+    block="",
     model="",
     bus="can",
     can_id=1,
@@ -66,16 +58,19 @@ def build(
     rate=200.0,
     gear_ratio=1.0,
 ):
-    """kind : torque (N·m), position (rad) or velocity (rad/s) of the target; rise in s"""
+    """Return the Diagram. block : class name of a graph.family.Drive; kind : torque (N·m), position (rad) or velocity
+    (rad/s) of the target; rise in s
+    """
+    drive = next(drive for family in families() for drive in family.drives if drive.block.__name__ == block)
     with Diagram("move", rate=rate) as diagram:
         rise = min(rise, duration / 3.0)
         settings = {"bus": bus, "can_id": can_id, "limit": limit, "gear_ratio": gear_ratio, "name": "actuator"}
-        if family == "CubeMarsServo":
-            settings |= servo_settings(kind, target, speed, rise)
-        joint = FAMILIES[family](model, **settings)
+        if drive.settings is not None:
+            settings |= drive.settings(kind, target, speed, rise)
+        joint = drive.block(model, **settings)
         wave = {"times": (0.0, rise, duration - rise, duration), "values": (0.0, target, target, 0.0)}
-        if family == "CubeMarsServo":
-            in_servo_mode(joint, kind, target, wave)
+        if drive.wire is not None:
+            drive.wire(joint, kind, target, wave)
         elif kind == "torque":
             joint(
                 torque_command=TorqueLimiter(limit=limit, slew=2.0 * limit / rise)(
@@ -96,24 +91,3 @@ def build(
         EmergencyStop(name="too_fast")(too_fast)
         CsvRecorder()
     return diagram
-
-
-def servo_settings(kind, target, speed, rise):
-    """Parameters of a CubeMarsServo: the drive's own loop, no faster than it has to be."""
-    if kind == "velocity":
-        return {"mode": "velocity", "velocity_limit": max(abs(target), 1e-3)}
-    if kind == "position":
-        return {"mode": "position_velocity", "velocity_limit": speed, "acceleration": speed / rise}
-    return {"mode": "current"}
-
-
-def in_servo_mode(joint, kind, target, wave):
-    """Command the drive's own loop. A torque is a current, by the model's constant."""
-    if kind == "torque":
-        wave["values"] = [value / joint.scales[2] for value in wave["values"]]
-        most = joint.command_limits()["current_command"].high
-        joint(current_command=Saturation(lower=-most, upper=most)(TimeTable(**wave, unit="A", name="target")()))
-    elif kind == "velocity":
-        joint(velocity_command=TimeTable(**wave, unit="rad/s", name="target")())
-    else:
-        joint(position_command=target)

@@ -1,21 +1,8 @@
 """A scan for people, and as a rig file to begin with."""
 
-from blocks.actuators.cubemars import asking as cubemars
-from blocks.actuators.robstride import asking as robstride
-from runtime.commissioning import openimu
 from runtime.commissioning.bus import entry, in_candump
 from runtime.console.styles import count
 from runtime.rig.file import I2C
-
-BLOCKS = {
-    cubemars.MIT: "CubeMars",
-    cubemars.V3: "CubeMarsV3",
-    cubemars.SERVO: "CubeMarsServo",
-    cubemars.ROBSTRIDE_MIT: "RobStrideMIT",
-    robstride.ROBSTRIDE: "RobStride",
-    robstride.CYBERGEAR: "RobStride",
-    robstride.EITHER: "RobStride",
-}
 
 
 def text(report, verbose=False):
@@ -109,11 +96,10 @@ def rig(reports, buses, when):
     for report, bus in zip(reports, buses):
         lines += [*entry(bus), ""]
         for drive in report.drives:
-            block = BLOCKS.get(drive.family)
             lines += [f"# {drive.family}{state(drive)}", *(f"# ! {remark}" for remark in drive.remarks)]
             settings = [f"# {name} = {value}" for name, value in drive.settings.items()]
             lines += [
-                f'# [device."{block.lower() if block else "drive"}_{drive.can_id}"]',
+                f'# [device."{drive.block.lower() or "drive"}_{drive.can_id}"]',
                 f"# can_id = {drive.can_id}",
                 *settings,
                 "",
@@ -122,12 +108,8 @@ def rig(reports, buses, when):
             lines += [
                 f"# {node.family} at address {node.address}" + (f", firmware {node.firmware}" if node.firmware else "")
             ]
-            lines += [f'# [device."{"imu" if node.family == openimu.OPENIMU else "node"}_{node.address}"]']
-            lines += (
-                [f"# address = {node.address}", f"# bitrate = {report.bitrate}", ""]
-                if node.family == openimu.OPENIMU
-                else [""]
-            )
+            lines += [f'# [device."{"imu" if node.kind is not None else "node"}_{node.address}"]']
+            lines += [f"# address = {node.address}", f"# bitrate = {report.bitrate}"] * (node.kind is not None) + [""]
         for chip in report.chips:
             lines += [f"# {chip.where}: {chip.name or 'a chip that is not known here'}"]
             if chip.block:

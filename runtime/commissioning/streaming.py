@@ -1,6 +1,6 @@
-"""One drive, watched live without torque: asked again and again with the frame that takes its torque away.
+"""One drive, shown live without torque: asked again and again with the frame that takes its torque away.
 
-One that reports by itself, a CubeMars in servo mode, is listened to, and is left as it is.
+A drive that reports without being asked is only listened to.
 """
 
 import math
@@ -8,10 +8,8 @@ import re
 import time
 from dataclasses import dataclass
 
-from blocks.actuators.cubemars import asking as mit
-from blocks.actuators.robstride import asking as private
 from runtime.base.errors import BadInput
-from runtime.commissioning.scan import refuse_company
+from runtime.commissioning.scan import merged_stop_queries, refuse_company
 from runtime.console.stderr import STDOUT, Terminal
 from runtime.console.terminal import tell
 from runtime.recorder.csv import CsvWriter
@@ -38,25 +36,19 @@ class Told:
 
 
 class Watched:
-    """A drive, of whichever protocol it speaks. BadInput where nobody answers, or somebody else commands drives here.
+    """A drive of any family. BadInput where none answers, or another controller commands drives on its bus.
 
-    model : of blocks.actuators.cubemars.models or robstride.models, or None: velocity and torque are then not known
+    model : of its family, or None: velocity and torque are then not known
     """
 
     def __init__(self, bus, can_id, model=None):
         self.bus, self.can_id, self.model = bus, can_id, model
         refuse_company(bus)
-        self.question, self.read = None, self.report
-        if (found := self.ask(REPORTING)) is not None:
-            self.family = found.family
-            return
-        for question, read in (
-            (private.stop(can_id), lambda *frame: private.feedback(*frame, can_id, model)),
-            (mit.question(can_id), lambda *frame: mit.answer(*frame, can_id, model)),
-            (mit.question_of_v3(can_id), self.report),
-        ):
-            self.question, self.read = question, read
-            found = bus.ask(question, "disable", read)
+        for self.question, self.read in merged_stop_queries(can_id, model):
+            if self.question is None:
+                found = self.ask(REPORTING)
+            else:
+                found = bus.ask(self.question, "disable", self.read)
             if found is not None:
                 self.family = found.family
                 return
@@ -67,19 +59,13 @@ class Watched:
     def ask(self, patience):
         """The Answer, None if none came in time."""
         if self.question is None:
-            heard = self.bus.listen(patience, lambda frames: any(map(self.is_report, frames)))
-            return next((self.read(*frame) for frame in reversed(heard) if self.is_report(frame)), None)
+            heard = self.bus.listen(patience, lambda frames: any(self.read(*frame) is not None for frame in frames))
+            answers = (self.read(*frame) for frame in reversed(heard))
+            return next((answer for answer in answers if answer is not None), None)
         return self.bus.ask(self.question, "disable", self.read, patience=patience, attempts=1)
 
     def columns(self, name):
         return [column(f"{name}.{signal}", unit) for signal, unit in SIGNALS.items()]
-
-    def report(self, *frame):
-        answer = mit.servo_status(*frame, self.model)
-        return answer if answer is not None and answer.can_id == self.can_id else None
-
-    def is_report(self, frame):
-        return self.report(*frame) is not None
 
     def row(self, answer):
         """Numbers for the columns."""

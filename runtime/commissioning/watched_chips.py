@@ -5,12 +5,11 @@ that asks them in one.
 import time
 from contextlib import ExitStack, closing, suppress
 
-from blocks.imus import ICM20948, MPU9250
-from blocks.sensors import ADS1115, NAU7802
+from blocks.families import families
 from graph import Device, Diagram
 from graph.names import suggestion
 from runtime.base.errors import BadInput
-from runtime.commissioning.chips import BLOCKS
+from runtime.commissioning.chips import chip_of
 from runtime.commissioning.watched import WatchedBlocks
 from runtime.diagrams.overrides import parse_like
 from runtime.guardian.lock import BusLock, BusTaken
@@ -18,7 +17,6 @@ from runtime.rig.chips import KnownChips, NoAnswer, in_hex
 from runtime.rig.errors import Refused
 from runtime.rig.i2c import I2cInterface, SeveralRefused, error_in_words, open_adapter
 
-KINDS = {"mpu9250": MPU9250, "icm20948": ICM20948, "ads1115": ADS1115, "nau7802": NAU7802}
 HIDDEN = {"age", "errors", "mag_age", "mag_overflow", "repeated"}  # unless they are asked for
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
 REST = 0.0005  # s between looks
@@ -103,7 +101,7 @@ def recognised(bus, places):
         known = KnownChips(chips)
         if not places:
             there = [((mux, channel, address), name) for mux, channel, address, name, _ in known.everywhere()]
-            found = [(KINDS[BLOCKS[name]], place) for place, name in there if name in BLOCKS]
+            found = [(chip.block, place) for place, name in there if (chip := chip_of(name)) is not None]
             if not found:
                 raise BadInput(
                     f"{bus.channel}: no sensor that is known here answers; `scan --interface i2c` tells who does"
@@ -130,11 +128,17 @@ def recognise(bus, chips, known, place):
             f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; {who} "
             f"answer{'s' if who.count('0x') == 1 else ''} there"
         ) from None
-    if name not in BLOCKS:
+    if (chip := chip_of(name)) is None:
         raise BadInput(
-            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are {', '.join(BLOCKS)}"
+            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are {', '.join(chip_names())}"
         )
-    return KINDS[BLOCKS[name]]
+    return chip.block
+
+
+def chip_names():
+    """Return the names of every chip that has a block."""
+    chips = [chip for family in families() for chip in family.chips if chip.block is not None]
+    return [name for chip in chips for name in ([chip.name] if chip.name else chip.registers[1].values())]
 
 
 def block(kind, place, bus, parameters):
@@ -157,9 +161,7 @@ def parameters_of(kind, found, channels, rate, settings):
             given["magnetometer"] = False
         elif "bypass" in kind.parameters:
             given["bypass"] = sum("magnetometer" in other.parameters for other, _ in found) == 1
-    if kind is ADS1115 and (
-        own := tuple(name for name in channels if name.partition("_")[0] in ("a0", "a1", "a2", "a3"))
-    ):
+    if "channels" in kind.parameters and (own := tuple(name for name in channels if name in kind.channel_names)):
         given["channels"] = own
     for name, text in settings:
         if name in kind.parameters:

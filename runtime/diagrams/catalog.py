@@ -9,6 +9,7 @@ import sys
 import textwrap
 from dataclasses import dataclass
 
+from blocks.families import families
 from graph import Block, Device
 from graph.drawing.cards import class_card, documentation, summary, unit_text
 from graph.names import suggestion
@@ -285,42 +286,23 @@ def source_line(kind):
 
 
 def actuators(console):
-    """The models of actuators, by family: what each holds, what it gives for seconds, and what its wire can say."""
-    from blocks.actuators.cubemars import models as cubemars
-    from blocks.actuators.cubemars import models_v3 as cubemars_v3
-    from blocks.actuators.robstride import models as robstride
-
-    lines = [
-        *family(
-            console, "CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", cubemars.MODELS
-        ),
-        "",
-        *family(
-            console,
-            "CubeMars, boards V3.0",
-            "CubeMarsV3 in force control, CubeMarsServo in servo mode",
-            cubemars_v3.MODELS,
-        ),
-        "",
-        *family(
-            console,
-            "RobStride and CyberGear",
-            "RobStride, or RobStrideMIT for the vendor's MIT protocol",
-            robstride.MODELS,
-        ),
-    ]
+    """Return the models of actuators by family: what each holds, what it gives for seconds, its ranges on the wire."""
+    lines, notes = [], []
+    for plugin in families():
+        for table in plugin.tables:
+            module = import_line(plugin.drives[0].block, plugin.drives[0].block.__module__).split()[1]
+            lines += [*family(console, table.title, f"from {module} import {table.usage}", table.models), ""]
+        notes += [plugin.table_note] if plugin.table_note else []
     words = (
         "Rated: held for ever, and the limit of a command by default. Peak: given for seconds, with limit='peak'. "
         "Wire: a scale, not a rating, and of one firmware; wire_torque=... and the like set those of a unit "
-        "that differs. "
-        "Kt: at the output, of the phase's peak current on a RobStride. What nobody has published is a -: where "
-        "it is the rated torque, "
-        "limit= is needed; where it is Kt, torque_constant= in servo mode."
+        "that differs. Kt: at the output. A - is not published: where it is the rated torque, limit= is needed; where "
+        "it is Kt, torque_constant= in servo mode."
     )
-    return [*lines, "", *console.hang("  ", words)]
+    return [*lines, *console.hang("  ", " ".join([words, *notes]))]
 
 
-def family(console, name, blocks, models):
+def family(console, name, usage, models):
     """The table of one family."""
     columns = "".join(
         f"{text:>10}" for text in ("rated", "peak", "torque", "velocity", "position", "stiffness", "damping", "Kt")
@@ -329,7 +311,7 @@ def family(console, name, blocks, models):
         f"{text:>10}" for text in ("N·m", "N·m", "± N·m", "± rad/s", "± rad", "N·m/rad", "N·m·s/rad", "N·m/A")
     )
     lines = [
-        console.bold(name) + f"  from blocks.actuators import {blocks}",
+        console.bold(name) + f"  {usage}",
         "",
         console.faint(f"  {'':<12}{'':>8}{'':>20}{'on the wire':>50}"),
         f"  {'model':<12}{'gear':>8}{columns}",

@@ -1,7 +1,7 @@
 """A CubeMars AK drive that is not there: it speaks the same bytes, for a plant."""
 
 from blocks.actuators.cubemars import models
-from blocks.actuators.cubemars.mit import REPLIES
+from blocks.actuators.cubemars.frames import REPLIES
 from blocks.actuators.emulated import Emulated
 from cext.kernels.devices.cubemars import mit as kernels
 from graph import Device, Param

@@ -1,13 +1,12 @@
-"""Extended frames of CubeMars boards, as (arbitration id, is extended, data): V3.0 boards always, V1 and V2 in servo
-mode.
+"""Frames of CubeMars boards as (arbitration id, is extended, data), and the words for their error codes.
 
-An identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Product Manual V3.0.0, section 4; AK Series
+Extended frames are those of V3.0 boards, and of V1 and V2 in servo mode; MIT mode is in blocks.actuators.mit_frames. An
+extended identifier is (kind << 8) | id; numbers are big-endian. (AKA Series Product Manual V3.0.0, section 4; AK Series
 Module Driver Manual V1.0.18.)
 """
 
 import math
 
-from blocks.actuators.cubemars import mit
 from graph import ReplyField
 
 # kinds of commands
@@ -19,7 +18,19 @@ POSITION_CODE = math.radians(0.1)  # rad, of a status
 SPEED_CODE = 10.0  # electrical revolutions a minute, of a status
 QUIET = 0.32  # A, below which a drive is at rest: cext/kernels/devices/cubemars/status.pxd
 
-FAULTS = mit.FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
+REPLIES = (8, 7, 6)  # bytes in MIT mode: temperature and error only in 8
+
+FAULTS = {  # error codes of MIT mode
+    0: "none",
+    1: "motor too hot",
+    2: "over-current",
+    3: "over-voltage",
+    4: "under-voltage",
+    5: "encoder",
+    6: "transistors too hot",
+    7: "stalled",
+}
+EXTENDED_FAULTS = FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
 
 
 def frame(kind, can_id, data=b""):
@@ -62,7 +73,7 @@ def velocity_field(can_id, code):
 
 
 def in_words(code):
-    return FAULTS.get(code, f"code {code}, which the manual does not know")
+    return EXTENDED_FAULTS.get(code, f"code {code}, which the manual does not know")
 
 
 def scales(found, gear_ratio, torque_constant):

@@ -1,23 +1,12 @@
 """CubeMars AK in MIT mode, board generations V1 and V2."""
 
 from blocks.actuators.cubemars import models
+from blocks.actuators.cubemars.emulator import EmulatedCubeMars
+from blocks.actuators.cubemars.frames import FAULTS, REPLIES
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE, StopInMitMode
 from cext.kernels.devices.cubemars import mit as kernels
 from graph import Actuator, Param
-
-REPLIES = (8, 7, 6)  # bytes: position, velocity and torque are in all of them, temperature and error in 8 alone
-
-FAULTS = {
-    0: "none",
-    1: "motor too hot",
-    2: "over-current",
-    3: "over-voltage",
-    4: "under-voltage",
-    5: "encoder",
-    6: "transistors too hot",
-    7: "stalled",
-}
 
 
 class CubeMars(StopInMitMode, Joint, Actuator):
@@ -81,6 +70,4 @@ class CubeMars(StopInMitMode, Joint, Actuator):
         return [(self.can_id, False, ENABLE)]
 
     def emulator(self, **parameters):
-        from blocks.actuators.cubemars.emulator import EmulatedCubeMars
-
         return EmulatedCubeMars.of(self, **parameters)

@@ -3,6 +3,7 @@
 import math
 
 from blocks.actuators.cubemars import frames, models_v3
+from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3, ExtendedFrames, Reporting
 from blocks.actuators.joint import Joint, motion_of
 from cext.kernels.devices.cubemars import servo as kernels
@@ -283,6 +284,4 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         )
 
     def emulator(self, **parameters):
-        from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsServo
-
         return EmulatedCubeMarsServo.of(self, **parameters)

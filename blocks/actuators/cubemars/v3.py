@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 from blocks.actuators.cubemars import frames, models_v3
+from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.mit_frames import ENABLE
@@ -142,6 +143,4 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
         return [frames.frame(frames.FORCE, self.can_id, bytes([0, code >> 8, code & 0xFF, *NOTHING[3:]]))]
 
     def emulator(self, **parameters):
-        from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
-
         return EmulatedCubeMarsV3.of(self, **{"report_rate": self.report_rate, "enter": self.enter} | parameters)

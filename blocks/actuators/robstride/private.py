@@ -3,6 +3,7 @@
 from blocks.actuators.damping import damped_stop
 from blocks.actuators.joint import Joint
 from blocks.actuators.robstride import frames, models
+from blocks.actuators.robstride.emulator import EmulatedRobStride
 from blocks.actuators.robstride.models import TEMPERATURE
 from cext.kernels.devices.robstride import private as kernels
 from cext.safety.thresholds import SCALE_TOLERANCE_WIRE_TORQUE
@@ -273,6 +274,4 @@ class RobStride(Joint, Actuator):
         return int(self.active_reporting)
 
     def emulator(self, **parameters):
-        from blocks.actuators.robstride.emulator import EmulatedRobStride
-
         return EmulatedRobStride.of(self, **parameters)

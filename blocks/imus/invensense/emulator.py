@@ -2,9 +2,7 @@
 
 from blocks.controllers.joint import GRAVITY
 from blocks.i2c import I2cDevice
-from blocks.imus.invensense.icm20948 import ICM20948
-from blocks.imus.invensense.mpu9250 import MPU9250, UNADJUSTED
-from blocks.imus.invensense.ports import InvenSense
+from blocks.imus.invensense.ports import AK09916_SCALE, AK8963_SCALE, UNADJUSTED, Bypass, InvenSense
 from cext.kernels import no_io
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Input, Memory, Param
@@ -42,7 +40,6 @@ class _Emulated(I2cDevice):
     state = Memory((0.0,) * 7, "when the next answers are due, and what it is stuck with")
 
     decode = no_io.ignore_all
-    sensor = InvenSense  # that it plays
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
     known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips
 
@@ -54,7 +51,6 @@ class _Emulated(I2cDevice):
     def configure(self):
         super().configure()
         self.identity = self.own_identity()
-        self.mag_scale = self.sensor.mag_scale
         self.scales = self.scales_of()
         self.periods = (1.0 / self.rate, 1.0 / self.mag_rate if self.magnetometer else 0.0, 0.0)
 
@@ -71,10 +67,10 @@ class EmulatedMPU9250(_Emulated):
         tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True
     )
 
-    bypass = MPU9250.parameters["bypass"]
+    bypass, chips = Bypass.bypass, Bypass.chips
 
     encode = kernels.mpu_answers
-    sensor, chips = MPU9250, MPU9250.chips
+    mag_scale = AK8963_SCALE
 
     def configure(self):
         super().configure()
@@ -93,4 +89,4 @@ class EmulatedICM20948(_Emulated):
     """
 
     encode = kernels.icm_answers
-    sensor = ICM20948
+    mag_scale = AK09916_SCALE

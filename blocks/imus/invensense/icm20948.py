@@ -1,7 +1,8 @@
 """ICM-20948 and its magnetometer AK09916 on I2C. (DS-000189 1.5.)"""
 
 from blocks.i2c import Identity, Read, Round, Transfer, Write
-from blocks.imus.invensense.ports import ACCEL_RANGES, GYRO_RANGES, InvenSense
+from blocks.imus.invensense.emulator import EmulatedICM20948
+from blocks.imus.invensense.ports import ACCEL_RANGES, AK09916_SCALE, GYRO_RANGES, InvenSense
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
@@ -29,7 +30,7 @@ class ICM20948(InvenSense):
 
     kind = "ICM-20948"
     decode = kernels.icm_decode
-    mag_scale = 0.15
+    mag_scale = AK09916_SCALE
 
     def identities(self):
         return (Identity(WHO_AM_I, {0xEA: "ICM-20948"}),)
@@ -85,6 +86,4 @@ class ICM20948(InvenSense):
         )
 
     def emulator(self, **parameters):
-        from blocks.imus.invensense.emulator import EmulatedICM20948
-
         return EmulatedICM20948.of(self, **parameters)

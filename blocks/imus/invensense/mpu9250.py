@@ -1,7 +1,8 @@
 """MPU-9250, MPU-9255 and their magnetometer AK8963 on I2C. (RM-MPU-9250A-00 1.6, AK8963 MS1356-E-02.)"""
 
 from blocks.i2c import Identity, Read, Round, Transfer, Write
-from blocks.imus.invensense.ports import ACCEL_RANGES, GYRO_RANGES, InvenSense
+from blocks.imus.invensense.emulator import EmulatedMPU9250
+from blocks.imus.invensense.ports import ACCEL_RANGES, AK8963_SCALE, GYRO_RANGES, UNADJUSTED, Bypass, InvenSense
 from cext.kernels.devices.invensense import chips as kernels
 from graph import Param
 
@@ -25,7 +26,6 @@ INTERNAL_RATE = 1000.0  # Hz, with one of these filters
 MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL, MAG_CONTROL_2, MAG_ADJUSTMENT = 0x00, 0x02, 0x0A, 0x0B, 0x10
 MAG_POWER_DOWN, MAG_FUSES, MAG_100_HZ_16_BITS, MAG_RESET = 0x00, 0x0F, 0x16, 0x01
 MAG_BYTES = 8  # ST1, three axes, ST2
-UNADJUSTED = b"\x80\x80\x80"
 
 
 class MPU9250(InvenSense):
@@ -39,21 +39,12 @@ class MPU9250(InvenSense):
 
     low_pass = Param(41, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
 
-    bypass = Param(
-        True,
-        "1",
-        "whether its magnetometer is asked past it; else it asks by itself, as two on one piece of bus need",
-        fixed=True,
-        kernel=False,
-    )
+    bypass, chips = Bypass.bypass, Bypass.chips
 
     kind = "MPU-9250"
     decode = kernels.mpu_decode
-    mag_scale = 4912.0 / 32760.0
+    mag_scale = AK8963_SCALE
     adjustment = UNADJUSTED  # of the magnetometer, once it has been asked
-
-    def chips(self):
-        return InvenSense.chips(self) if self.bypass else (self.address,)
 
     def release(self):
         """Its magnetometer leaves the bus to that of another, which may be set up first."""
@@ -138,6 +129,4 @@ class MPU9250(InvenSense):
         )
 
     def emulator(self, **parameters):
-        from blocks.imus.invensense.emulator import EmulatedMPU9250
-
         return EmulatedMPU9250.of(self, **parameters)

@@ -12,6 +12,8 @@ from graph import Interval, Memory, Output, Param
 FULL = 32768.0  # codes of the range
 ACCEL_RANGES, GYRO_RANGES = (2, 4, 8, 16), (250, 500, 1000, 2000)  # g and °/s; the place is the code
 MAG_RATE = 100.0  # Hz, the fastest of both magnetometers
+AK8963_SCALE, AK09916_SCALE = 4912.0 / 32760.0, 0.15  # µT of a code of either magnetometer
+UNADJUSTED = b"\x80\x80\x80"  # factory adjustment of an AK8963 that changes nothing
 
 
 class InvenSense(I2cDevice):
@@ -101,3 +103,18 @@ class InvenSense(I2cDevice):
             "repeated": Interval(0.0),
             "errors": Interval(0.0),
         }
+
+
+class Bypass:
+    """Whether the bus reaches the magnetometer of an MPU-9250 directly. Taken over by its block and its emulator."""
+
+    bypass = Param(
+        True,
+        "1",
+        "whether the bus reads the magnetometer directly; otherwise the chip reads it, as two on one piece of bus need",
+        fixed=True,
+        kernel=False,
+    )
+
+    def chips(self):
+        return InvenSense.chips(self) if self.bypass else (self.address,)

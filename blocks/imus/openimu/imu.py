@@ -3,6 +3,7 @@
 import math
 
 from blocks.imus.openimu import frames
+from blocks.imus.openimu.emulator import EmulatedOpenImu
 from cext.kernels.devices.openimu import frames as kernels
 from graph import Device, Interval, Memory, Output, Param
 
@@ -208,6 +209,4 @@ class OpenImu(Device):
         }
 
     def emulator(self, **parameters):
-        from blocks.imus.openimu.emulator import EmulatedOpenImu
-
         return EmulatedOpenImu.of(self, **parameters)

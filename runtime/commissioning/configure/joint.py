@@ -9,16 +9,12 @@ rig file.
 import sys
 import time
 
-from blocks.actuators.cubemars import CubeMars, CubeMarsServo, CubeMarsV3, frames
-from blocks.actuators.cubemars import asking as mit
-from blocks.actuators.robstride import RobStride, RobStrideMIT
-from blocks.actuators.robstride import asking as private
+from blocks.families import families, family_of
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
 from runtime.console.confirm import enter_pressed
 from runtime.console.terminal import tell
 
-KNOWN = (CubeMars, CubeMarsV3, CubeMarsServo, RobStride, RobStrideMIT)
 PERIOD = 0.02  # s between two questions
 SILENT = 0.5  # s without an answer
 STILL = 0.05  # rad that a joint that stands still may move in WINDOW
@@ -29,37 +25,21 @@ BENT = 0.2  # rad that tell which way a joint was bent
 class Motor:
     """The drive of a joint, asked again and again with the frame that takes its torque away.
 
-    block : of KNOWN, as the diagram and the rig have it
+    block : actuator of a family, as the diagram and the rig have it
     """
 
     def __init__(self, bus, block):
         self.bus, self.block = bus, block
-        if not isinstance(block, KNOWN):
-            known = ", ".join(kind.__name__ for kind in KNOWN)
+        family = family_of(block)
+        if family is None:
+            known = ", ".join(drive.block.__name__ for each in families() for drive in each.drives)
             raise BadInput(f"{block.path} is a {type(block).__name__}: this command knows {known}")
+        self.query = family.stop_query(block)
         refuse_company(bus)
-
-    def read(self, *frame):
-        if isinstance(self.block, RobStride):
-            return private.feedback(*frame, self.block.can_id, self.block.found, self.block.host_id)
-        if isinstance(self.block, (CubeMarsV3, CubeMarsServo)):
-            found = mit.servo_status(*frame, self.block.found)
-            return found if found is not None and found.can_id == self.block.can_id else None
-        return mit.answer(*frame, self.block.can_id, self.block.found)
-
-    def question(self):
-        block = self.block
-        if isinstance(block, RobStride):
-            return private.stop(block.can_id, block.host_id)
-        if isinstance(block, CubeMarsV3):
-            return mit.question_of_v3(block.can_id)
-        if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports by itself
-            return frames.amperes(frames.CURRENT, 0.0, block.can_id)
-        return mit.question(block.can_id)
 
     def answer(self):
         """The newest Answer. BadInput where it is silent."""
-        found = self.bus.ask(self.question(), "disable", self.read, patience=SILENT / 2)
+        found = self.bus.ask(self.query.frame, "disable", self.query.read, patience=SILENT / 2)
         if found is None:
             raise BadInput(
                 f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; "

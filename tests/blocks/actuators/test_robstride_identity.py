@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from blocks.actuators import EmulatedRobStride
-from blocks.actuators.robstride import asking
+from blocks.actuators.robstride import queries
 from graph import DiagramError
 from tests.blocks.actuators import robstride_reference as reference
 from tests.blocks.actuators.wire import EXTENDED, FOREIGN, TAKEN, Wired
@@ -25,7 +25,7 @@ def emulated(model="RS03", **parameters):
 
 
 def ask(wired, frame, taken=TAKEN):
-    """What a drive answers to a frame of blocks.actuators.robstride.asking: (identifier without its flag, data)."""
+    """What a drive answers to a frame of blocks.actuators.robstride.queries: (identifier without its flag, data)."""
     identifier, extended, data = frame
     assert extended and wired.hear(identifier | EXTENDED, data) == taken
     wired.step(position=0.0, velocity=0.0)
@@ -33,7 +33,7 @@ def ask(wired, frame, taken=TAKEN):
 
 
 def value(wired, index, can_id=127):
-    ((identifier, data),) = ask(wired, asking.read(index, can_id))
+    ((identifier, data),) = ask(wired, queries.read(index, can_id))
     assert identifier == 17 << 24 | can_id << 8 | HOST
     return struct.unpack("<f" if index not in (RUN_MODE, CAN_TIMEOUT) else "<I", data[4:])[0]
 
@@ -47,7 +47,7 @@ def write(wired, index, number):
 
 def test_each_drive_has_a_unique_number_of_its_own():
     numbers = [
-        ask(emulated(**which), asking.get_id(can_id))
+        ask(emulated(**which), queries.get_id(can_id))
         for which, can_id in (
             ({}, 127),
             ({"can_id": 3}, 3),
@@ -62,7 +62,7 @@ def test_each_drive_has_a_unique_number_of_its_own():
         127 << 8 | 0xFE,
     ]
     assert numbers[3][0][1].hex() == "1122334455667788" and len({data for ((_, data),) in numbers}) == 4
-    assert ask(emulated(), asking.get_id(127)) == numbers[0], "the same in every run"
+    assert ask(emulated(), queries.get_id(127)) == numbers[0], "the same in every run"
 
 
 @pytest.mark.parametrize("unique", ["12", "112233445566778Z"])
@@ -73,17 +73,17 @@ def test_a_unique_number_of_another_form_is_refused(unique):
 
 def test_a_new_id_holds_at_once_and_is_answered_with_the_unique_number():
     wired = emulated(unique="1122334455667788")
-    assert ask(wired, asking.set_id(127, 9)) == [(9 << 8 | 0xFE, bytes.fromhex("1122334455667788"))]
-    assert ask(wired, asking.get_id(127), taken=FOREIGN) == []
+    assert ask(wired, queries.set_id(127, 9)) == [(9 << 8 | 0xFE, bytes.fromhex("1122334455667788"))]
+    assert ask(wired, queries.get_id(127), taken=FOREIGN) == []
     assert value(wired, LOC_KP, 9) == 30.0
     wired.step(position=0.0, velocity=0.0, power_lost=True)
     wired.step(position=0.0, velocity=0.0, power_lost=False)
-    assert ask(wired, asking.get_id(9))[0][0] == 9 << 8 | 0xFE, "also after its power was off"
+    assert ask(wired, queries.get_id(9))[0][0] == 9 << 8 | 0xFE, "also after its power was off"
 
 
 @pytest.mark.parametrize("new", [0, 128, 255])
 def test_an_id_that_no_drive_can_have_is_not_taken(new):
-    assert ask(emulated(), asking.set_id(127, new))[0][0] == 127 << 8 | 0xFE
+    assert ask(emulated(), queries.set_id(127, new))[0][0] == 127 << 8 | 0xFE
 
 
 def test_a_frame_of_another_library_sets_the_id():
@@ -104,14 +104,14 @@ def test_a_stop_that_asks_for_the_version_is_answered_with_it_and_stops():
     wired.step(position=0.0, velocity=0.0)
     wired.say()
     assert wired["enabled"] == 1.0
-    ((identifier, data),) = ask(wired, asking.version(127))
+    ((identifier, data),) = ask(wired, queries.version(127))
     assert (
         identifier == 2 << 24 | 127 << 8 | HOST
         and data == bytes.fromhex("00c4560003012a00")
         and wired["enabled"] == 0.0
     )
-    assert asking.firmware(identifier, True, data, 127) == "0.3.1.42.0"
-    ((_, data),) = ask(emulated("CyberGear"), asking.version(127))
+    assert queries.firmware(identifier, True, data, 127) == "0.3.1.42.0"
+    ((_, data),) = ask(emulated("CyberGear"), queries.version(127))
     assert data[:3] != bytes.fromhex("00c456"), "a CyberGear takes it for a stop"
 
 
@@ -136,7 +136,7 @@ def test_without_power_it_keeps_what_was_saved(saved):
     for index, number in ((LOC_KP, 12.0), (CAN_TIMEOUT, 2000), (RUN_MODE, 3)):
         write(wired, index, number)
     if saved:
-        ((identifier, _),) = ask(wired, asking.save(127))
+        ((identifier, _),) = ask(wired, queries.save(127))
         assert identifier >> 24 == 2
     wired.step(position=0.0, velocity=0.0, power_lost=True)
     wired.step(position=0.0, velocity=0.0, power_lost=False)

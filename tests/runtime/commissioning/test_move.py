@@ -136,10 +136,10 @@ def test_in_servo_mode_a_torque_is_a_current_and_the_end_is_none(tmp_path):
     assert {identifier >> 8 for identifier, extended, _ in drive.heard if extended} == {1}
 
 
-@pytest.mark.parametrize("family, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
+@pytest.mark.parametrize("block, model", [("CubeMarsV3", "AKE60-8"), ("CubeMarsServo", "AK80-9-V3.0")])
 @pytest.mark.parametrize("kind, target", [("torque", 0.2), ("velocity", 1.0), ("position", 0.3)])
-def test_every_board_and_way_of_moving_is_proved_to_stay_inside_the_limit(family, model, kind, target):
-    schedule = compile(build(family=family, model=model, kind=kind, target=target, limit=0.5))
+def test_every_board_and_way_of_moving_is_proved_to_stay_inside_the_limit(block, model, kind, target):
+    schedule = compile(build(block=block, model=model, kind=kind, target=target, limit=0.5))
     assert not schedule.warnings and all(proof.interval in proof.limit for proof in schedule.proofs)
     assert schedule.proofs
 

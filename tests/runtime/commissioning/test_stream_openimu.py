@@ -5,7 +5,7 @@ import pytest
 from blocks.imus import EmulatedOpenImu
 from blocks.imus.openimu import frames
 from runtime.base.errors import BAD_INPUT, OK
-from runtime.commissioning import watched_openimu
+from runtime.commissioning import watched_node
 from tests.blocks.actuators.wire import EXTENDED, Wired
 from tests.runtime.commissioning.nodes import Node, Nodes, OpenImu
 
@@ -51,7 +51,7 @@ def test_a_unit_is_set_up_shown_and_recorded(command_line):
 
 
 def test_one_that_tells_no_settings_and_one_that_is_not_there_are_told_apart(command_line, monkeypatch):
-    monkeypatch.setattr(watched_openimu, "PATIENCE", 0.3)
+    monkeypatch.setattr(watched_node, "SETTINGS_TIMEOUT", 0.3)
     with Nodes(91, OpenImu(address=130)) as nodes:
         code, _, err = command_line("stream", "openimu", "130", *nodes.words)
         assert (

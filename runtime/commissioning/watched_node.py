@@ -1,10 +1,9 @@
-"""One OpenIMU on a CAN bus, watched live: set up as arming would, which lasts until its power is gone, and read by its
-own block.
+"""One sensor on a CAN bus that follows SAE J1939, shown live: set up as for a run, until its power goes, and read by
+its own block.
 """
 
 import time
 
-from blocks.imus import OpenImu
 from graph import Diagram
 from runtime.base.errors import BadInput
 from runtime.commissioning.scan import refuse_company
@@ -12,42 +11,32 @@ from runtime.commissioning.watched import WatchedBlocks
 
 EXTENDED, TAKEN = 0x80000000, 1  # cext/abi.pxd
 SET_UP = 0.1  # s between two attempts to set it up
-PATIENCE = 1.0  # s until it has told its settings
+SETTINGS_TIMEOUT = 1.0  # s until it has returned its settings
 
 
-class WatchedOpenImu(WatchedBlocks):
-    """BadInput where it does not tell its settings, or somebody commands drives on its bus.
+class WatchedNode(WatchedBlocks):
+    """BadInput where it does not return its settings, or another controller commands drives on its bus.
 
-    bus : runtime.commissioning.bus.ToolBus; parameters : of OpenImu
+    bus : runtime.commissioning.bus.ToolBus; kind : graph.family.Node; parameters : of its block
     """
 
-    def __init__(self, bus, address, **parameters):
+    def __init__(self, bus, kind, address, **parameters):
         self.bus = bus
         refuse_company(bus)
-        with Diagram("stream", rate=OpenImu.parameters["rate"].default) as diagram:
-            self.block = OpenImu(address=address, name=f"imu_{address}", **parameters)
-        super().__init__(
-            diagram,
-            lambda block: [
-                "accel",
-                "gyro",
-                *(["mag"] if block.types & 8 else []),
-                *(["roll", "pitch"] if block.slope else []),
-            ],
-        )
-        deadline, heard = time.monotonic() + PATIENCE, False
+        with Diagram("stream", rate=kind.block.parameters["rate"].default) as diagram:
+            self.block = kind.block(address=address, name=f"imu_{address}", **parameters)
+        super().__init__(diagram, kind.channels)
+        deadline, heard = time.monotonic() + SETTINGS_TIMEOUT, False
         while self.ask(0.01) is None:
             if time.monotonic() > deadline:
                 where = f"address {address} on {bus.bus.channel}"
                 raise BadInput(
-                    f"{where} speaks, and does not tell its settings: is it a {self.block.model}? --untold reads it "
-                    "as it is"
+                    f"{where} speaks, and does not tell its settings: is it a {self.block.model}? {kind.silent}"
                     if heard
                     else f"nobody has {where}; the command `scan` tells who is there"
                 )
-            if self.block.told:
-                for frame in self.block.enable_frames():
-                    bus.send(frame, "settings of an OpenIMU")
+            for frame in kind.set_up(self.block):
+                bus.send(frame, f"settings of an {kind.name}")
             heard = bool(self.drain(SET_UP)) or heard
 
     def drain(self, patience):

@@ -1,0 +1,94 @@
+"""CubeMars AK drives with boards of every generation, as a device family."""
+
+from blocks.actuators.cubemars import frames, models, models_v3, queries, set_up
+from blocks.actuators.cubemars.mit import CubeMars
+from blocks.actuators.cubemars.servo import CubeMarsServo
+from blocks.actuators.cubemars.v3 import CubeMarsV3
+from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
+from blocks.limiters import Saturation
+from blocks.sources import TimeTable
+from graph.dialogue import Rejected
+from graph.family import Drive, Family, Query, StopQuery, Table
+
+
+def servo_settings(movement, target, speed, rise):
+    """Return parameters of a CubeMarsServo: the drive's own loop, no faster than needed."""
+    if movement == "velocity":
+        return {"mode": "velocity", "velocity_limit": max(abs(target), 1e-3)}
+    if movement == "position":
+        return {"mode": "position_velocity", "velocity_limit": speed, "acceleration": speed / rise}
+    return {"mode": "current"}
+
+
+def wire_servo(joint, movement, target, wave):
+    """Command the drive's own loop. A torque is a current, by the model's constant."""
+    if movement == "torque":
+        values = [value / joint.scales[2] for value in wave["values"]]
+        limit = joint.command_limits()["current_command"].high
+        current = TimeTable(times=wave["times"], values=values, unit="A", name="target")()
+        joint(current_command=Saturation(lower=-limit, upper=limit)(current))
+    elif movement == "velocity":
+        joint(velocity_command=TimeTable(**wave, unit="rad/s", name="target")())
+    else:
+        joint(position_command=target)
+
+
+class CubeMarsFamily(Family):
+    name = "CubeMars"
+    drives = (
+        Drive(CubeMarsV3, models_v3.find),
+        Drive(CubeMars, models.find),
+        Drive(
+            CubeMarsServo,
+            models_v3.find_in_servo_mode,
+            "servo",
+            "a CubeMars in servo mode: a velocity or a position does not bound its torque",
+            bounded=("torque",),
+            settings=servo_settings,
+            wire=wire_servo,
+        ),
+    )
+    tables = (
+        Table("CubeMars, boards V1 and V2", "CubeMars in MIT mode, CubeMarsServo in servo mode", models.MODELS),
+        Table("CubeMars, boards V3.0", "CubeMarsV3 in force control, CubeMarsServo in servo mode", models_v3.MODELS),
+    )
+    queries = (
+        Query(queries.disable_v3, queries.V3_PURPOSE, queries.all_reports),
+        Query(disable_in_mit_mode, MIT_PURPOSE, queries.states),
+    )
+    vendor_program = set_up.VENDOR_PROGRAM
+    configure_note = "Of a CubeMars only the zero can be set; --save keeps it where the drive is in servo mode."
+    benchmark = {"model": "AK80-9"}
+
+    def reports(self, heard):
+        return queries.reports(heard)
+
+    def commanded(self, identifier, extended, data):
+        found = queries.commanded(identifier, extended, data)
+        return commanded_in_mit_mode(identifier, extended, data) if found is None else found
+
+    def stop_queries(self, can_id, model=None):
+        read = queries.status_of(can_id, model)
+        return (
+            StopQuery(None, read),
+            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state(*frame, can_id, model)),
+            StopQuery(queries.disable_v3(can_id), read),
+        )
+
+    def stop_query(self, block):
+        read = queries.status_of(block.can_id, block.found)
+        if isinstance(block, CubeMarsV3):
+            return StopQuery(queries.disable_v3(block.can_id), read)
+        if isinstance(block, CubeMarsServo):  # it has no other way to be off, and reports without being asked
+            return StopQuery(frames.amperes(frames.CURRENT, 0.0, block.can_id), read)
+        return self.stop_queries(block.can_id, block.found)[1]
+
+    def check(self, request):
+        refused = request.other_than("--zero", "--save")
+        if refused:
+            raise Rejected(f"{refused[0]}: {set_up.VENDOR_PROGRAM}")
+
+    set_up = staticmethod(set_up.set_up)
+
+
+FAMILY = CubeMarsFamily()

@@ -1,0 +1,131 @@
+"""Queries of the state of a CubeMars drive, in MIT mode and on extended frames.
+
+(AK Series Module Driver Manual V1.0.18, pages 64 to 68; AKA Series Product Manual V3.0.0, section 4.)
+"""
+
+import math
+import struct
+
+from blocks.actuators.cubemars import frames
+from blocks.actuators.cubemars.frames import FAULTS, REPLIES
+from blocks.actuators.cubemars.models import POSITION
+from blocks.actuators.mit_frames import DISABLE
+from blocks.actuators.queries import one_of, state_in_mit_mode
+from graph.family import Answer
+
+MIT, SERVO = "CubeMars in MIT mode", "CubeMars in servo mode, or a V3.0 board"
+V3 = "CubeMars with a V3.0 board"
+V3_PURPOSE = "disable of V3.0 boards"
+DISABLED = 0x77  # error byte of a V3.0 board's answer to a disable
+LAST_KIND = 8  # of the commands in servo mode, force control of V3.0 boards
+NO_ID = 0xFE  # no id of a drive: identifiers that end so are answers of other vendors' drives
+
+
+def state(identifier, extended, data, can_id, model=None):
+    """Return the Answer of a frame of MIT mode, None for another frame.
+
+    model : of blocks.actuators.cubemars.models; without it velocity and torque are None
+    """
+    answers = not extended and identifier in (0, can_id) and len(data) in REPLIES
+    if not answers or data[0] != can_id or bytes(data) == DISABLE:
+        return None
+    found = state_in_mit_mode(can_id, data, MIT, "CubeMars", POSITION, model)
+    if len(data) == 8:
+        found.temperature = data[6] - 40.0
+        found.fault = FAULTS.get(data[7], f"code {data[7]}, which the manual does not list") if data[7] else ""
+    else:
+        found.fault = None
+        found.notes.append(
+            f"replies of {len(data)} bytes, without temperature and error: its block needs reply={len(data)}"
+        )
+        found.settings["reply"] = len(data)
+    return found
+
+
+def states(heard, can_ids, before):
+    """Return the Answers to the query of MIT mode, one for each id."""
+    found = []
+    for can_id in can_ids:
+        answers = [answer for frame in heard if (answer := state(*frame, can_id)) is not None]
+        found += one_of(answers, can_id, any(state(*frame, can_id) for frame in before))
+        named = {name for frame in heard if (name := other_id(*frame, can_id)) is not None}
+        if named and not answers:
+            remark = (
+                f"replies with id {' and '.join(map(str, sorted(named)))} in byte 0: the drive is configured to answer "
+                "with another id, and no block reads it"
+            )
+            found.append(Answer(MIT, can_id, fault=None, remarks=[remark], block="CubeMars"))
+    return found
+
+
+def other_id(identifier, extended, data, can_id):
+    """Return the id in byte 0 of a reply from `can_id` that names another one, None for another frame."""
+    if extended or identifier != can_id or len(data) not in REPLIES or data[0] == can_id or bytes(data) == DISABLE:
+        return None
+    return data[0]
+
+
+def disable_v3(can_id):
+    """Return the disable of V3.0 boards, an empty frame: V1 and V2 have none, a RobStride takes it for `get id`."""
+    return frames.frame(frames.DISABLE, can_id)
+
+
+def status(identifier, extended, data, model=None):
+    """Return the Answer of a report in servo mode or of a V3.0 board, None for another frame.
+
+    model : of blocks.actuators.cubemars.models or models_v3; without it velocity is None, and torque, which is computed
+        from the current
+    """
+    if not extended or identifier >> 8 != frames.STATUS or len(data) != 8:
+        return None
+    position, speed, current, temperature, error = struct.unpack(">hhhbB", data)
+    found = Answer(
+        SERVO,
+        identifier & 0xFF,
+        position=position * frames.POSITION_CODE,
+        current=current * 0.01,
+        temperature=float(temperature),
+        block="CubeMarsServo",
+    )
+    if model is not None:
+        _, rate, torque = frames.scales(model, 1.0, model.torque_constant or math.nan)
+        found.velocity, found.torque = speed * rate, current * 0.01 * torque
+    if error == DISABLED:
+        found.family, found.block = V3, "CubeMarsV3"
+    else:
+        found.fault = frames.in_words(error) if error else ""
+        found.notes.append(
+            "its blocks are CubeMarsServo and, with a V3.0 board, CubeMarsV3; CubeMars wants MIT mode, set with the "
+            "vendor's tool"
+        )
+    return found
+
+
+def status_of(can_id, model=None):
+    """Return a reader of the reports of one drive."""
+
+    def read(*frame):
+        found = status(*frame, model)
+        return found if found is not None and found.can_id == can_id else None
+
+    return read
+
+
+def reports(heard):
+    """Return {id: newest Answer} of drives that report: that of a V3.0 board to a disable before any other."""
+    found = {}
+    for frame in heard:
+        answer = status(*frame)
+        if answer is not None and answer.can_id != NO_ID and getattr(found.get(answer.can_id), "family", "") != V3:
+            found[answer.can_id] = answer
+    return found
+
+
+def all_reports(heard, can_ids, before):
+    """Return the Answers to the query of V3.0 boards: drives that report, and boards that were asked."""
+    return list((reports(before) | reports(heard)).values())
+
+
+def commanded(identifier, extended, data):
+    """Return the id that another controller's frame in servo mode or force control commands, or None."""
+    return identifier & 0xFF if extended and identifier >> 8 <= LAST_KIND else None

@@ -1,0 +1,113 @@
+"""The zero of a CubeMars drive: its present position becomes 0. Nothing else can be set up on the bus.
+
+    MIT mode               FF..FE after a disable; then the drive may be silent for a second. Whether the zero is kept
+                           without power depends on the firmware; a query after the next power cycle shows it
+    servo mode, V3.0       origin, until the power goes; with save into the drive's flash memory
+
+A drive that carries current or moves is left alone.
+"""
+
+from dataclasses import dataclass
+
+from blocks.actuators.cubemars import frames, queries
+from blocks.actuators.mit_frames import SET_ZERO
+from blocks.actuators.queries import disable_in_mit_mode
+from graph.dialogue import Confirm, Listen, Rejected, Send, Tell, ask
+
+STILL_TOLERANCE = 0.02  # rad between two queries
+ZERO_TOLERANCE = 0.02  # rad
+QUERY_TIME = 0.25  # s: a drive in servo mode reports at 1 Hz to 500 Hz, mostly at 50 or more
+SILENT_TIME = 1.5  # s after which a drive in MIT mode answers again
+VENDOR_PROGRAM = (
+    "it is a CubeMars, whose id, mode and limits are set in CubeMars' own program alone (--zero works on the bus, by "
+    "its id): connect its serial port with the vendor's R-Link "
+    "adapter, open the program's page of the drive's CAN settings, write the id there, and store it; MIT or servo "
+    "mode is chosen there"
+)
+
+
+@dataclass
+class Found:
+    """A drive whose zero can be set. query : dialogue that returns the next Answer, or None; frame : sets the zero"""
+
+    answer: object
+    query: object
+    frame: tuple
+
+
+def set_up(request):
+    """Dialogue of graph.family.Family.set_up."""
+    if request.other_than("--zero", "--save") or not request.zero:
+        read = reader(request.can_id)
+        if (yield from ask(disable_in_mit_mode(request.can_id), "disable", read, attempts=1)) is None:
+            return None
+        raise Rejected(f"id {request.can_id}: {VENDOR_PROGRAM}")
+    found = yield from find(request.can_id, request.save)
+    if found is None:
+        return None
+    family, in_mit_mode = found.answer.family, found.answer.family == queries.MIT
+    if in_mit_mode and request.save:
+        raise Rejected(
+            f"--save: id {request.can_id} is a CubeMars in MIT mode, which has no frame to save; leave it out"
+        )
+    yield from refuse_running(found, request.can_id)
+    kept = "and it is kept when its power goes" if request.save else "until its power goes"
+    if in_mit_mode:
+        kept = "whether it is kept when its power goes, a `scan` after that tells"
+    position = found.answer.position
+    yield Tell((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
+    if not (yield Confirm("change that")):
+        return True
+    yield Send(found.frame, "set zero")
+    yield Listen(QUERY_TIME)
+    after = None
+    for _ in range(round(SILENT_TIME / QUERY_TIME)):
+        if (after := (yield from found.query())) is not None:
+            break
+    confirmed = after is not None and abs(after.position) < ZERO_TOLERANCE
+    reported = "not reported" if after is None else f"{after.position:.4f} rad"
+    yield Tell((f"done: position is {reported}" if confirmed else f"NOT done: position is {reported}",))
+    return confirmed
+
+
+def reader(can_id):
+    return lambda *frame: queries.state(*frame, can_id)
+
+
+def find(can_id, permanent):
+    """Return the Found of an id, None where no CubeMars drive answers."""
+
+    def report():
+        return queries.reports((yield Listen(QUERY_TIME))).get(can_id)
+
+    def state():
+        frame = disable_in_mit_mode(can_id)
+        return (yield from ask(frame, "disable", reader(can_id), patience=QUERY_TIME, attempts=1))
+
+    def echo():
+        yield Send(queries.disable_v3(can_id), queries.V3_PURPOSE)
+        return queries.reports((yield Listen(QUERY_TIME))).get(can_id)
+
+    for query in (report, state, echo):
+        answer = yield from query()
+        if answer is not None:
+            in_mit_mode = answer.family == queries.MIT
+            frame = (can_id, False, SET_ZERO) if in_mit_mode else frames.origin(can_id, permanent)
+            return Found(answer, query, frame)
+    return None
+
+
+def refuse_running(found, can_id):
+    """Raise Rejected if the drive moves or carries current."""
+    first, again = found.answer, (yield from found.query())
+    if again is None:
+        raise Rejected(
+            f"id {can_id} has not answered a second time: whether it runs is not known, so nothing was changed"
+        )
+    current = max((abs(current) for current in (first.current, again.current) if current is not None), default=0.0)
+    if not abs(again.position - first.position) < STILL_TOLERANCE or not current < frames.QUIET:
+        holding = f", {current:.2f} A" if current else ""
+        raise Rejected(
+            f"id {can_id} runs (from {first.position:.3f} to {again.position:.3f} rad{holding}): stop what drives it "
+            "first; nothing was changed"
+        )

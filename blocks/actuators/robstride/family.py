@@ -1,0 +1,51 @@
+"""RobStride drives and the CyberGear, as a device family."""
+
+from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable_in_mit_mode
+from blocks.actuators.robstride import mit, models, queries, set_up
+from blocks.actuators.robstride.mit import RobStrideMIT
+from blocks.actuators.robstride.private import RobStride
+from graph.family import Drive, Family, Query, StopQuery, Table
+
+
+class RobStrideFamily(Family):
+    name = "RobStride"
+    precedence = 1
+    drives = (
+        Drive(RobStride, models.find),
+        Drive(RobStrideMIT, mit.find, "mit", "a RobStride that is set to its MIT protocol"),
+    )
+    tables = (
+        Table("RobStride and CyberGear", "RobStride, or RobStrideMIT for the vendor's MIT protocol", models.MODELS),
+    )
+    table_note = "Kt of a RobStride is of the phase's peak current."
+    queries = (
+        Query(queries.question, queries.ID_PURPOSE, queries.drives, queries.details),
+        Query(disable_in_mit_mode, MIT_PURPOSE, queries.states_in_mit_mode),
+    )
+    configure_note = (
+        "A RobStride keeps without power what --save has saved. A CyberGear cannot save: to it that frame means "
+        "another baud rate, and it is never sent to a drive that may be one."
+    )
+
+    def commanded(self, identifier, extended, data):
+        found = queries.commanded(identifier, extended, data)
+        return commanded_in_mit_mode(identifier, extended, data) if found is None else found
+
+    def stop_queries(self, can_id, model=None):
+        return (
+            StopQuery(queries.stop(can_id), queries.feedback_of(can_id, model)),
+            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state_in_mit_mode(*frame, can_id, model)),
+        )
+
+    def stop_query(self, block):
+        can_id, model = block.can_id, block.found
+        if isinstance(block, RobStride):
+            host = block.host_id
+            return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
+        return self.stop_queries(can_id, model)[1]
+
+    check = staticmethod(set_up.check)
+    set_up = staticmethod(set_up.set_up)
+
+
+FAMILY = RobStrideFamily()

@@ -1,0 +1,204 @@
+"""Queries of the state of a RobStride drive or a CyberGear, and the frames that set it up.
+
+    get id (type 0), read (type 17)     change nothing
+    stop (type 4)                       answered with temperature and faults; leaves every drive as an uncontrolled
+                                        drive should be
+
+The host's id is 0xFD. Ids up to 15 are not possible: `get id` from host 0 is, bit for bit, the command of a duty cycle
+to a CubeMars in servo mode.
+
+(RobStride user manuals of 2026-04-28, section 4.1; CyberGear manual, section 4.1.)
+"""
+
+import struct
+
+from blocks.actuators.queries import one_of, same_id, symmetric
+from blocks.actuators.queries import state_in_mit_mode as common_state
+from blocks.actuators.robstride import frames
+from blocks.actuators.robstride.parameters import PARAMETERS
+from graph.dialogue import ask
+from graph.family import Answer
+
+ROBSTRIDE, EITHER, MIT = "RobStride", "RobStride or CyberGear", "RobStride in its MIT protocol"
+ID_PURPOSE, STOP_PURPOSE = "get id of RobStride drives", "stop of RobStride drives"
+COMMANDS = (frames.OPERATION, frames.ENABLE, frames.WRITE)
+HOST = 0xFD
+NEWCOMER = 0xFE  # target of the answer to `get id`
+VERSION = bytes([0x00, 0xC4])
+POSITION = 12.57  # rad, half the wire range of all but the CyberGear and old firmware
+RESET, CALIBRATION, RUN = range(3)
+MODES = {RESET: "stopped", CALIBRATION: "calibrating", RUN: "running"}
+PROTOCOLS = {"private": 0, "canopen": 1, "mit": 2}
+COUNTING = bytes([1, 2, 3, 4, 5, 6, 7, 8])
+
+
+def get_id(can_id, host=HOST):
+    return frames.frame(frames.GET_ID, host, can_id)
+
+
+def read(index, can_id, host=HOST):
+    return frames.read(index, can_id, host)
+
+
+def write(parameter, value, can_id, is_cybergear=False, host=HOST):
+    """parameter : of blocks.actuators.robstride.parameters"""
+    value = int(value) if parameter.is_whole(is_cybergear) else float(value)
+    data = struct.pack("<Hxx", parameter.index) + struct.pack(parameter.layout(is_cybergear), value)
+    return frames.frame(frames.WRITE, host, can_id, data)
+
+
+def stop(can_id, host=HOST):
+    return frames.frame(frames.STOP, host, can_id)
+
+
+def version(can_id, host=HOST):
+    """A stop that a RobStride answers with its firmware. A CyberGear takes it for a stop."""
+    return frames.frame(frames.STOP, host, can_id, VERSION.ljust(8, b"\0"))
+
+
+def set_id(can_id, new, host=HOST):
+    return frames.frame(frames.SET_ID, new << 8 | host, can_id)
+
+
+def set_zero(can_id, host=HOST):
+    return frames.frame(frames.SET_ZERO, host, can_id, bytes([1]).ljust(8, b"\0"))
+
+
+def save(can_id, host=HOST):
+    """NEVER to a CyberGear: it changes its baud rate."""
+    return frames.frame(frames.SAVE, host, can_id, COUNTING)
+
+
+def set_protocol(can_id, name, host=HOST):
+    return frames.frame(frames.PROTOCOL, host, can_id, bytes([*COUNTING[:6], PROTOCOLS[name], 8]))
+
+
+def identity(identifier, extended, data, can_id):
+    """The drive's unique number in hex digits, None for another frame."""
+    if extended and identifier == frames.GET_ID << 24 | can_id << 8 | NEWCOMER:
+        return bytes(data).hex().upper()
+    return None
+
+
+def reading(identifier, extended, data, index, can_id, host=HOST):
+    """(whether it could be read, the answer's data) of a parameter, None for another frame."""
+    if not extended or identifier & 0x1F00FFFF != frames.READ << 24 | can_id << 8 | host or len(data) != 8:
+        return None
+    return (not identifier >> 16 & 0xFF, bytes(data)) if struct.unpack_from("<H", data)[0] == index else None
+
+
+def firmware(identifier, extended, data, can_id, host=HOST):
+    """Its firmware in words, None for another frame."""
+    if not is_feedback(identifier, extended, can_id, host) or bytes(data[:3]) != VERSION + b"\x56":
+        return None
+    return ".".join(map(str, data[3:]))
+
+
+def feedback(identifier, extended, data, can_id, model=None, host=HOST):
+    """Return the Answer of a frame of feedback, None for another frame.
+
+    model : of blocks.actuators.robstride.models; without it velocity and torque are None
+    """
+    if not is_feedback(identifier, extended, can_id, host) or len(data) != 8 or bytes(data[:3]) == VERSION + b"\x56":
+        return None
+    position, velocity, torque, temperature = struct.unpack(">3Hh", data)
+    meanings = frames.meanings(model is not None and model.is_cybergear)
+    half = model.wire_position if model is not None else POSITION
+    found = Answer(
+        EITHER,
+        can_id,
+        position=symmetric(position, half, 16),
+        temperature=temperature / 10.0,
+        fault=frames.in_words(identifier >> 16 & 0x3F, meanings),
+        enabled=identifier >> 22 & 3 == RUN,
+        block="RobStride",
+    )
+    if model is not None:
+        found.velocity, found.torque = (
+            symmetric(velocity, model.wire_velocity, 16),
+            symmetric(torque, model.wire_torque, 16),
+        )
+    return found
+
+
+def is_feedback(identifier, extended, can_id, host=HOST):
+    return extended and identifier & 0x1F00FFFF == frames.FEEDBACK << 24 | can_id << 8 | host
+
+
+def feedback_of(can_id, model=None, host=HOST):
+    """Return a reader of the feedback of one drive."""
+    return lambda *frame: feedback(*frame, can_id, model, host)
+
+
+def state_in_mit_mode(identifier, extended, data, can_id, model=None):
+    """Return the Answer of a drive in the MIT protocol, which replies from its host's id; None for another frame."""
+    if extended or identifier in (0, can_id) or len(data) not in (6, 7, 8) or data[0] != can_id:
+        return None
+    found = common_state(can_id, data, MIT, "RobStrideMIT", POSITION, model)
+    found.fault = None
+    if len(data) == 8:
+        found.temperature = struct.unpack_from(">h", data, 6)[0] / 10.0
+    return found
+
+
+def states_in_mit_mode(heard, can_ids, before):
+    """Return the Answers to the query of MIT mode, one for each id."""
+    found = []
+    for can_id in can_ids:
+        answers = [answer for frame in heard if (answer := state_in_mit_mode(*frame, can_id)) is not None]
+        found += one_of(answers, can_id, any(state_in_mit_mode(*frame, can_id) for frame in before))
+    return found
+
+
+def question(can_id):
+    """Return the frame that asks for an identity, None for an id that no drive of this family has."""
+    return get_id(can_id) if can_id <= 127 else None
+
+
+def drives(heard, can_ids, before):
+    """Return an Answer for each id with an identity."""
+    found = []
+    for can_id in can_ids:
+        unique = [number for frame in heard if (number := identity(*frame, can_id)) is not None]
+        if unique:
+            remarks = [same_id(len(unique), can_id)] if len(unique) > 1 else []
+            found.append(Answer(EITHER, can_id, unique=" and ".join(unique), remarks=remarks, block="RobStride"))
+    return found
+
+
+def details(answer):
+    """Dialogue that stops one drive, and returns the Answer with its state, firmware and voltage."""
+    can_id = answer.can_id
+    if answer.remarks:  # several drives
+        return answer
+    found = yield from ask(stop(can_id), STOP_PURPOSE, feedback_of(can_id))
+    if found is None:
+        silent = "it does not answer a stop: temperature and faults are not known"
+        found = Answer(EITHER, can_id, remarks=[silent], block="RobStride")
+    found.unique = answer.unique
+
+    def read_firmware(*frame):
+        return firmware(*frame, can_id)
+
+    found.firmware = (yield from ask(version(can_id), "stop and version of RobStride drives", read_firmware)) or ""
+    found.family = ROBSTRIDE if found.firmware else EITHER
+    for name, key in (("mechPos", "position"), ("mechVel", "velocity"), ("VBUS", "voltage")):
+        number = yield from value(can_id, PARAMETERS[name])
+        if number is not None:
+            setattr(found, key, number)
+    return found
+
+
+def value(can_id, parameter, is_cybergear=False):
+    """Dialogue that returns the value of a parameter, None where the drive does not give it."""
+
+    def read_value(*frame):
+        return reading(*frame, parameter.index, can_id)
+
+    answer = yield from ask(read(parameter.index, can_id), "readings of RobStride drives", read_value)
+    return parameter.value_of(answer[1], is_cybergear) if answer and answer[0] else None
+
+
+def commanded(identifier, extended, data):
+    """Return the id that another controller's frame in the private protocol commands, or None."""
+    return identifier & 0xFF if extended and identifier >> 24 in COMMANDS else None

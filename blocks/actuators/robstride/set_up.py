@@ -1,0 +1,279 @@
+"""The set-up of a RobStride drive or a CyberGear: its id, zero, protocol and parameters.
+
+The drive is stopped first, everything is read before and after, and a drive that runs is left alone.
+"""
+
+import math
+import struct
+
+from blocks.actuators.queries import disable_in_mit_mode
+from blocks.actuators.robstride import parameters, queries
+from graph.dialogue import Confirm, Listen, Rejected, Send, Tell, ask
+from graph.names import suggestion
+
+MAX_VELOCITY, MAX_CURRENT = 0.1, 0.3  # rad/s and A of a drive at rest
+IDENTITY_TIME = 0.08  # s in which every drive with an id answers
+ZERO_TOLERANCE = 0.01  # rad
+# of the MIT protocol: to the private one, from the next power on
+SWITCH_BACK = b"\xff\xff\xff\xff\xff\xff\x00\xfd"
+POWER_CYCLE = "it takes effect when its power has been off: then look with `scan`"
+
+
+def check(request):
+    """Raise Rejected for parameters and protocols that no drive has."""
+    reads(request)
+    writes(request)
+    if request.protocol not in (None, *queries.PROTOCOLS):
+        hint = suggestion(request.protocol, queries.PROTOCOLS) or f"there are {', '.join(queries.PROTOCOLS)}"
+        raise Rejected(f"--protocol {request.protocol}: {hint}")
+
+
+def reads(request):
+    """Return the Parameters to read."""
+    if "all" in request.reads:
+        return list(parameters.PARAMETERS.values())
+    return [named(name, "--read") for name in request.reads]
+
+
+def writes(request):
+    """Return [(Parameter, number)] of the texts NAME=VALUE."""
+    found = []
+    for text in request.writes:
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise Rejected(f"--write {text}: expected NAME=VALUE, as in limit_torque=10")
+        parameter = named(name.strip(), "--write")
+        if not parameter.writable:
+            raise Rejected(
+                f"--write {name}: it is {parameter.meaning}, which is measured or commanded, and is not set up"
+            )
+        try:
+            number = float(value)
+            if not math.isfinite(number) or (parameter.is_whole() and number != int(number)):
+                raise ValueError
+            queries.write(parameter, number, 1)
+        except (ValueError, OverflowError, struct.error):
+            kind = "a whole number that fits it" if parameter.is_whole() else f"a number ({parameter.unit})"
+            raise Rejected(f"--write {text}: expected {kind}") from None
+        found.append((parameter, number))
+    return found
+
+
+def named(name, option):
+    try:
+        return parameters.find(name)
+    except ValueError as error:
+        raise Rejected(f"{option} {name}: {error}") from None
+
+
+def set_up(request):
+    """Dialogue of graph.family.Family.set_up."""
+    if request.protocol == "private" and not request.other_than("--protocol"):
+        if (done := (yield from switch_back(request.can_id))) is not None:
+            return done
+    drive = Drive(request.can_id)
+    known = yield from drive.identities(drive.can_id)
+    if len(known) > 1:
+        raise Rejected(
+            f"{len(known)} drives have id {drive.can_id}: {' and '.join(known)}; take all but one off the bus"
+        )
+    if not known:
+        return (yield from drive.absent())
+    drive.unique = known[0]
+    check(request)
+    return (yield from drive.carry_out(request))
+
+
+def switch_back(can_id):
+    """Send a drive in the MIT protocol back to the private one; None where none answers in that."""
+    if (yield from in_mit_mode(can_id)) is None:
+        return None
+    yield Tell((f"  id {can_id}: protocol: mit -> private, from its next power on",))
+    if not (yield Confirm("change that")):
+        return True
+    yield Send((can_id, False, SWITCH_BACK), "set protocol")
+    yield Listen(0.1)
+    yield Tell((f"sent: protocol private; {POWER_CYCLE}",))
+    return True
+
+
+def in_mit_mode(can_id, attempts=2):
+    def read(*frame):
+        return queries.state_in_mit_mode(*frame, can_id)
+
+    return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=attempts))
+
+
+class Drive:
+    """A drive in the private protocol that alone has its id."""
+
+    def __init__(self, can_id):
+        self.can_id, self.unique = can_id, ""
+        self.is_robstride = False  # not known before it has been stopped
+
+    def identities(self, can_id):
+        yield Send(queries.get_id(can_id), "get id")
+        heard = yield Listen(IDENTITY_TIME)
+        return [unique for frame in heard if (unique := queries.identity(*frame, can_id)) is not None]
+
+    def absent(self):
+        """Return None where no drive in the MIT protocol answers instead, raise Rejected where one does."""
+        if (yield from in_mit_mode(self.can_id, attempts=1)) is None:
+            return None
+        raise Rejected(
+            f"id {self.can_id} speaks RobStride's MIT protocol, and is set up in its private one: --protocol private, "
+            "then its power off and on"
+        )
+
+    def read(self, name):
+        return (yield from queries.value(self.can_id, parameters.PARAMETERS[name]))
+
+    def carry_out(self, request):
+        """Report, ask, change, and read again; return whether everything was confirmed."""
+        yield Tell((f"id {self.can_id}, unique {self.unique}",))
+        for parameter in reads(request):
+            value = yield from self.read(parameter.name)
+            text = "-" if value is None else parameter.text(value)
+            yield Tell((f"  {parameter.name:<14} {text:<14} {parameter.meaning}",))
+        if not request.other_than("--read"):
+            return True
+        yield from self.refuse_running()
+        yield from self.stop()
+        yield from self.check(request)
+        wanted, before = writes(request), {}
+        for parameter, _ in wanted:
+            before[parameter.name] = yield from self.read(parameter.name)
+        position = (yield from self.read("mechPos")) if request.zero else None
+        yield Tell(tuple(self.planned(request, wanted, before, position)))
+        if not (yield Confirm("change that")):
+            return True
+        done = []
+        for parameter, value in wanted:
+            done.append((yield from self.write(parameter, value)))
+        for asked, change in (
+            (request.zero, self.zero),
+            (request.save, self.save),
+            (request.protocol, lambda: self.switch(request.protocol)),
+            (request.new_id, lambda: self.rename(request.new_id)),
+        ):
+            if asked:
+                done.append((yield from change()))
+        return all(done)
+
+    def refuse_running(self):
+        """Raise Rejected if it turns or carries current."""
+        velocity, current = (yield from self.read("mechVel")), (yield from self.read("iqf"))
+        if velocity is None:
+            raise Rejected(
+                f"id {self.can_id} does not report its velocity: whether it runs is not known, so nothing was changed"
+            )
+        if not abs(velocity) < MAX_VELOCITY or (current is not None and not abs(current) < MAX_CURRENT):
+            holding = "" if current is None else f", {current:.2f} A"
+            raise Rejected(
+                f"id {self.can_id} runs ({velocity:.2f} rad/s{holding}): stop what drives it first; nothing was changed"
+            )
+
+    def stop(self):
+        """Stop it, and find out whether it is a RobStride. Rejected if it does not confirm the stop."""
+        answer = yield from ask(queries.stop(self.can_id), "stop", queries.feedback_of(self.can_id))
+        if answer is None or answer.enabled:
+            raise Rejected(f"id {self.can_id} does not confirm that it has stopped; nothing was changed")
+
+        def read(*frame):
+            return queries.firmware(*frame, self.can_id)
+
+        self.is_robstride = bool((yield from ask(queries.version(self.can_id), "stop and version", read)))
+
+    def check(self, request):
+        """Raise Rejected for what must not be sent to this drive."""
+        if request.save:
+            self.need_robstride("--save")
+        if request.protocol:
+            self.need_robstride(f"--protocol {request.protocol}")
+        for parameter, _ in writes(request):
+            if not parameter.cybergear:
+                self.need_robstride(f"--write {parameter.name}, which a CyberGear does not have")
+        new = request.new_id
+        if new and ((yield from self.identities(new)) or (yield from self.is_taken(new))):
+            raise Rejected(f"id {new} is on the bus already: {self.can_id} keeps its own; nothing was changed")
+
+    def is_taken(self, can_id):
+        """Return whether any drive in MIT mode has an id."""
+
+        def read(identifier, extended, data):
+            return True if not extended and len(data) in (6, 7, 8) and data[0] == can_id else None
+
+        return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=1)) is not None
+
+    def need_robstride(self, what):
+        if not self.is_robstride:
+            raise Rejected(
+                f"{what}: id {self.can_id} has not reported a RobStride's firmware, so it may be a CyberGear, to which "
+                "such frames mean other things (to save: another baud rate); nothing was changed. For a RobStride with "
+                "old firmware use the vendor's program"
+            )
+
+    def planned(self, request, wanted, before, position):
+        """Return lines with what is, and what will be."""
+
+        def now(value, parameter):
+            return "not reported" if value is None else parameter.text(value)
+
+        lines = [
+            f"  {parameter.name}: {now(before[parameter.name], parameter)} -> {parameter.text(value)}"
+            for parameter, value in wanted
+        ]
+        lines += [f"  position: {now(position, parameters.PARAMETERS['mechPos'])} -> 0 rad"] * bool(request.zero)
+        lines += ["  saved: it is kept when its power goes"] * bool(request.save)
+        lines += [f"  protocol: private -> {request.protocol}, from its next power on"] * bool(request.protocol)
+        lines += [f"  id: {self.can_id} -> {request.new_id}"] * bool(request.new_id)
+        return lines
+
+    def write(self, parameter, value):
+        yield Send(queries.write(parameter, value, self.can_id), f"write {parameter.name}")
+        yield Listen(0.05)
+        after = yield from self.read(parameter.name)
+        text = "not reported" if after is None else parameter.text(after)
+        if same(parameter, value, after):
+            yield Tell((f"done: {parameter.name} is {text}",))
+            return True
+        yield Tell((f"NOT done: {parameter.name} is {text}, and not {parameter.text(value)}",))
+        return False
+
+    def zero(self):
+        yield Send(queries.set_zero(self.can_id), "set zero")
+        yield Listen(0.2)
+        after = yield from self.read("mechPos")
+        confirmed = after is not None and abs(after) < ZERO_TOLERANCE
+        text = "not reported" if after is None else f"{after:.4f} rad"
+        yield Tell((f"done: position is {text}" if confirmed else f"NOT done: position is {text}",))
+        return confirmed
+
+    def save(self):
+        read = queries.feedback_of(self.can_id)
+        answer = yield from ask(queries.save(self.can_id), "save", read, patience=0.5, attempts=1)
+        silent = "saved, but the drive did not answer: turn its power off and on, and read again"
+        yield Tell(("done: saved" if answer else silent,))
+        return answer is not None
+
+    def switch(self, name):
+        yield Send(queries.set_protocol(self.can_id, name), "set protocol")
+        yield Listen(0.1)
+        yield Tell((f"sent: protocol {name}; {POWER_CYCLE}",))
+        return True
+
+    def rename(self, new):
+        yield Send(queries.set_id(self.can_id, new), "set id")
+        yield Listen(0.2)
+        after = yield from self.identities(new)
+        confirmed = after == [self.unique] and not (yield from self.identities(self.can_id))
+        silent = f"NOT done: as id {new} answers {' and '.join(after) or 'no drive'}; look with `scan`"
+        yield Tell((f"done: id {self.can_id} is now {new}, unique {self.unique}" if confirmed else silent,))
+        return confirmed
+
+
+def same(parameter, wanted, got):
+    """Return whether what was read back is what was written, in single precision."""
+    if got is None:
+        return False
+    return got == int(wanted) if parameter.is_whole() else got == struct.unpack("<f", struct.pack("<f", wanted))[0]
