@@ -113,7 +113,7 @@ class ToolBus:
 
     def take(self):
         found = []
-        for identifier, data in self.wire.receive():
+        for identifier, data, _ in self.wire.receive():
             if identifier & ERROR:
                 self.errors += 1
             elif not identifier & REMOTE:
