@@ -167,7 +167,7 @@ def test_nothing_is_changed_where_nobody_can_be_asked(command_line, monkeypatch)
     drive = Private(9)
     with Nodes(28, drive) as nodes:
         code, _, err = configure(command_line, nodes, "9", "--zero")
-    assert code == BAD_INPUT and "nobody is here to say yes" in err and 6 not in kinds(drive)
+    assert code == BAD_INPUT and "cannot ask for confirmation" in err and 6 not in kinds(drive)
 
 
 def test_a_robstride_changes_its_protocol_both_ways(command_line):
