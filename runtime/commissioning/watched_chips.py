@@ -130,7 +130,8 @@ def recognise(bus, chips, known, place):
         ) from None
     if (chip := chip_of(name)) is None:
         raise BadInput(
-            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are {', '.join(chip_names())}"
+            f"{bus.channel}: the chip at {in_words(place)} is {name or 'not known here'}; shown are "
+            f"{', '.join(chip_names())}"
         )
     return chip.block
 
