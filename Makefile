@@ -29,6 +29,8 @@ ifneq ($(USABLE),yes)
 $(VENV)/made: FORCE
 endif
 
+RUN_IMPORTS := can, google.protobuf.descriptor_pb2, mcap.writer, msgspec, networkx, numpy.fft, serial, smbus2
+
 SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 
 help:
@@ -154,7 +156,7 @@ fetch_headers() {
     ) >/dev/null 2>&1
 }
 
-# pip install, quiet unless it fails. Bytecode is made where a module is first imported; of most that is installed here, none ever is.
+# pip install, quiet unless it fails. It makes no bytecode: most of the modules are never imported. `compile_imports` makes it.
 install() {
     local log=$(VENV)/pip.log
     PIP_RETRIES=$${PIP_RETRIES:-2} $(VENV)/bin/python -m pip --disable-pip-version-check install --no-compile "$$@" >"$$log" 2>&1 && return
@@ -163,6 +165,11 @@ install() {
     fi
     tail -n 30 "$$log" >&2
     stop "pip failed (all of it in $$log)"
+}
+
+# Make the bytecode of the libraries that a run imports, also where PYTHONDONTWRITEBYTECODE is set: every start would compile them again.
+compile_imports() {
+    env -u PYTHONDONTWRITEBYTECODE $(VENV)/bin/python -c 'import $(RUN_IMPORTS)'
 }
 
 apt="$$([ "$$(id -u)" = 0 ] || echo 'sudo ')apt install"
@@ -212,6 +219,7 @@ $(VENV)/installed: pyproject.toml $(VENV)/tools | $(VENV)/built
 	touch $@.start
 	say "installing Tickwork and what it needs"
 	install --no-build-isolation -e .
+	compile_imports
 	mv $@.start $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
@@ -219,5 +227,6 @@ $(VENV)/installed-test: pyproject.toml $(VENV)/tools | $(VENV)/built
 	touch $@.start
 	say "installing Tickwork, what it needs, and what its tests need"
 	install --no-build-isolation -e '.[test]'
+	compile_imports
 	cp -p $@.start $(VENV)/installed
 	mv $@.start $@

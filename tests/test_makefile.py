@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from tests.house import ROOT, copy_tracked
+from tests.runtime.runs import KNEE_EXO, environment
 
 TOOLS = "bash cat cmp cp env find grep head id mkdir mktemp mv printf rm sed sort tail touch tr true".split()
 
@@ -115,6 +116,23 @@ def test_the_build_tools_are_those_of_pyproject(clone):
     assert [word.strip(' "\n') for word in process.stdout.split(",")] == PYPROJECT["build-system"]["requires"]
 
 
+def test_the_bytecode_of_all_libraries_that_a_run_imports_is_made(tmp_path):
+    """A second run of the same Python writes no bytecode of a library."""
+    imports = re.search(r"^RUN_IMPORTS := (.*)", (ROOT / "Makefile").read_text(), re.M)[1]
+    cache = {"PYTHONPYCACHEPREFIX": str(tmp_path / "bytecode"), "PYTHONDONTWRITEBYTECODE": ""}
+
+    def bytecode_after(*words):
+        process = subprocess.run(
+            [sys.executable, *words], cwd=tmp_path, env=environment(**cache), capture_output=True, text=True, timeout=60
+        )
+        assert process.returncode == 0, process.stderr
+        return {path for path in (tmp_path / "bytecode").rglob("*.pyc") if "site-packages" in path.parts}
+
+    made = bytecode_after("-c", f"import {imports}")
+    assert len(made) > 100
+    assert bytecode_after("-m", "runtime", KNEE_EXO, "--fast", "--duration", "0.1") == made
+
+
 @pytest.mark.soak
 def test_a_package_index_that_cannot_be_reached_is_told(clone):
     process = make(
@@ -150,16 +168,16 @@ def test_what_changed_is_compiled_and_nothing_else(tmp_path):
     assert changed(built, modules(tmp_path)) == {"cext/kernels/limiters"}
 
     built = modules(tmp_path)
-    (tmp_path / "cext" / "page.pxd").touch()
+    (tmp_path / "cext" / "safety" / "shared_state.pxd").touch()
     make("build", cwd=tmp_path, timeout=600)
     again = changed(built, modules(tmp_path))
-    assert {"cext/page", "cext/executor"} <= again and "cext/kernels/limiters" not in again
+    assert {"cext/safety/shared_state", "cext/schedule/executor"} <= again and "cext/kernels/limiters" not in again
 
     (tmp_path / "cext" / "kernels" / "limiters.pyx").unlink()
     make("build", cwd=tmp_path, timeout=600)
     assert not [name for name in modules(tmp_path) if "limiters" in name]
 
-    (tmp_path / "cext" / "page.pyx").write_text("cdef int 3x\n")
+    (tmp_path / "cext" / "safety" / "shared_state.pyx").write_text("cdef int 3x\n")
     broken = make("build", cwd=tmp_path, timeout=600)
     assert (
         broken.returncode != 0
