@@ -3,9 +3,9 @@
 import math
 
 from blocks._plumbing import biquads
-from blocks._plumbing.filter_bounds import HUGE, designed, with_zero
+from blocks._plumbing.biquads import Biquads
+from blocks._plumbing.filter_bounds import HUGE, with_zero
 from cext.kernels import filters as kernels
-from cext.kernels import linear
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
 
@@ -25,32 +25,7 @@ class _Edges(Param):
         return tuple(found) if len(found) > 1 else found[0]
 
 
-class _Biquads(Block):
-    """A cascade of biquads, whose coefficients `design(dt)` gives."""
-
-    u = Input("any", "raw", shape=...)
-    y = Output("any", "filtered", shape=...)
-    sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
-    delays = Memory(0.0, "two for each biquad and element")
-    rest = Memory(0.0, "gain and two delays of each biquad, for an input of 1 for ever")
-
-    abstract = True
-    kernel = linear.biquads
-    settle_kernel = linear.biquads_at_rest
-
-    def prepare(self, dt):
-        sections = self.design(dt)
-        self.sections = [coefficient for section in sections for coefficient in section]
-        self.delays = [0.0] * (2 * len(sections) * self.width)
-        self.rest = biquads.at_rest(sections)
-
-    def output_range(self, u):
-        sections = designed(self)
-        reach = None if sections is None else biquads.reach(sections)
-        return EVERYTHING if reach is None else reach.interval([u])
-
-
-class Butterworth(_Biquads):
+class Butterworth(Biquads):
     """Maximally flat pass band: low-pass |H(f)|² = 1 / (1 + (f / cutoff)^(2 order)), by the bilinear transform with
     prewarping.
 
@@ -80,7 +55,7 @@ class Butterworth(_Biquads):
         return biquads.butterworth(self.order, self.cutoff, self.btype, dt)
 
 
-class Notch(_Biquads):
+class Notch(Biquads):
     """Removes one frequency: H(s) = (s² + ω₀²) / (s² + (ω₀ / q) s + ω₀²), by the bilinear transform, as
     scipy.signal.iirnotch has it.
 

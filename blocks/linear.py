@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from blocks._plumbing import biquads
+from blocks._plumbing.biquads import Biquads
 from blocks._plumbing.filter_bounds import designed, reach_of_cascade, reach_of_state_space, stable
 from cext.kernels import linear as kernels
 from graph import Block, Input, Memory, Output, Param
@@ -122,48 +122,27 @@ def delays_at_rest(b, a):
     return [math.fsum(b[k:]) - gain * math.fsum(a[k:]) for k in range(1, len(b))]
 
 
-class BiquadCascade(Block):
-    """Second-order sections in series, each H(z) = (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²), in direct form II
-    transposed.
+class BiquadCascade(Biquads):
+    """Second-order sections in series: H(z) = Π (b0 + b1/z + b2/z²) / (a0 + a1/z + a2/z²).
 
-    Rows (b0, b1, b2, a0, a1, a2) as SciPy's designs with output="sos" give them. Direct feedthrough. Starts at zero, or
-    at its present input when a robot has been armed. NaN passes and stays until the next reset.
+    Rows (b0, b1, b2, a0, a1, a2), as SciPy's designs return them with output="sos". Direct form II transposed. Direct
+    feedthrough. Starts at zero; when the robot is armed it starts at its present input. NaN passes and stays until the
+    next reset.
     """
 
     sos = Param(((1.0, 0.0, 0.0, 1.0, 0.0, 0.0),), "1", "rows b0 b1 b2 a0 a1 a2", dtype=tuple)
 
-    u = Input("any", "input", shape=...)
-    y = Output("any", "output", shape=...)
-    sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
-    delays = Memory(0.0, "two for each biquad and element")
-    rest = Memory(0.0, "gain and two delays of each biquad, for an input of 1 for ever")
-
-    kernel = kernels.biquads
-    settle_kernel = kernels.biquads_at_rest
-
     def configure(self):
         rows = np.asarray(self.sos, dtype=float)
-        if (
-            rows.ndim != 2
-            or rows.shape[1] != 6
-            or not len(rows)
-            or not np.all(np.isfinite(rows))
-            or not np.all(rows[:, 3])
-        ):
+        shaped = rows.ndim == 2 and rows.shape[1] == 6 and len(rows)
+        if not shaped or not np.all(np.isfinite(rows)) or not np.all(rows[:, 3]):
             raise ValueError(
                 f"sos: expected rows of six finite numbers, b0 b1 b2 a0 a1 a2, a0 not zero, got {self.sos!r}"
             )
         self.sos = tuple(map(tuple, rows.tolist()))
-        self.rows = [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
-        self.sections = [coefficient for row in self.rows for coefficient in row]
-        self.rest = biquads.at_rest(self.rows)
 
-    def prepare(self, dt):
-        self.delays = [0.0] * (2 * len(self.rows) * self.width)
-
-    def output_range(self, u):
-        reach = biquads.reach(self.rows)
-        return EVERYTHING if reach is None else reach.interval([u])
+    def design(self, dt):
+        return [(b0 / a0, b1 / a0, b2 / a0, a1 / a0, a2 / a0) for b0, b1, b2, a0, a1, a2 in self.sos]
 
 
 class StateSpace(Block):

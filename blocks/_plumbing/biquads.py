@@ -1,5 +1,4 @@
-"""Designs of digital filters in closed form, as biquads: (b0, b1, b2, a1, a2) of H(z) = (b0 + b1/z + b2/z²) / (1 + a1/z
-+ a2/z²).
+"""Cascades of biquads, (b0, b1, b2, a1, a2) of H(z) = (b0 + b1/z + b2/z²) / (1 + a1/z + a2/z²), and designs of them.
 
 The bilinear transform with prewarping keeps the frequencies that are asked for; 1/K is its factor between s and (z -
 1)/(z + 1). (Oppenheim and Schafer, Discrete-Time Signal Processing, 7.1; Orfanidis, Introduction to Signal Processing,
@@ -9,7 +8,35 @@ The bilinear transform with prewarping keeps the frequencies that are asked for;
 import cmath
 import math
 
-from blocks._plumbing.filter_bounds import reach_of_cascade
+from blocks._plumbing.filter_bounds import designed, reach_of_cascade
+from cext.kernels import linear as kernels
+from graph import Block, Input, Memory, Output
+from graph.interval import EVERYTHING
+
+
+class Biquads(Block):
+    """Base of filters that are a cascade of biquads. A subclass has `design(dt)`, which returns them."""
+
+    u = Input("any", "unfiltered signal", shape=...)
+    y = Output("any", "filtered signal", shape=...)
+    sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
+    delays = Memory(0.0, "two for each biquad and element")
+    rest = Memory(0.0, "gain and two delays of each biquad after a constant input of 1")
+
+    abstract = True
+    kernel = kernels.biquads
+    settle_kernel = kernels.biquads_at_rest
+
+    def prepare(self, dt):
+        sections = self.design(dt)
+        self.sections = [coefficient for section in sections for coefficient in section]
+        self.delays = [0.0] * (2 * len(sections) * self.width)
+        self.rest = at_rest(sections)
+
+    def output_range(self, u):
+        sections = designed(self)
+        bounds = None if sections is None else reach(sections)
+        return EVERYTHING if bounds is None else bounds.interval([u])
 
 
 def butterworth(order, cutoff, btype, dt):

@@ -54,6 +54,7 @@ def library():
                 and issubclass(kind, Block)
                 and kind.__module__ in (module.name, "graph.arithmetic")
                 and not name.startswith("_")
+                and not vars(kind).get("abstract")
             ):
                 found[name] = kind
     return found
