@@ -22,7 +22,7 @@ class CsvRecorder(Sink):
     )
     file = Param("", "1", "name of the file without its ending; the diagram's name and the time by default")
 
-    service = "runtime.recorder.csv:CsvWriter"
+    service, writes_files = "csv", True
 
 
 class StrideReport(Sink):
@@ -41,4 +41,4 @@ class StrideReport(Sink):
     torque = Input("N·m", "what the drive gives")
 
     variadic = False
-    service = "runtime.recorder.strides:StrideAverage"
+    service, writes_files = "strides", True

@@ -32,7 +32,7 @@ class PlotJuggler(Sink):
     )
     batch = Param(1, "1", "samples in a datagram; more than 1 needs PlotJuggler 3.16", min=1, max=1000, fixed=True)
 
-    service = "runtime.recorder.plotjuggler:PlotJugglerSender"
+    service = "plotjuggler"
 
 
 class Rerun(Sink):
@@ -51,4 +51,4 @@ class Rerun(Sink):
     port = Param(9876, "1", "of the viewer, or of the server", min=1, max=65535, fixed=True)
     web_port = Param(9090, "1", "of the page that the server has for browsers", min=1, max=65535, fixed=True)
 
-    service = "runtime.recorder.rerun.sender:RerunSender"
+    service = "rerun"

@@ -340,12 +340,14 @@ _WORDS = {word for word in vars(Block) if not word.startswith("_")} | {"name", "
 
 
 class Sink(Block):
-    """A block that only takes: a recorder or a viewer. It has no step; the recorder process serves it. Unwired, it
-    takes every port.
+    """A recorder or a viewer: a block without outputs and without a step. Unwired, it takes every signal.
+
+    A service in the recorder process does its work.
     """
 
     variadic = True
-    service = ""  # "module:class" of what serves it in the recorder process
+    service = ""  # name of the service in the entry-point group "tickwork.sinks", or "module:class"
+    writes_files = False  # whether a run with this sink is recorded in files
 
 
 def _arguments(function):

@@ -72,9 +72,10 @@ def main(arguments):
 
 def formats(text):
     kinds = [word.strip().lstrip(".").lower() for word in text.split(",") if word.strip()]
+    known = list(FORMATS)
     for kind in kinds:
-        if kind not in FORMATS:
-            hint = suggestion(kind, FORMATS) or f"the formats are {', '.join(FORMATS)}"
+        if kind not in known:
+            hint = suggestion(kind, known) or f"the formats are {', '.join(known)}"
             raise BadInput(f"--to {text}: there is no format {kind!r}; {hint}")
     return kinds
 

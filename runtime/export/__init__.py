@@ -6,23 +6,36 @@ parquet     a column a number, in its own type, units as metadata
 mat         MATLAB: a nested struct with units and time
 rrd         Rerun, with a blueprint made from the recording
 sto, mot    OpenSim: all signals; joint angles
+
+An installed package adds a format in the entry-point group "tickwork.formats", under the ending of its files:
+
+    [project.entry-points."tickwork.formats"]
+    h5 = "mylab.hdf5"
+
+Its module has two functions:
+
+    check(trial, kind)              raises BadInput or MissingExtra for a Trial that the format cannot hold
+    write(trial, path, progress)    writes the file; `progress` is called with the share that is done, 0 to 1
 """
 
 import os
 from contextlib import suppress
-from importlib import import_module
 
+from runtime.base.plugins import Plugins
 from runtime.recording.files import create
 
-FORMATS = {
-    "mcap": "runtime.export.mcap",
-    "csv": "runtime.export.csv",
-    "parquet": "runtime.export.parquet",
-    "mat": "runtime.export.matlab",
-    "rrd": "runtime.export.rerun",
-    "sto": "runtime.export.opensim",
-    "mot": "runtime.export.opensim",
-}
+FORMATS = Plugins(
+    "tickwork.formats",
+    {
+        "mcap": "runtime.export.mcap",
+        "csv": "runtime.export.csv",
+        "parquet": "runtime.export.parquet",
+        "mat": "runtime.export.matlab",
+        "rrd": "runtime.export.rerun",
+        "sto": "runtime.export.opensim",
+        "mot": "runtime.export.opensim",
+    },
+)
 OPENSIM = ("sto", "mot")
 
 
@@ -34,7 +47,7 @@ def convert(trial, kind, stem, progress=lambda share: None):
 
     progress : called with the share that is done. BadInput, MissingExtra, OSError; nothing is then left behind.
     """
-    module = import_module(FORMATS[kind])
+    module = FORMATS.load(kind)
     module.check(trial, kind)
     path = part = reserved(stem, kind)
     try:

@@ -17,7 +17,8 @@ The plan is a dict that JSON can carry:
     signals, buses  what each number of a row is (index, path, dtype, unit); the names of the buses
     diagram_json    the diagram as JSON text, or None
     control_pid     number of the control process
-    sinks           of each: service ("module:class"), path, parameters, columns (index, path, dtype, unit)
+    sinks           of each: service (see runtime.recorder.plugins), path, parameters, columns (index, path, dtype,
+                    unit)
     status_line     whether the terminal may be used; keys : whether it is asked for keys, too (by default it is)
     limits          {path: (lowest, highest)} of what is recorded, where that is known
     metadata        what else the sidecar file shall carry

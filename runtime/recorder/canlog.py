@@ -25,11 +25,14 @@ def on_can(plan):
 
 
 class CanLog(Service):
-    def __init__(self, plan, page):
-        super().__init__(plan, {"path": "CAN log", "columns": [], "parameters": {}})
-        self.page, self.on_can = page, on_can(plan)
+    title = "CAN log"
+
+    @classmethod
+    def applies(cls, plan):
+        return any(on_can(plan))
 
     def open(self):
+        self.on_can = on_can(self.plan)
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".can.log"))
         self.files[self.file.path] = ""
         self.frames = 0

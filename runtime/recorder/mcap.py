@@ -34,9 +34,11 @@ JSON = "application/json"
 
 
 class FlightLog(Service):
-    def __init__(self, plan, page):
-        super().__init__(plan, {"path": "flight log", "columns": plan["signals"], "parameters": {}})
-        self.page = page
+    title = "flight log"
+
+    @property
+    def unfinished(self):
+        return self.file.path
 
     def open(self):
         self.file = WholeFile(*create(os.path.join(self.plan["folder"], self.plan["stem"]), ".mcap"))
@@ -84,7 +86,7 @@ class FlightLog(Service):
                 self.event({"event": "begin", "tick": -1, "wall": self.page.wall, "monotonic": self.page.began})
         return self.began + time
 
-    def row(self, tick, time, values, lateness=0.0):
+    def every_signal(self, tick, time, lateness, values):
         at = self.wall(self.page.first_tick + round(time * 1e9))
         write = self.writer.message
         for subsystem, channel in self.subsystems:

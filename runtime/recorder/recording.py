@@ -13,10 +13,9 @@ from cext.bus.bits import payload_bits
 from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
 from runtime.console.styles import Console
 from runtime.live import table
-from runtime.recorder.canlog import CanLog, on_can
-from runtime.recorder.mcap import FlightLog
+from runtime.recorder.plugins import LOGS, SERVICES
 from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, write_json
-from runtime.recorder.service import find
+from runtime.recorder.service import takes
 from runtime.recording import files, provenance
 from runtime.recording.changes import Changes
 from runtime.recording.repair import Backlog
@@ -51,9 +50,8 @@ class Recording:
         self.bits = [0] * len(plan["buses"])  # that they took on the wire
         self.services = []  # (path, service), those that live
         self.pickers = []  # (what picks the columns out of a row, service)
+        self.whole_rows, self.drains, self.frames = [], [], []  # services that take every signal, drains, frames
         self.about = {}
-        self.logs = []  # that take frames
-        self.flight_log = None
         self.sidecar = None
         self.files, self.saved, self.folders = {}, {}, []
         self.sinks, self.problems = {}, [*before["problems"]]
@@ -78,22 +76,33 @@ class Recording:
                     if self.part == 1:
                         raise
                     self.leave_out(sink["path"], error)
-            if self.plan["folder"] is not None:
-                self.flight_log = FlightLog(self.plan, self.page)
-                self.logs = [self.flight_log, *([CanLog(self.plan, self.page)] if any(on_can(self.plan)) else [])]
-            for log in self.logs:
-                doing = f"the {log.sink['path']} cannot start"
-                self.services.append((log.sink["path"], log))
-                log.open()
+            for name in LOGS if self.plan["folder"] is not None else ():
+                doing = f"the {name} log cannot start"
+                kind = SERVICES.load(name)
+                if kind.applies(self.plan):
+                    doing = f"the {kind.title} cannot start"
+                    self.start(kind, {"path": kind.title, "columns": self.plan["signals"], "parameters": {}})
+            self.share_out()
         except Exception as error:  # a service may be anybody's
             self.discard()
             raise RecordingFailed(f"{doing}: {reason(error)}") from error
 
-    def open_sink(self, sink):
-        service = find(sink["service"])(self.plan, sink)
+    def start(self, kind, sink):
+        service = kind(self.plan, sink)
         service.say, service.page = self.say_later, self.page
         self.services.append((sink["path"], service))
         service.open()
+        return service
+
+    def share_out(self):
+        """List the services that take whole rows, drains and frames."""
+        self.whole_rows, self.drains, self.frames = (
+            [service for _, service in self.services if takes(service, method)]
+            for method in ("every_signal", "received", "frame")
+        )
+
+    def open_sink(self, sink):
+        service = self.start(SERVICES.load(sink["service"]), sink)
         self.pickers.append(
             (picker([column["index"] for column in sink["columns"]], len(self.plan["signals"])), service)
         )
@@ -123,8 +132,8 @@ class Recording:
         self.about = provenance.gather(self.plan)
         if self.sidecar is not None:
             write_json(self.sidecar, {"name": self.plan["name"], "ended": STILL_RECORDING, **self.about})
-        for log in list(self.logs):
-            self.attempt(log.sink["path"], log, lambda: log.begin(self.about))
+        for _, service in list(self.services):
+            self.attempt(service, lambda: service.begin(self.about))
 
     def take(self, records):
         """Records as the page's `drain` returns them."""
@@ -133,11 +142,11 @@ class Recording:
                 row = self.newest = self.row.unpack(payload)
                 tick, lateness = int(row[0]), row[1]
                 time = tick / self.plan["rate"]
-                if self.flight_log is not None:
+                for service in self.whole_rows:
                     try:
-                        self.flight_log.row(tick, time, row[2:], lateness)
+                        service.every_signal(tick, time, lateness, row[2:])
                     except Exception as error:
-                        self.stop(self.flight_log, error)
+                        self.stop(service, error)
                 for pick, service in self.pickers:
                     try:
                         service.row(tick, time, pick(row))
@@ -151,14 +160,14 @@ class Recording:
                 bus = payload[BUS_OF_FRAME]
                 self.traffic[bus] += 1
                 self.bits[bus] += payload_bits(payload)
-                for log in list(self.logs):
+                for service in self.frames:
                     try:
-                        log.frame(payload)
+                        service.frame(payload)
                     except Exception as error:
-                        self.stop(log, error)
+                        self.stop(service, error)
             elif kind == RECORD_RECEIVED:
-                if self.flight_log is not None:
-                    self.flight_log.received(payload)
+                for service in self.drains:
+                    self.attempt(service, lambda: service.received(payload))
             elif kind == RECORD_EVENT:
                 self.take_event(json.loads(payload))
             elif kind == RECORD_CHANGE:
@@ -184,14 +193,12 @@ class Recording:
                 self.say(f"tickwork: {event['device']} at tick {event['tick']}: {event['what']}")
         else:
             self.events_left_out += 1
-        if self.flight_log is not None:
-            self.attempt("flight log", self.flight_log, lambda: self.flight_log.event(event))
-        for _, service in list(self.pickers):
-            self.attempt(service.sink["path"], service, lambda: service.event(event))
+        for _, service in list(self.services):
+            self.attempt(service, lambda: service.event(event))
 
     def flush(self):
-        for path, service in list(self.services):
-            self.attempt(path, service, service.flush)
+        for _, service in list(self.services):
+            self.attempt(service, service.flush)
         self.miss()
 
     def miss(self):
@@ -221,10 +228,10 @@ class Recording:
             "files": self.known(),
             "stem": self.plan["stem"],
             "sidecar": self.sidecar,
-            "log": None if self.flight_log is None else self.flight_log.file.path,
+            "log": next((service.unfinished for _, service in self.services if service.unfinished), None),
         }
 
-    def attempt(self, path, service, action):
+    def attempt(self, service, action):
         """Call a service's method. If it raises, the service is stopped, and None returned."""
         try:
             return action()
@@ -239,9 +246,7 @@ class Recording:
         path = next(path for path, other in self.services if other is service)
         self.services = [entry for entry in self.services if entry[1] is not service]
         self.pickers = [entry for entry in self.pickers if entry[1] is not service]
-        self.logs = [log for log in self.logs if log is not service]
-        if service is self.flight_log:
-            self.flight_log = None
+        self.share_out()
         problem = f"{path} stopped at {self.time:g} s: {reason(error)}"
         try:
             service.close()
@@ -254,11 +259,11 @@ class Recording:
 
     def finish(self, orphaned):
         """Close everything, write the sidecar. Returns the report."""
-        if self.flight_log is not None:
-            self.attempt("flight log", self.flight_log, lambda: self.flight_log.end(outcome(self, orphaned)))
+        for service in [service for _, service in self.services if takes(service, "end")]:
+            self.attempt(service, lambda: service.end(outcome(self, orphaned)))
         self.miss()
         for path, service in list(self.services):
-            result = self.attempt(path, service, service.close)
+            result = self.attempt(service, service.close)
             if path not in self.sinks:
                 self.sinks[path] = result
                 if result.get("problem"):

@@ -1,60 +1,87 @@
-"""What serves a sink in the recorder process. A lab adds its own by naming it: `service = "my_package.mine:MyService"`
-in a Sink.
+"""The base class of services, which the recorder process calls: one class for each kind of sink, viewer or file format.
 
-The recorder calls, in this order and from one thread:
+A Sink names its service: `service = "csv"`. Ours are in runtime.recorder.plugins. An installed package lists its own in
+the entry-point group "tickwork.sinks":
 
-    __init__(plan, sink)        as runtime.recorder describes them; plan["stem"] is free in plan["folder"]
-    open()                      create files, resolve hosts; an exception here means that the run does not begin
-    row(tick, time, values)     every completed tick: int, s, and a float for each of sink["columns"], in their order
-    event(event)                what happened besides, as the sidecar keeps it: a dict
-    flush()                     at least once a second, and before close
-    close()                     returns what the report shall say of this sink: a dict that JSON can carry
-    conclude(plan, services)    on the class, once, with all its closed services: what they make together, a dict for
-    the report
+    [project.entry-points."tickwork.sinks"]
+    lsl = "mylab.lsl:LslSender"
 
-`page` is that of the run, and `say` is there to be called with a line that the person at the terminal shall read; a
-`problem` in what close() returns is told, too. `files` maps the path of each file the service has made to a remark on
-it. While open() or row() works the ring waits, and a full ring drops records: a service must never block. One that
-raises is stopped and reported; the run and the others go on.
+and its Sink has `service = "lsl"`. A module on the path needs no entry point: `service = "mylab.lsl:LslSender"`.
 """
 
 import time
-from importlib import import_module
 
 
 class Service:
+    """The base class of services: every method does nothing.
+
+    The recorder calls them from one thread, in the order below. While one works the ring fills, and a full ring drops
+    records: no method may block. A service that raises is stopped and reported; the run and the other services go on.
+
+    plan : dict of the run, as runtime.recorder describes it; plan["stem"] is a file name that is free in
+        plan["folder"], which is None where no files are written
+    sink : dict of the sink, likewise: path, parameters, columns
+    page : cext.safety.shared_state.Page of the run, set before `open`
+    say : function that prints a line on the terminal, set before `open`
+    files : {path: remark} of each file that the service has made
+    """
+
     elsewhere = False  # whether another process writes its files
+    unfinished = None  # path of a file that the next part completes, should the recorder process be killed
 
     def __init__(self, plan, sink):
         self.plan, self.sink = plan, sink
         self.files = {}
         self.say, self.page = (lambda line: None), None
 
+    @classmethod
+    def applies(cls, plan):
+        """Return whether a recording with this plan needs the service. Called for logs, which no Sink names."""
+        return True
+
     def epoch(self):
         """s since 1970 at tick 0, by the clock of the computer, once the first row has come."""
         return time.time() if self.page is None else (self.page.wall + self.page.first_tick) * 1e-9
 
     def open(self):
-        pass
+        """Create files, resolve hosts. An exception here prevents the run."""
+
+    def begin(self, about):
+        """Do what takes longer, such as imports: the run has been armed. about : dict, what the recording states"""
 
     def row(self, tick, time, values):
-        pass
+        """Take the columns of the sink in one completed tick. time : s; values : floats, in the order of the columns"""
+
+    def every_signal(self, tick, time, lateness, values):
+        """Take all recorded signals of one completed tick. lateness : s; values : floats in the order of
+        plan["signals"]
+        """
+
+    def received(self, payload):
+        """Take the time at which the buses were read: 8 bytes, ns since the run's begin. The frames follow."""
+
+    def frame(self, payload):
+        """Take a frame of a bus. payload : bytes of a struct Frame, see runtime.recording.format"""
 
     def event(self, event):
-        pass
+        """Take an event, such as a live change or a mark: a dict, as the sidecar file has it."""
 
     def flush(self):
-        pass
+        """Flush files. Called at least once a second, and before `close`."""
+
+    def end(self, report):
+        """Write what is known at the end. report : dict"""
 
     def close(self):
+        """Close files. Returns what the report contains about this sink, a dict for JSON; its "problem" is printed."""
         return {}
 
     @classmethod
     def conclude(cls, plan, services):
+        """Make something of all closed services of this class. Returns a dict for the report; its "files" as above."""
         return {}
 
 
-def find(name):
-    """The class behind "module:class". ImportError or AttributeError where there is none."""
-    module, _, attribute = name.partition(":")
-    return getattr(import_module(module), attribute)
+def takes(service, method):
+    """Whether a service has a method of its own."""
+    return getattr(type(service), method) is not getattr(Service, method)

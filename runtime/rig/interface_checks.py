@@ -57,7 +57,9 @@ def controller(bus, data):
     name, state = bus.channel, data.get("state")
     bitrate = (data.get("bittiming") or {}).get("bitrate")
     if bitrate is not None and bitrate != bus.bitrate:
-        raise refused(bus, "TW115", f"{name} runs at {bitrate} bit/s, but the rig file specifies {bus.bitrate}", again(bus))
+        raise refused(
+            bus, "TW115", f"{name} runs at {bitrate} bit/s, but the rig file specifies {bus.bitrate}", again(bus)
+        )
     if state == "BUS-OFF":
         raise refused(bus, "TW116", f"{name} is bus-off after too many errors", f"{WIRING}; then: {again(bus)}")
     if bitrate is None:

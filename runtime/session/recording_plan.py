@@ -8,7 +8,7 @@ import re
 import time
 from pathlib import Path
 
-from graph import Actuator, Sink
+from graph import Actuator
 from graph.store import to_json
 
 ROW_SECONDS = 2.5  # how much of a run the ring holds at least
@@ -46,7 +46,7 @@ def plan(prepared, realtime):
         if not (request.no_record and isinstance(sink.block, CsvRecorder))
     ]
     records = not request.no_record and (
-        request.record is not None or any(writes_files(sink.block) for sink in schedule.sinks)
+        request.record is not None or any(sink.block.writes_files for sink in schedule.sinks)
     )
     return {
         "name": schedule.name,
@@ -99,7 +99,3 @@ def stem(request):
         if name != "notes"
     ]
     return "_".join([Path(request.file).stem, *filter(None, words), time.strftime("%Y-%m-%d_%H-%M-%S")])
-
-
-def writes_files(sink):
-    return type(sink).__module__.endswith("recorders") if isinstance(sink, Sink) else False

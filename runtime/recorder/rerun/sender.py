@@ -101,7 +101,7 @@ class RerunSender(Service):
         self.drain(READY)
         answer = self.child.answer(READY) or {"error": f"it was not ready within {READY:g} s"}
         if "ready" not in answer:
-            self.end()
+            self.end_process()
             raise RerunError(answer.get("error") or answer.get("gone"))
         self.greeting = answer["ready"]
 
@@ -173,7 +173,7 @@ class RerunSender(Service):
             shown, problem = done.get("rows"), done["problem"]
         except RerunError as error:
             problem = error.strerror
-        self.end()
+        self.end_process()
         result = {"rows": self.rows, "lost": self.lost}
         if self.lost:
             slow = f"{self.lost} of {self.rows} rows were not shown, as Rerun was too slow"
@@ -184,7 +184,7 @@ class RerunSender(Service):
             )
         return result | ({"problem": f"{self.sink['path']}: {problem}"} if problem else {})
 
-    def end(self):
+    def end_process(self):
         self.socket.close()
         child, self.child = self.child, None
         child.end()

@@ -1,6 +1,5 @@
 """Recordings in other formats, as readers of those formats find them: every sample, in order, to the bit."""
 
-import importlib
 import json
 import math
 import os
@@ -250,7 +249,7 @@ def test_a_recording_without_angles_has_no_mot(command_line, tmp_path):
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat", "sto", "mcap"])
 def test_a_file_has_its_name_once_it_is_whole(recording, tmp_path, monkeypatch, kind):
     """Who finds a file that a conversion was writing when it was killed must not take it for the trial."""
-    module = importlib.import_module(FORMATS[kind])
+    module = FORMATS.load(kind)
     if kind in ("parquet", "mat"):
         pytest.importorskip({"parquet": "pyarrow", "mat": "scipy"}[kind])
     write, found = module.write, []

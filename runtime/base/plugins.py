@@ -1,0 +1,37 @@
+"""Plug-ins: objects of ours by name, and those of installed packages by entry point."""
+
+from importlib import import_module
+from importlib.metadata import entry_points
+
+from runtime.base.errors import BadInput
+from runtime.base.suggestions import suggestion
+
+
+class Plugins:
+    """The plug-ins of one kind.
+
+    group : entry-point group in which a package lists its own, such as "tickwork.sinks"
+    own : {name: "module" or "module:attribute"} of ours, which need no installed distribution and cannot be replaced
+    """
+
+    def __init__(self, group, own):
+        self.group, self.own = group, own
+
+    def __iter__(self):
+        """Names of all plug-ins, ours first."""
+        return iter(dict.fromkeys([*self.own, *sorted(point.name for point in entry_points(group=self.group))]))
+
+    def load(self, name):
+        """Import a plug-in by its name, or by "module:attribute".
+
+        Raises BadInput where no installed package has the name; ImportError or AttributeError from its module.
+        """
+        if name in self.own or ":" in name:
+            module, _, attribute = self.own.get(name, name).partition(":")
+            module = import_module(module)
+            return getattr(module, attribute) if attribute else module
+        for point in entry_points(group=self.group, name=name):
+            return point.load()
+        known = list(self)
+        hint = suggestion(name, known) or f"expected one of {', '.join(known)}"
+        raise BadInput(f"no installed package has {name!r} in the entry-point group {self.group!r}; {hint}")
