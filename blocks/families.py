@@ -48,13 +48,15 @@ def drives(option=""):
 
 
 def example_models():
-    """Return the names of two models, for help texts: of different families where there are."""
-    models = [
-        (family.benchmark or {}).get("model") or next(iter(table.models), "MODEL")
-        for family in families()
-        for table in family.tables[:1]
-    ]
+    """Return the names of two models, for help texts: of two families where there are."""
+    models = [next(iter(table.models), "MODEL") for family in families() for table in family.tables[:1]]
     return (models[::-1] * 2)[:2]
+
+
+def benchmark(medium):
+    """Return the graph.family.Benchmark of the first family with one on a medium: can, stream or i2c."""
+    found = [family.benchmark for family in families() if family.benchmark is not None]
+    return next(device for device in found if device.block.medium == medium)
 
 
 def find_model(name, option=""):

@@ -2,7 +2,7 @@
 
 import math
 
-from blocks.actuators.cubemars.models import find
+from blocks.families import find_model
 from cext.kernels import thermal as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
@@ -20,14 +20,14 @@ class ThermalModel(Block):
     the ambient temperature. NaN passes and is not held.
 
     `loss` may be left out: it follows from `rated`, the torque the motor can hold for ever, taken to bring the winding
-    75 K above ambient; and `rated` from `actuator`, a CubeMars model. The resistances and capacities are those that
+    75 K above ambient; and `rated` from `actuator`, the name of a model. The resistances and capacities are those that
     were measured on an outrunner of this size, without a fan (J. Schuchmann's test of the Dephy ActPack, in Open-Source
     Leg's thermal model); measure your own motor where its limit is to be used in full.
     """
 
     models_heat = True
 
-    actuator = Param("", "1", "CubeMars model, for its rated torque")
+    actuator = Param("", "1", "model of an actuator, for its rated torque")
     rated = Param(None, "N·m", "torque that can be held for ever", above=0.0, fixed=True)
     loss = Param(
         None,
@@ -61,10 +61,10 @@ class ThermalModel(Block):
     kernel = kernels.two_nodes
     update_kernel = kernels.two_nodes_next
     feedthrough = ("ambient",)
-    examples = ({"actuator": "AK80-9"}, {"rated": 4.0, "start": 60.0}, {"loss": 0.0})
+    examples = ({"rated": 9.0}, {"rated": 4.0, "start": 60.0}, {"loss": 0.0})
 
     def configure(self):
-        rated = find(self.actuator).rated if self.actuator and self.rated is None else self.rated
+        rated = find_model(self.actuator)[1].rated if self.actuator and self.rated is None else self.rated
         if self.loss is None and rated is None:
             raise ValueError("loss: name an actuator, or give its rated torque or its loss")
         self.heat = (

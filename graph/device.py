@@ -285,7 +285,7 @@ class Actuator(Device):
         return {}
 
     def rating(self):
-        """In words, where the limits come from, for the proof: 'rated torque of AK80-9'."""
+        """Return where the limits come from, for the proof, as in 'rated torque of' and the model's name."""
         return ""
 
     def warnings_in_words(self):

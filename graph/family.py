@@ -150,6 +150,21 @@ class Chip:
 
 
 @dataclass(frozen=True)
+class Benchmark:
+    """A typical device of a family, with which `bench` and `rate` measure.
+
+    block, emulator : classes; parameters : of both, as {"model": ...}
+    stream : (samples, rate in Hz) -> bytes that the device sends on a serial line; parse : decodes them in Python
+    """
+
+    block: type
+    emulator: type
+    parameters: dict = field(default_factory=dict)
+    stream: object = None
+    parse: object = None
+
+
+@dataclass(frozen=True)
 class Request:
     """What `configure` is asked to do with one drive.
 
@@ -187,7 +202,7 @@ class Family:
         else, "" for nothing; configure_note : for `configure --help`
     precedence : families with a higher one are asked first: their queries change nothing, and identify a drive for
         certain
-    benchmark : parameters of a typical device for `bench` and `rate`, as {"model": ...}
+    benchmark : Benchmark, or None
     """
 
     name = ""

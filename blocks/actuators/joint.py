@@ -278,8 +278,8 @@ class Joint:
         return min(self.max_velocity or min(no_load, 0.995 * self.wire[1]), 0.995 * end)
 
     def torque_accuracy(self):
-        """N·m. No vendor publishes it: the torque constants of CubeMars that users have measured are 4 to 12 % off the
-        store's.
+        """Return the accuracy of the measured torque, N·m. No vendor publishes it: torque constants that users have
+        measured are 4 to 12 % off those of the stores.
         """
         peak = self.wire[4] if self.found.peak is None else self.found.peak * self.gear_ratio
         return 1e-2 * TORQUE_ACCURACY * peak

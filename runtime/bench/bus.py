@@ -32,7 +32,7 @@ PACE = 0.001  # s between round trips
 PATIENCE = 10.0  # s for a process to begin
 
 ROBOT = """
-from blocks.actuators import CubeMars
+from blocks.families import benchmark
 from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
 from graph import Diagram
@@ -40,9 +40,9 @@ from graph import Diagram
 with Diagram("bench", rate=200) as diagram:
     torque = TorqueLimiter(limit=5.0)(Sine(amplitude=3.0, frequency=1.0)())
     for can_id in (1, 2):
-        knee = CubeMars(
-            "AK10-9-V2.0", bus="legs", can_id=can_id, range=(-1.0, 1.0), wake_shift=0.0, name=f"knee{can_id}"
-        )
+        typical = benchmark("can")
+        place = {"bus": "legs", "can_id": can_id, "range": (-1.0, 1.0), "wake_shift": 0.0, "name": f"knee{can_id}"}
+        knee = typical.block(**typical.parameters, **place)
         knee(torque_command=torque)
 """
 

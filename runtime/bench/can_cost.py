@@ -8,7 +8,7 @@ import sys
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from blocks.actuators import CubeMars
+from blocks.families import benchmark
 from blocks.limiters import TorqueLimiter
 from blocks.sources import Sine
 from cext.bus.memory_bus import MemoryBus
@@ -93,11 +93,13 @@ def ends():
 
 def robot(buses=1, drives=DRIVES):
     """Drives that follow a sine, behind limiters."""
+    typical = benchmark("can")
     with Diagram("drives", rate=RATE) as diagram:
         torque = Sine(amplitude=3.0, frequency=1.0)()
         for bus in range(buses):
             for can_id in range(1, drives + 1):
-                drive = CubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id, name=f"drive{bus}{can_id}", timeout=0.5)
+                place = {"bus": f"bus{bus}", "can_id": can_id, "name": f"drive{bus}{can_id}", "timeout": 0.5}
+                drive = typical.block(**typical.parameters, **place)
                 drive.bitrate = UNLIMITED
                 drive(torque_command=TorqueLimiter(limit=5.0, name=f"limiter{bus}{can_id}")(torque))
     return diagram

@@ -1,7 +1,7 @@
 """Drives on udp_multicast that are held still, as a process of their own: `python -m runtime.bench.drives CHANNEL
 ID...`.
 
-Each answers every frame to its id as a CubeMars AK in MIT mode does, and at once: who waits for it spins, perhaps on
+Each answers every frame to its id as a drive in MIT mode does, and at once: who waits for it spins, perhaps on
 the same processor.
 """
 

@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from blocks.imus import MPU9250
+from blocks.families import benchmark
 from cext.lines.i2c import I2cBus
 from cext.lines.i2c_memory import MemoryI2c
 from graph import Diagram
@@ -33,7 +33,8 @@ def measure(seconds):
     bus = I2cBus(wires)
     with Diagram("bench", rate=RATE):
         sensors = [
-            MPU9250(name=f"imu{number}", bus="imus", mux=0x70, channel=number, rate=RATE) for number in range(SENSORS)
+            benchmark("i2c").block(name=f"imu{number}", bus="imus", mux=0x70, channel=number, rate=RATE)
+            for number in range(SENSORS)
         ]
     for sensor in sensors:
         wires.add(sensor.mag_address, sensor.place)

@@ -7,7 +7,7 @@ On each bus COUNT drives with ids from 1 on, held still, at so many steps a seco
 import socket
 import sys
 
-from blocks.actuators import EmulatedCubeMars
+from blocks.families import benchmark
 from cext.bus.socketcan import SocketCan
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
@@ -16,10 +16,11 @@ from runtime.machine.realtime import Realtime
 
 
 def main(rate, count, *descriptors):
+    typical = benchmark("can")
     with Diagram("motors", rate=float(rate)) as motors:
         for bus in range(len(descriptors)):
             for can_id in range(1, int(count) + 1):
-                EmulatedCubeMars("AK80-9", bus=f"bus{bus}", can_id=can_id)(position=0.0, velocity=0.0)
+                typical.emulator(**typical.parameters, bus=f"bus{bus}", can_id=can_id)(position=0.0, velocity=0.0)
     ends = [SocketCan(socket.socket(fileno=int(descriptor)), shared=True) for descriptor in descriptors]
     executor = Executor(Program(compile(motors), [end.end for end in ends]), float(rate))
     with Realtime("try"):  # a motor is not kept waiting by other programs

@@ -1,10 +1,10 @@
-"""A process with emulated MicroStrain sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE
+"""A process with emulated inertial sensors on pseudo-terminals: `python -m runtime.bench.sensor_process FOLDER RATE
 SERIAL...`.
 """
 
 import sys
 
-from blocks.imus import EmulatedMicroStrain
+from blocks.families import benchmark
 from graph import Diagram, compile
 from runtime.emulation.lines import PtyLines
 from runtime.emulation.serving import Service
@@ -16,7 +16,7 @@ def main(folder, rate, *serials):
     """
     with Diagram("sensors", rate=float(rate)) as plant:
         for serial in serials:
-            EmulatedMicroStrain(bus=serial, serial=serial, streaming_at_start=False, name=f"imu_{serial}")
+            benchmark("stream").emulator(bus=serial, serial=serial, streaming_at_start=False, name=f"imu_{serial}")
     schedule = compile(plant)
     lines = PtyLines(schedule.buses, folder)
     service = Service(schedule, [lines.end(name) for name in schedule.buses])

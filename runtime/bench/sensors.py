@@ -1,10 +1,6 @@
-"""What inertial sensors on serial lines cost: eight MicroStrains on pseudo-terminals beside a loop, and their parser by
-itself.
-"""
+"""Cost of inertial sensors on serial lines: eight on pseudo-terminals beside a loop, and their parser by itself."""
 
 import os
-import random
-import struct
 import subprocess
 import sys
 import tempfile
@@ -15,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blocks.imus import MicroStrain
-from blocks.imus.microstrain import mip
+from blocks.families import benchmark
 from blocks.mathematics import Gain
 from blocks.sources import Sine
 from cext.clock.histogram import counts_of, percentile
@@ -63,7 +58,9 @@ def loop(sensors):
             Gain(2.0, name=f"gain{index}")(Sine(name=f"sine{index}")())
         devices = (
             [
-                MicroStrain(port=str(sensors / f"tty{serial}"), rate=RATE, name=f"imu{serial}", timeout=0.0)
+                benchmark("stream").block(
+                    port=str(sensors / f"tty{serial}"), rate=RATE, name=f"imu{serial}", timeout=0.0
+                )
                 for serial in SERIALS
             ]
             if sensors is not None
@@ -132,30 +129,14 @@ def measure(seconds, repeats, realtime="off"):
 # The parser
 
 
-def stream():
-    """Bytes as such a sensor sends them: a packet of its sensors and one of its filter, again and again."""
-    chance = random.Random(1)
-
-    def floats(count):
-        return struct.pack(f">{count}f", *(chance.gauss(0.0, 1.0) for _ in range(count)))
-
-    packets = []
-    for number in range(PACKETS):
-        when = struct.pack(">dHH", 1000.0 + number / RATE, 0, 1)
-        packets.append(
-            mip.packet(0x80, (0x12, when), (0x04, floats(3)), (0x05, floats(3)), (0x06, floats(3)), (0x14, floats(3)))
-        )
-        packets.append(mip.packet(0x82, (0x11, when), (0x03, floats(4) + b"\0\1")))
-    return b"".join(packets)
-
-
 def parsed(repeats):
     """(MB/s natively, in frames of 64 bytes as a run has them; MB/s in Python), the best of so many chunks taken in
     turn
     """
-    data = stream()
+    typical = benchmark("stream")
+    data = typical.stream(PACKETS, RATE)
     with Diagram("bench", rate=LOOP):
-        block = MicroStrain(name="imu")
+        block = typical.block(name="imu")
     scratch = block.scratch
     scratch.build({"tare": False})
     best = [float("inf"), float("inf")]
@@ -164,19 +145,9 @@ def parsed(repeats):
         feed(block.decode, scratch.arena, scratch.table, data)
         best[0] = min(best[0], (time.perf_counter() - began) / len(data))
         began, part = time.perf_counter(), data[: len(data) // 10]
-        in_python(part)
+        typical.parse(part)
         best[1] = min(best[1], (time.perf_counter() - began) / len(part))
     return 1e-6 / best[0], 1e-6 / best[1]
-
-
-def in_python(data):
-    """The same in Python: cut into chunks, put together again, checked, decoded."""
-    rest, found = b"", {}
-    for at in range(0, len(data), 64):
-        packets, rest, _ = mip.split(rest + data[at : at + 64])
-        for packet in packets:
-            found = mip.decode(packet)
-    return found
 
 
 def summary(alone, beside, native, python):

@@ -78,13 +78,16 @@ def main(arguments):
 
 
 def parse(arguments):
+    from blocks.families import benchmark
+
+    typical = benchmark("can").parameters["model"]
     parser = Parser("rate", "Find the highest rate at which actuators that are commanded zero torque miss no answer.")
     add_rig(parser)
     parser.add_argument(
         "--model",
-        default="AK80-9",
+        default=typical,
         metavar="M",
-        help="CubeMars in MIT mode or with a V3.0 board, or a RobStride (default: AK80-9)",
+        help=f"a model whose torque can be commanded; `blocks --actuators` lists them (default: {typical})",
     )
     parser.add_argument(
         "--actuators",
@@ -168,22 +171,13 @@ def span(text):
 
 def maker(options, bus):
     """What makes an actuator of the model on a bus. BadInput where there is no such model."""
-    from blocks.actuators import CubeMars, CubeMarsV3, RobStride
-    from graph import Diagram, DiagramError
+    from blocks.families import find_model
 
-    troubles = []
-    for kind in (CubeMars, CubeMarsV3, RobStride):
-
-        def make(can_id, kind=kind):
-            return kind(options.model, bus=bus, can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
-
-        try:
-            with Diagram("try", rate=100):
-                make(1)
-            return make
-        except (DiagramError, ValueError) as error:
-            troubles.append(str(error.diagnostics[0].message if isinstance(error, DiagramError) else error))
-    raise BadInput(f"--model {options.model}: {'; '.join(dict.fromkeys(troubles))}")
+    try:
+        drive, _ = find_model(options.model)
+    except ValueError as error:
+        raise BadInput(f"--model {error}") from None
+    return lambda can_id: drive.block(options.model, bus=bus, can_id=can_id, name=f"actuator{can_id}", timeout=0.5)
 
 
 def one(options, make, ids, rig, bitrate, confirmed):

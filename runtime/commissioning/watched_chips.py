@@ -152,8 +152,8 @@ def block(kind, place, bus, parameters):
 
 
 def parameters_of(kind, found, channels, rate, settings):
-    """Of a block. Where several sensors are inertial, their magnetometers would be heard together: an MPU-9250 asks its
-    own by itself.
+    """Return the parameters of a block. Of several inertial sensors, each chip reads its own magnetometer: on the bus
+    itself all of them would answer at one address.
     """
     given = {}
     if "magnetometer" in kind.parameters:

@@ -1,6 +1,7 @@
 """CubeMars AK drives with boards of every generation, as a device family."""
 
 from blocks.actuators.cubemars import frames, models, models_v3, queries, set_up
+from blocks.actuators.cubemars.emulator import EmulatedCubeMars
 from blocks.actuators.cubemars.mit import CubeMars
 from blocks.actuators.cubemars.servo import CubeMarsServo
 from blocks.actuators.cubemars.v3 import CubeMarsV3
@@ -8,7 +9,7 @@ from blocks.actuators.queries import MIT_PURPOSE, commanded_in_mit_mode, disable
 from blocks.limiters import Saturation
 from blocks.sources import TimeTable
 from graph.dialogue import Rejected
-from graph.family import Drive, Family, Query, StopQuery, Table
+from graph.family import Benchmark, Drive, Family, Query, StopQuery, Table
 
 
 def servo_settings(movement, target, speed, rise):
@@ -58,7 +59,7 @@ class CubeMarsFamily(Family):
     )
     vendor_program = set_up.VENDOR_PROGRAM
     configure_note = "Of a CubeMars only the zero can be set; --save keeps it where the drive is in servo mode."
-    benchmark = {"model": "AK80-9"}
+    benchmark = Benchmark(CubeMars, EmulatedCubeMars, {"model": "AK80-9"})
 
     def reports(self, heard):
         return queries.reports(heard)

@@ -1,8 +1,9 @@
 """InvenSense IMUs on I2C, with the magnetometers in their cases, as a device family."""
 
+from blocks.imus.invensense.emulator import EmulatedMPU9250
 from blocks.imus.invensense.icm20948 import ICM20948
 from blocks.imus.invensense.mpu9250 import MPU9250
-from graph.family import Chip, Family
+from graph.family import Benchmark, Chip, Family
 
 ADDRESSES, MAGNETOMETERS = (0x68, 0x69), (0x0C,)
 WITHOUT_BLOCK = {0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}
@@ -17,6 +18,7 @@ class InvenSenseFamily(Family):
         Chip(MAGNETOMETERS, (0x00, {0x48: "AK8963"}, 0xFF)),
         Chip(MAGNETOMETERS, (0x01, {0x09: "AK09916"}, 0xFF)),
     )
+    benchmark = Benchmark(MPU9250, EmulatedMPU9250)
 
 
 FAMILY = InvenSenseFamily()

@@ -10,7 +10,7 @@ MOST = 8  # actuators
 def robot(make, ids, rate, upper=False):
     """The Diagram.
 
-    make : gives an actuator of an id, as `lambda can_id: CubeMars("AK80-9", ...)`
+    make : (can_id) -> actuator
     upper : whether zero is the code above the middle of its range, as Epically Powerful sends it
     """
     with Diagram("rate", rate=rate) as diagram:

@@ -12,7 +12,7 @@ def main(arguments):
     """Returns the exit code."""
     parser = Parser(
         "bench sensors",
-        "Measure what eight MicroStrain sensors at 500 Hz each cost on "
+        "Measure what eight inertial sensors at 500 Hz each cost on "
         "pseudo-terminals, what they do to a loop "
         "beside them, how fast their packets are read, and what the thread of an I2C "
         "bus costs by itself.",
