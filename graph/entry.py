@@ -33,4 +33,4 @@ def main(diagram=None):
         sys.path.append(sys.path.pop(0))
     sys.argv[1:1] = ["run", os.path.relpath(caller["__file__"])]
     program = run_module("runtime", run_name="tickwork")  # as `python -m runtime` does, from this process
-    raise SystemExit(program["main"](folder if first else None))
+    program["main"](folder if first else None)

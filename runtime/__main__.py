@@ -11,28 +11,29 @@ import signal  # noqa: E402
 
 from runtime.base import installation_check  # noqa: E402
 
-INTERRUPTED = 130
-
 
 def main(folder=FOLDER):
-    """Check the house, then run the command line. Returns the exit code.
+    """Check the installation, run the command line, and end the process with its exit code.
 
     folder : the folder that Python had put first on the path, None if it had not
     """
     occupy_standard_streams()
     try:
         code = start(folder)
-    except KeyboardInterrupt:  # while still importing
-        code = INTERRUPTED
-    # all is done: a second Ctrl-C, while Python takes itself down, is not how it ended
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return code
+    except KeyboardInterrupt as interrupt:  # while still importing
+        code = 128 + getattr(interrupt, "number", signal.SIGINT)
+    from runtime.base.ending import leave
+
+    leave(code)
 
 
 def start(folder):
     problem = installation_check.problem(*sys.argv[1:2], folder=folder)
     if problem is None:
         try:
+            from runtime.base.ending import raise_on_signals
+
+            raise_on_signals()
             from runtime.cli.main import main as command_line
         except ImportError as error:
             problem = installation_check.explain(error)
@@ -53,4 +54,4 @@ def occupy_standard_streams():
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

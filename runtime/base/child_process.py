@@ -12,13 +12,14 @@ _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__
 
 # Import the parent's own packages regardless of the working folder, then restore the parent's path for all others.
 _BOOT = """
-import sys
+import os, sys
 from importlib import import_module
 module, root, numbers, path = sys.argv[1], sys.argv[2], sys.argv[3].split(","), sys.argv[4:]
 sys.path[:] = [root, *path]
 import cext, runtime
 sys.path[:] = path
 import_module(module).main(*map(int, numbers))
+os._exit(0)  # the interpreter's own ending takes time that the parent waits for
 """
 
 
@@ -64,6 +65,16 @@ class ChildProcess:
                 before = os.sched_getaffinity(thread)
                 os.sched_setaffinity(thread, processors)
                 os.sched_setaffinity(thread, before)
+
+    def wait(self, timeout):
+        """Wait until it has ended. subprocess.TimeoutExpired after `timeout` s"""
+        with suppress(OSError):  # no descriptor is left, or the process has been reaped
+            ended = os.pidfd_open(self.pid)
+            poll = select.poll()
+            poll.register(ended, select.POLLIN)
+            poll.poll(timeout * 1e3)
+            os.close(ended)
+        self._child.wait(0.0)
 
     def _threads(self):
         return map(int, os.listdir(f"/proc/{self.pid}/task"))

@@ -2,11 +2,12 @@
 return.
 """
 
+import ctypes
 import threading
 import time
 import traceback
 
-TEXT_LIMIT = 0.04  # s for the text of one exception
+TEXT_LIMIT = 0.02  # s for the text of one exception
 
 
 def text_of(error, limit=TEXT_LIMIT):
@@ -42,8 +43,8 @@ def within(seconds):
 def bounded(form, limit, prefix=""):
     """Return what `form` returns, as text; where it raises or takes longer than `limit` s, `prefix` and the reason.
 
-    A thread calls it: an exception from a timer could be caught by the code that it shall end. One that never returns
-    stays behind as a daemon thread, and ends with the process.
+    A thread calls it, which is asked to end after that: one that computes for ever would take the interpreter's time.
+    One that does not end stays behind as a daemon thread, and ends with the process.
     """
     found = []
 
@@ -59,4 +60,6 @@ def bounded(form, limit, prefix=""):
     except RuntimeError:  # the system grants no more threads
         return f"{prefix}(no text)"
     thread.join(limit)
+    if not found:
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
     return found[0] if found else f"{prefix}(no text within {limit * 1e3:.0f} ms)"

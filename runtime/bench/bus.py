@@ -20,6 +20,7 @@ from cext.bus.socketcan import SocketCan
 from cext.ring.rings import Line, Lines
 from cext.safety.shared_state import Page
 from cext.schedule.bus_cost import time_of_ticks
+from runtime.base.system import end_with_parent
 from runtime.bench.drives import node
 from runtime.guardian import GuardianProcess
 from runtime.machine.realtime import PRIORITY
@@ -70,6 +71,7 @@ def drives(channel, *identifiers):
         cwd=ROOT,
         stdout=subprocess.PIPE,
         text=True,
+        preexec_fn=end_with_parent,
     )
     try:
         if process.stdout.readline() != "ready\n":
@@ -186,6 +188,7 @@ def one_kill(bus, robot, rig):
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        preexec_fn=end_with_parent,
     )
     try:
         if not listen(bus, PATIENCE, under_torque):

@@ -18,6 +18,8 @@ from cext.schedule.bus_cost import time_of_control, time_of_ticks
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
+from runtime.base.ending import uninterrupted
+from runtime.base.system import end_with_parent
 from runtime.bench.c_program import C_GRID, build
 from runtime.bench.rate.robot import UNLIMITED
 from runtime.console.progress import rounds
@@ -129,6 +131,7 @@ def motors(count):
             pass_fds=numbers,
             stdout=subprocess.PIPE,
             text=True,
+            preexec_fn=end_with_parent,
         )
         try:
             if process.stdout.readline() != "ready\n":
@@ -166,8 +169,8 @@ def our_chunk(schedule, sockets, ticks):
     page = Page(1 << 20)
     program = Program(schedule, [SocketCan(end, shared=True).end for end in sockets])
     program.count_from(STARTING)
-    outcome = Executor(program, RATE, page=page).run(ticks, fade=0.0)
-    if outcome.status != "ok" or outcome.signal:
+    outcome = uninterrupted(Executor(program, RATE, page=page).run(ticks, fade=0.0))
+    if outcome.status != "ok":
         raise OSError(f"the motors ended: {outcome.status} at {outcome.culprit}")
     return sum(program.missed.values()), page.statistics()["missed"]
 

@@ -19,6 +19,8 @@ from blocks.recorders import CsvRecorder
 from blocks.sources import Sine
 from cext.clock.histogram import counts_of, percentile
 from graph import Block, Diagram, Input, Output, compile
+from runtime.base.ending import uninterrupted
+from runtime.base.system import end_with_parent
 from runtime.bench.c_program import C_GRID, build
 from runtime.console.progress import rounds
 from runtime.diagrams.simulation import Simulation
@@ -109,7 +111,9 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
     made = diagram(rate, python_blocks)
     schedule = compile(made)
     request = Request(Path(__file__), duration=seconds, record=Path(folder), realtime=realtime)
-    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate)))
+    result = run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate)))
+    uninterrupted(result.outcome)
+    return result
 
 
 def c_chunk(loop, rate, seconds, realtime):
@@ -158,7 +162,8 @@ def measure(rates, seconds, repeats, realtime="off", load=False, busy_thread=Fal
 @contextmanager
 def loaded():
     """Every processor busy with another process."""
-    children = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count())]
+    busy = [sys.executable, "-c", "while True: pass"]
+    children = [subprocess.Popen(busy, preexec_fn=end_with_parent) for _ in range(os.cpu_count())]
     try:
         yield
     finally:

@@ -18,6 +18,7 @@ from cext.safety.shared_state import Page
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Diagram, compile
+from runtime.base.ending import uninterrupted
 from runtime.bench.clock import SIGNALS, diagram
 from runtime.session.run import Request, prepare, run
 
@@ -43,7 +44,7 @@ def recording(rounds=7, ticks=10_000):
         took = []
         for schedule in schedules:
             page = Page((ticks + 1) * 8 * (3 + len(schedule.columns)))
-            Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks)
+            uninterrupted(Executor(Program(schedule), 1000, page=page, virtual=True).run(ticks))
             found = page.statistics()
             took.append(found["busy"] / found["ticks"])
         differences.append(took[1] - took[0])
@@ -73,9 +74,9 @@ def growth(few=10_000, many=10_000_000):
     """
     schedule = compile(diagram(1000, 3, 12))
     executor = Executor(Program(schedule), 1000, page=Page(1 << 20), virtual=True)
-    executor.run(few)
+    uninterrupted(executor.run(few))
     before = resident()
-    executor.run(many)
+    uninterrupted(executor.run(many))
     return resident() - before
 
 
@@ -86,5 +87,7 @@ def resident():
 
 def knee_minute():
     """(s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
-    found = run(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).statistics
+    result = run(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True)))
+    uninterrupted(result.outcome)
+    found = result.statistics
     return found["busy"], found["waited_for_recorder"]

@@ -20,6 +20,8 @@ from cext.schedule.executor import Executor
 from cext.schedule.kernel_table import feed
 from cext.schedule.program import Program
 from graph import Diagram, compile
+from runtime.base.ending import uninterrupted
+from runtime.base.system import end_with_parent
 from runtime.console.progress import rounds
 from runtime.machine.realtime import PRIORITY, Realtime
 from runtime.rig.streams import StreamLines
@@ -41,6 +43,7 @@ def plugged_in():
                 **os.environ,
                 "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]),
             },
+            preexec_fn=end_with_parent,
         )
         try:
             process.stdout.readline()
@@ -98,7 +101,7 @@ def chunk(found, seconds, sensors=None, realtime="off"):
         control = Program(schedule, [lines.lines[name][1].end for name in schedule.buses])
         executor = Executor(control, LOOP, page=page)
         processor, wall = time.process_time(), time.perf_counter()
-        executor.run(round(seconds * LOOP), arming_timeout=5.0)
+        uninterrupted(executor.run(round(seconds * LOOP), arming_timeout=5.0))
         found.processor += time.process_time() - processor
         found.wall += time.perf_counter() - wall
     found.lateness = found.lateness + page.counts("lateness")

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 from runtime.base.errors import BadInput
+from runtime.base.system import end_with_parent
 from runtime.bench.measure import Times
 from runtime.console.progress import rounds
 from runtime.live.running import page_of
@@ -55,11 +56,15 @@ def first_tick(file):
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             cwd=Path(__file__).parents[2],
+            preexec_fn=end_with_parent,
         )
         try:
             page = wait_for(child, lambda: page_of(child.pid))
             wait_for(child, lambda: page.statistics()["ticks"] > 0)
             seconds, kilobytes = (page.wall + page.first_tick - began) * 1e-9, resident(child.pid)
+        except BaseException:
+            child.kill()
+            raise
         finally:
             _, complaint = child.communicate(timeout=TIMEOUT)
     return seconds, kilobytes

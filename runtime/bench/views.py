@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from runtime.base.errors import BadInput
+from runtime.base.system import end_with_parent
 from runtime.bench import views_process
 from runtime.bench.clock import Kept
 from runtime.bench.views_process import ALL, NONE
@@ -32,7 +33,12 @@ def chunk(name, seconds, realtime, folder, port):
     words = [sys.executable, "-m", views_process.__name__, name, str(seconds), realtime, str(folder), str(port)]
     path = os.pathsep.join([str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
-        words, stdin=subprocess.DEVNULL, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}
+        words,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        preexec_fn=end_with_parent,
     )
     if done.returncode:
         last = (done.stderr.splitlines() or ["without a message"])[-1]

@@ -1,5 +1,6 @@
 """The command line: `python -m runtime FILE` runs a diagram; the other commands look at one, or at this machine."""
 
+import signal
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -32,7 +33,6 @@ COMMANDS = {
     "set": "change live parameters of a run that goes on, or list them",
 }
 MODULES = {"bench": "bench.command"}  # of commands that are not one module of the same name
-INTERRUPTED = 130
 
 
 def main(arguments=None, folder=None):
@@ -41,8 +41,9 @@ def main(arguments=None, folder=None):
     folder : the working folder, where `python -m` has put it on the path
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    DiagramError = refusal(arguments)
+    DiagramError = ()
     try:
+        DiagramError = refusal(arguments)
         check_encoding(arguments)
         code = command(arguments, folder)
     except BadInput as error:
@@ -52,11 +53,17 @@ def main(arguments=None, folder=None):
         count = len(error.diagnostics)
         complain([*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"])
         code = CHECK_FAILED
-    except KeyboardInterrupt:
-        complain(["tickwork: stopped by Ctrl-C; nothing is armed"])
-        code = INTERRUPTED
+    except KeyboardInterrupt as interrupt:
+        number = getattr(interrupt, "number", signal.SIGINT)
+        complain([f"tickwork: stopped by {signal_name(number)}; nothing is armed"])
+        code = 128 + number
     tell([])  # what the user's own code has printed
     return code
+
+
+def signal_name(number):
+    """Return the name of a signal, or of the key that sends it."""
+    return "Ctrl-C" if number == signal.SIGINT else signal.Signals(number).name
 
 
 def check_encoding(arguments):

@@ -41,5 +41,7 @@ def main(arguments):
     )
     tell(summary.summary(result))
     tell(profiled(result))
+    if result.outcome.signal:  # it ends the command, and a picture takes a second
+        return summary.exit_code(result.outcome)
     tell([f"picture: {picture(result, options.output or Path(f'{options.file.stem}_profile.png'))}"])
     return summary.exit_code(result.outcome)

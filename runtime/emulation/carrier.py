@@ -6,10 +6,10 @@ import errno
 import json
 import os
 import select
-import signal
 from contextlib import suppress
 
 from cext.ring.rings import Lines
+from runtime.base.ending import ignore_signals
 from runtime.guardian.wires import CannotOpen, open_wire
 
 ORDERS = 0  # standard input
@@ -19,8 +19,7 @@ NAME = "tickwork-plant"
 
 def main(answers, control, lines, bell):
     """The process. File descriptors: of the pipe for answers, a pidfd of the emulator, the lines, the bell."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    ignore_signals()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
     with open(ORDERS, "rb", buffering=0, closefd=False) as orders:

@@ -128,7 +128,7 @@ class GuardianProcess(ChildProcess):
         except OSError:
             pass
         try:
-            self._child.wait(patience)
+            self.wait(patience)
         except subprocess.TimeoutExpired:
             self._child.kill()
             self._child.wait()

@@ -25,6 +25,7 @@ from cext.ring.rings import Lines
 from cext.safety.owner_death import Mourner
 from cext.safety.shared_state import RECORD_EVENT, Page
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
+from runtime.base.ending import ignore_signals
 from runtime.base.system import CAP_IPC_LOCK, capable
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
@@ -42,8 +43,7 @@ def main(answers, control, page, lines, bell):
     The arguments are file descriptors: pipe for answers, pidfd of the control process, shared state, lines or -1, bell
     or -1.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    ignore_signals()
     with open("/proc/self/comm", "w") as file:
         file.write(NAME)
     guardian = Guardian(Page(fd=page), Lines(fd=lines) if lines >= 0 else None, bell, answers, control)

@@ -72,7 +72,7 @@ class RecorderProcess(ChildProcess):
         keys = () if self._terminal is None else (self._terminal,)
         super().__init__("runtime.recorder.process", (page.fd, *(keys or (-1,))), (page.fd, *keys))
         self._files = []
-        self._over = False
+        self._over = self._planned = False
 
     def configure(self, plan):
         """Send the plan and wait until every file is open. RecorderError if one cannot be; then nothing is left
@@ -82,6 +82,7 @@ class RecorderProcess(ChildProcess):
             {**sink, "columns": [{**column, "ascii_unit": ascii_name(column["unit"])} for column in sink["columns"]]}
             for sink in plan["sinks"]
         ]
+        self._planned = True
         order = json.dumps({**plan, "sinks": sinks}).encode() + b"\n"
         try:
             self._child.stdin.write(order)
@@ -140,6 +141,8 @@ class RecorderProcess(ChildProcess):
         """The run fails before it began: the process ends and takes its files with it."""
         if self._over:
             return
+        if not self._planned:  # it has created nothing, and may still be importing
+            self._child.kill()
         try:
             self._child.stdin.write(b"abandon\n")
             self._child.stdin.flush()
@@ -173,7 +176,7 @@ class RecorderProcess(ChildProcess):
             except OSError:
                 pass
             try:
-                self._child.wait(timeout)
+                self.wait(timeout)
             except subprocess.TimeoutExpired:
                 self._child.kill()
                 self._child.wait()

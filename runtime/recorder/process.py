@@ -19,6 +19,7 @@ from pathlib import Path
 
 from cext.clock import realtime
 from cext.safety.shared_state import Page
+from runtime.base.ending import ignore_signals
 from runtime.base.exception_text import name_and_text
 from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint
@@ -71,8 +72,7 @@ def main(answers, control, page, keys):
     """File descriptors of the pipe for answers, a pidfd of the control process, of the page, and its terminal's or
     -1.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    ignore_signals()
     be_ordinary()
     page, orders = Page(fd=page), Control(control)
     plan = orders.plan()

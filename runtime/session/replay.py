@@ -26,6 +26,7 @@ from graph import DiagramError, Sink
 from graph.store import from_json, to_json
 from runtime.analysis.compare import Comparison, compare, sent_frames
 from runtime.analysis.trial import Trial
+from runtime.base.ending import uninterrupted
 from runtime.base.errors import BadInput
 from runtime.console.progress import Progress
 from runtime.diagrams.file import compiled, load
@@ -338,7 +339,7 @@ def run(trial, diagram, schedule, ends, changes, folder, origin):
         program = Program(schedule, ends)
         program.live.follow(changes)
         executor = Executor(program, schedule.rate, page=page, virtual=True, reader=recorder.lifeline, tape=tape(trial))
-        outcome = executor.run()
+        outcome = uninterrupted(executor.run())
         end = {
             "event": "end",
             "status": outcome.status,

@@ -12,6 +12,7 @@ from cext.safety.shared_state import RECORD_EVENT, Page
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
+from runtime.base.ending import ENDING_SIGNALS
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import compiled, load
 from runtime.diagrams.simulation import Simulation
@@ -346,12 +347,16 @@ def hear_one_interrupt(page):
 
 @contextmanager
 def undisturbed(before):
-    """A second Ctrl-C does not tear the end of a recording. before : the handler that is there afterwards"""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore the ending signals: a second one tears neither the stop of the motors nor the end of a recording.
+
+    before : the handler of SIGINT that is there afterwards
+    """
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS} | {signal.SIGINT: before}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
 
 
 def adapt(diagram, request):

@@ -9,6 +9,7 @@ from cext.bus.timed_bus import TimedBus
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import compile
+from runtime.base.ending import uninterrupted
 from runtime.bench.rate.robot import UNLIMITED, plant, robot
 from runtime.bench.rate.search import Step
 
@@ -50,7 +51,7 @@ class Simulated:
             program.count_from(settling)
         drives = Program(compile(plant(diagram, substeps * rate)), [bus.device])
         executor = Executor(program, rate, plant=drives, substeps=substeps, virtual=True)
-        return program, executor.run(ticks, fade=0.0, arming_timeout=ARMING), bus
+        return program, uninterrupted(executor.run(ticks, fade=0.0, arming_timeout=ARMING)), bus
 
     def limit(self):
         """Hz, at which the frames of a tick fill the bus: by the bits that it has really carried, stuffed ones
@@ -97,8 +98,9 @@ class OnRig:
         )
         self.confirmed = True  # a person has seen the table: the drives stay the same
         outcome, statistics = result.outcome, result.statistics
-        if outcome.signal or outcome.stopped:
+        if outcome.stopped:
             raise KeyboardInterrupt
+        uninterrupted(outcome)
         why = (
             ""
             if outcome.status == "ok"

@@ -13,6 +13,7 @@ from cext.safety.shared_state import RECORD_ROW, Page
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from graph import Device, Diagram, subsystem
+from runtime.base.ending import uninterrupted
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import compiled
 from runtime.diagrams.simulation import Simulation
@@ -128,7 +129,7 @@ def read(schedule, recorder, control, seconds, **how):
     frames = FRAME_BYTES * 8 * len(schedule.devices)
     page = Page(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
     try:
-        outcome = Executor(control, schedule.rate, page=page, **how).run(ticks)
+        outcome = uninterrupted(Executor(control, schedule.rate, page=page, **how).run(ticks))
         records = [row.unpack(payload) for kind, payload in page.drain(1 << 30) if kind == RECORD_ROW]
     finally:
         page.close()

@@ -12,10 +12,11 @@ It ends when all is shown, when the recorder has died, or when its viewer has go
 import json
 import os
 import select
-import signal
 import socket
 import time
 from struct import Struct
+
+from runtime.base.ending import ignore_signals
 
 HEAD = Struct("<IB")
 LOOK = 1.0  # s between looks at the viewer
@@ -32,8 +33,7 @@ class Gone(Exception):
 
 def main(answers, control, descriptor):
     """File descriptors of the pipe for answers, a pidfd of the recorder, and the socket."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)
+    ignore_signals()
     os.nice(5)
     quiet()
     ready = False

@@ -2,7 +2,6 @@
 every address.
 """
 
-import ctypes
 import errno
 import os
 import signal
@@ -10,9 +9,10 @@ import socket
 import subprocess
 import time
 
+from runtime.base.ending import ENDING_SIGNALS
+from runtime.base.system import end_with_parent
 from runtime.recorder.rerun.target import LOOPBACK, bracketed
 
-PR_SET_PDEATHSIG = 1  # linux/prctl.h
 STARTED = 15.0  # s for a server to answer
 LOOK = 0.02  # s between looks whether it does
 QUICK = 0.5  # s for a port to answer
@@ -107,13 +107,12 @@ def executable():
 
 def start(*words, mortal):
     """Rerun's program with its words. mortal : it ends with this process, else it stays open for who looks at it"""
-    prctl = ctypes.CDLL(None, use_errno=True).prctl
 
     def before():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in ENDING_SIGNALS:
             signal.signal(number, signal.SIG_DFL)  # we ignore them, and it would inherit that
         if mortal:
-            prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+            end_with_parent()
 
     return subprocess.Popen(
         [executable(), *map(str, words)],

@@ -185,7 +185,7 @@ def test_neither_signals_nor_a_broken_terminal_end_it_while_control_lives(tmp_pa
     control = Controller(tmp_path, stderr=writer)
     os.close(writer)
     os.close(reader)  # nobody reads what it says
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGPIPE, signal.SIGQUIT, signal.SIGUSR1):
         os.kill(control.recorder, number)
     control.run_until(200)
     control.kill()

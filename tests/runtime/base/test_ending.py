@@ -1,0 +1,157 @@
+"""Every command ends soon after a signal, and leaves neither a process nor a file behind, however it ends."""
+
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from runtime.base.ending import ENDING_SIGNALS, Interrupted, uninterrupted
+from tests.runtime.runs import ROOT, environment, finished, knee, started, write
+
+pytestmark = pytest.mark.timing
+
+LIMIT, LIMIT_BUSY = 0.1, 1.0  # s from a signal to the end of the command, and on a machine that is busy
+TRIES = 4  # of which the fastest counts: another process may have the processor in the others
+
+HOSTILE = """
+
+class Broken(Exception):
+    def __str__(self):
+        while True:
+            pass
+"""
+
+
+def took(process, number):
+    """s from a signal to the end of a process."""
+    poll = select.poll()
+    poll.register(os.pidfd_open(process.pid), select.POLLIN)
+    at = time.monotonic()
+    process.send_signal(number)
+    poll.poll(60_000)
+    seconds = time.monotonic() - at
+    process.wait(1)
+    return seconds
+
+
+def await_file(path, seconds=60.0):
+    deadline = time.monotonic() + seconds
+    while not path.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert path.exists(), path
+
+
+def knee_that(folder, tick_20, **names):
+    """A robot that does something in tick 20, and then touches the file `there`."""
+    law = f"tick == 20 and ({tick_20}); tick == 30 and open('there', 'w').close(); return 1.0"
+    path = knee(folder, law)
+    path.write_text(path.read_text().replace("import math", "import atexit, math, threading, time" + HOSTILE))
+    return path
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+def test_a_run_ends_within_100_ms_of_every_signal_with_a_summary(tmp_path, number):
+    """Among its blocks is one whose exception has a text that never comes."""
+    path = knee_that(tmp_path, "(_ for _ in ()).throw(Broken())")
+    path.write_text(path.read_text().replace('Law(name="law")', 'Law(hold_exceptions=3, name="law")'))
+    times = []
+    for _ in range(TRIES):
+        process = started(path, "--record", "out", cwd=tmp_path)
+        await_file(tmp_path / "there")
+        times.append(took(process, number))
+        out, err = process.communicate()
+        assert process.returncode == 128 + number, err
+        assert "law held 1 exception" in out and f"stopped by {number.name}" in err, out + err
+        (tmp_path / "there").unlink()
+    busy = os.getloadavg()[0] > os.cpu_count()
+    assert min(times) < (LIMIT_BUSY if busy else LIMIT), times
+
+
+def test_a_thread_of_user_code_that_never_ends_does_not_keep_the_process(tmp_path):
+    path = knee_that(tmp_path, "threading.Thread(target=threading.Event().wait).start()")
+    process = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
+    assert process.returncode == 0 and "200 of 200 done" in process.stdout
+
+
+def test_files_that_user_code_has_left_open_are_written_and_its_exit_handlers_called(tmp_path):
+    path = knee_that(tmp_path, "atexit.register(print, 'exit handler')")
+    path.write_text(path.read_text() + "\ndiagram.log = open('log', 'w')\ndiagram.log.write('a line')\n")
+    process = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
+    assert process.returncode == 0 and process.stdout.endswith("exit handler\n")
+    assert (tmp_path / "log").read_text() == "a line"
+
+
+def test_a_signal_ends_an_exit_handler_that_hangs(tmp_path):
+    path = knee_that(tmp_path, "atexit.register(lambda: (open('hangs', 'w').close(), time.sleep(3600)))")
+    process = started(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
+    await_file(tmp_path / "hangs")
+    assert took(process, signal.SIGINT) < 1.0 and process.returncode == 0
+    process.communicate()
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+def test_a_search_for_the_highest_rate_ends_with_a_signal(tmp_path, number):
+    process = started("rate", "--seconds", "3600", cwd=tmp_path)
+    assert "highest rate" in process.stdout.readline() + process.stdout.readline()
+    time.sleep(0.5)
+    assert took(process, number) < 1.0
+    _, err = process.communicate()
+    assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_the_drives_of_a_benchmark_end_with_it(tmp_path, number):
+    process = started("bench", "bus", cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    parent, drives = psutil.Process(process.pid), []
+    deadline = time.monotonic() + 60.0
+    while not drives and time.monotonic() < deadline:
+        drives = [child for child in parent.children() if "runtime.bench.drives" in child.cmdline()]
+        time.sleep(0.02)
+    everybody = parent.children(recursive=True)
+    took(process, number)
+    _, alive = psutil.wait_procs(everybody, timeout=2)
+    assert drives and not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
+
+
+@pytest.mark.parametrize("number", ENDING_SIGNALS, ids=lambda number: number.name)
+def test_a_replay_that_is_interrupted_leaves_no_file(tmp_path, number):
+    path, scratch = knee(tmp_path), tmp_path / "scratch"
+    assert finished(path, "--fast", "--duration", "120", cwd=tmp_path).returncode == 0
+    scratch.mkdir()
+    [recording] = (tmp_path / "recordings").glob("*.mcap")
+    process = started("replay", recording, cwd=tmp_path, env=environment(TMPDIR=str(scratch)))
+    deadline = time.monotonic() + 20.0
+    while not list(scratch.glob("*/*.mcap")) and time.monotonic() < deadline:
+        time.sleep(0.005)
+    took(process, number)
+    _, err = process.communicate()
+    assert process.returncode == 128 + number and "stopped by " in err and "Traceback" not in err
+    assert not list(scratch.iterdir())
+
+
+def test_an_outcome_that_a_signal_has_ended_is_an_interrupt_with_its_number():
+    outcome = type("Outcome", (), {"signal": 0})()
+    assert uninterrupted(outcome) is outcome
+    outcome.signal = signal.SIGTERM
+    with pytest.raises(Interrupted) as interrupted:
+        uninterrupted(outcome)
+    assert interrupted.value.number == signal.SIGTERM and isinstance(interrupted.value, KeyboardInterrupt)
+
+
+def test_a_signal_that_is_ignored_by_the_shell_stays_ignored(tmp_path):
+    """As under nohup."""
+    script = write(
+        tmp_path,
+        "import signal\nfrom runtime.base.ending import raise_on_signals\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+        "raise_on_signals()\nassert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN\n"
+        "import os\nos.kill(os.getpid(), signal.SIGHUP)\nprint('alive')\n",
+        "script.py",
+    )
+    done = subprocess.run([sys.executable, script], env=environment(), capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "alive\n", done.stderr
