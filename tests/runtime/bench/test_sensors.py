@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from blocks.families import benchmark
 from runtime.base.errors import OK
 from runtime.bench import sensors
 
@@ -27,10 +28,11 @@ def test_it_tells_what_eight_sensors_cost_and_lose(command_line):
 def test_both_parsers_read_every_packet_of_the_stream():
     from blocks.imus.microstrain import mip
 
-    data = sensors.stream()
+    typical = benchmark("stream")
+    data = typical.stream(sensors.PACKETS, sensors.RATE)
     packets, rest, corrupt = mip.split(data)
     assert len(packets) == 2 * sensors.PACKETS and not rest and not corrupt
-    assert set(sensors.in_python(data[:2000])) <= {
+    assert set(typical.parse(data[:2000])) <= {
         "accel",
         "gyro",
         "mag",
