@@ -9,7 +9,10 @@ import cext
 
 setup(
     ext_modules=cythonize(
-        [Extension("gaitlab.kernels", ["gaitlab/kernels.pyx"], extra_compile_args=["-O2", "-ffp-contract=off"])],
+        [
+            Extension(name, [f"{name.replace('.', '/')}.pyx"], extra_compile_args=["-O2", "-ffp-contract=off"])
+            for name in ("gaitlab.kernels", "gaitlab.drive.kernels")
+        ],
         include_path=[str(Path(cext.__file__).parent.parent)],
         language_level=3,
     )
