@@ -6,7 +6,7 @@ SHELL := /bin/bash
 .SILENT:
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
-.PHONY: help run lint test test-hardware soak build wheel clean FORCE
+.PHONY: help run lint stubs test test-hardware soak build wheel clean FORCE
 
 RUN ?= diagrams/knee_exo.py --duration 10
 TESTS ?=
@@ -37,6 +37,7 @@ help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test           set up .venv, build, lint, and run the tests; TESTS='tests/graph -k units' chooses"
 	echo "make lint           check style and format with ruff"
+	echo "make stubs          write the type stubs of blocks from their declarations"
 	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
 	echo "make soak           the long tests"
 	echo "make build          compile what has changed"
@@ -58,6 +59,9 @@ test: lint
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check --quiet
 	$(VENV)/bin/ruff format --check --quiet
+
+stubs: $(VENV)/installed-test
+	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py
 
 test-hardware: $(VENV)/installed-test
 	$(VENV)/bin/python -m pytest -rs -m '' tests/hardware $(TESTS)

@@ -177,5 +177,5 @@ def declared(block, taken):
             if not low < high:
                 raise ValueError(f"{name}: its lowest value is below its highest, got {low!r} and {high!r}")
             named[name] = kind
-            plan += [float(kind), float(CODES.get(code, code)), float(low), float(high)]
+            plan += [float(kind), float(CODES[code] if code in CODES else code), float(low), float(high)]
     return named, tuple(plan)

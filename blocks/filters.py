@@ -1,6 +1,7 @@
 """Filters. Each is causal: what it takes away from the signal it pays for in delay."""
 
 import math
+from typing import Any
 
 from blocks._plumbing import biquads
 from blocks._plumbing.biquads import Biquads
@@ -9,19 +10,19 @@ from cext.kernels import filters as kernels
 from graph import Block, Input, Interval, Memory, Output, Param
 from graph.interval import EVERYTHING
 
+_EDGE = Param(10.0, "Hz", above=0.0)
 
-class _Edges(Param):
+
+class _Edges(Param[Any]):
     """A frequency, or a pair of them."""
-
-    edge = Param(10.0, "Hz", above=0.0)
 
     def check(self, value):
         if isinstance(value, (tuple, list)):
-            return tuple(self.edge.check(edge) for edge in value)
-        return self.edge.check(value)
+            return tuple(_EDGE.check(edge) for edge in value)
+        return _EDGE.check(value)
 
     def parse(self, text):
-        found = [self.edge.parse(part.strip()) for part in text.split(",")]
+        found = [_EDGE.parse(part.strip()) for part in text.split(",")]
         return tuple(found) if len(found) > 1 else found[0]
 
 

@@ -6,6 +6,8 @@ own times, so that a press between two ticks is not missed and an edge is timed 
 kernel says after `active_low`.
 """
 
+from typing import Any
+
 from cext.kernels import no_io
 from cext.kernels.devices import gpio as kernels
 from graph import Input, Interval, Memory, Output, Param, StreamDevice
@@ -19,6 +21,10 @@ class GpioLine:
     chip = Param("/dev/gpiochip0", "1", "the chip that it is on", dtype=str)
     pin = Param("", "1", 'the line: its name, such as "GPIO17", or its number on the chip; a rig says which', dtype=str)
     active_low = Param(False, "1", "whether a low voltage is active: a switch to ground", fixed=True, kernel=False)
+
+    bias: Any
+    debounce: Any
+    parameters: dict[str, Param[Any]]
 
     line = "gpio"
     hardware = ("chip", "pin", "active_low", "bias", "debounce")

@@ -1,6 +1,7 @@
 """Signals out of nothing but time. Each is a function of the tick: late ticks and held subsystems do not shift it."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -129,6 +130,7 @@ class _OverTime(UnitOfOutput):
     """What a table over time and a played file share: the kernel, and that neither leaves its values."""
 
     kernel = kernels.tables["linear"]
+    interpolation: Any
 
     def take(self, times, samples):
         if len(times) < 2 or len(times) != len(samples):

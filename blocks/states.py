@@ -120,8 +120,8 @@ def compile_condition(text, inputs):
 
     def visit(node):
         match node:
-            case ast.Constant(value=bool() | int() | float()):
-                emit("constant", node.value)
+            case ast.Constant(value=bool() | int() | float() as value):
+                emit("constant", value)
             case ast.Name(id="time_in_state"):
                 emit("elapsed")
             case ast.Name() if node.id in inputs:

@@ -58,10 +58,10 @@ def plant(robot, stride_time=1.1):
     with Diagram("wearer", rate=5 * robot.rate) as wearer:
         for side, start in (("left", 0.0), ("right", pi)):
             with subsystem(side):
-                pace, swing = 2.0 * pi / stride_time, {"frequency": 1.0 / stride_time, "phase": start}
-                angle = Sine(deg(22), bias=deg(8), unit="rad", name="angle", **swing)()
-                acceleration = Sine(-deg(22) * pace**2, unit="rad/s²", name="acceleration", **swing)()
-                rate = Sine(deg(22) * pace, unit="rad/s", name="rate", **swing | {"phase": start + pi / 2.0})()
+                frequency, pace = 1.0 / stride_time, 2.0 * pi / stride_time
+                angle = Sine(deg(22), frequency, start, bias=deg(8), unit="rad", name="angle")()
+                acceleration = Sine(-deg(22) * pace**2, frequency, start, unit="rad/s²", name="acceleration")()
+                rate = Sine(deg(22) * pace, frequency, start + pi / 2.0, unit="rad/s", name="rate")()
                 drive = robot[f"{side}/hip"].emulator()
                 limb = Limb(inertia=0.8, start=deg(8))
                 limb(torque=drive.torque, angle=angle, rate=rate, acceleration=acceleration)

@@ -1,6 +1,7 @@
 """Where things lie in the arena: the clock first, then signals and parameters, then the memory of blocks."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +65,6 @@ def kernel_table(inputs, outputs, parameters, memory):
     return KernelTable(counts, tuple(slot for slot, _ in items), tuple(length for _, length in items))
 
 
-def size_of(shape):
+def size_of(shape: Sequence[int]) -> int:
     """Return the number of elements of an array of this shape."""
     return math.prod(shape)

@@ -7,6 +7,8 @@ import functools
 import math
 import operator
 import sys
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +18,7 @@ from graph import units
 from graph.block import Block
 from graph.declarations import Input, Memory, Output, Param
 from graph.interval import Interval
-from graph.signal import Signal
+from graph.signal import Operand, Signal
 from graph.units import canonical, divide, multiply
 
 
@@ -189,8 +191,9 @@ class Select(Block):
 
     def plain(self):
         """An index into a vector, whatever its length: a whole number, or a list of them."""
-        several = isinstance(self.index, (list, tuple))
-        self.indices = whole_numbers("index", self.index if several else (self.index,), None)
+        index: Any = self.index
+        several = isinstance(index, (list, tuple))
+        self.indices = whole_numbers("index", index if several else (index,), None)
         if not self.indices:
             raise ValueError("index must name an element")
         self.outputs = {"y": Output("any", "what was taken", shape=(len(self.indices),) if several else ()).named("y")}
@@ -207,8 +210,8 @@ class Select(Block):
         return u
 
 
-def encoded(index):
-    """An index as JSON can hold it: {"slice": (start, stop, step)}, {"list": (...)}, {"ellipsis": True}."""
+def encoded(index: Any) -> Any:
+    """Encode an index for JSON: {"slice": (start, stop, step)}, {"list": (...)}, {"ellipsis": True}, int or tuple."""
     if isinstance(index, tuple):
         return tuple(encoded(item) for item in index)
     if isinstance(index, slice):
@@ -220,7 +223,8 @@ def encoded(index):
     return operator.index(index)
 
 
-def decoded(index):
+def decoded(index: Any) -> Any:
+    """Return the NumPy index of an encoded one."""
     if isinstance(index, tuple):
         return tuple(decoded(item) for item in index)
     if isinstance(index, dict):
@@ -228,8 +232,8 @@ def decoded(index):
     return index
 
 
-def whole_numbers(name, values, smallest=1):
-    """A tuple of ints. ValueError if they are not whole, or below the smallest."""
+def whole_numbers(name: str, values: Iterable[Any], smallest: int | None = 1) -> tuple[int, ...]:
+    """Return values as a tuple of ints. Raises ValueError if one is not whole, or below the smallest."""
     try:
         found = tuple(operator.index(value) for value in values)
     except TypeError:
@@ -267,23 +271,27 @@ class Convert(Block):
         return Interval(self.factor * u.low + self.offset, self.factor * u.high + self.offset)
 
 
-def stack(*signals):
-    """Scalars, or vectors of one shape, along a new first axis: `stack(a, b, c)` of scalars is a vector (3,)."""
+def stack(*signals: Operand) -> Signal:
+    """Stack signals or numbers of one shape along a new first axis: three scalars make a vector of shape (3,)."""
     shape = next((signal.declaration.shape for signal in signals if isinstance(signal, Signal)), ())
     return Stack(len(signals), shape=() if shape is ... else shape)(*signals)
 
 
-def plus(a, b, signs="++"):
+def plus(a: Operand, b: Operand, signs: str = "++") -> Signal:
+    """Add two signals or numbers, or subtract the second with signs="+-"."""
     return Sum(signs)(a, b)
 
 
-def times(signal, factor):
-    """A signal times another, or times a number without a unit."""
+def times(signal: Signal, factor: Signal | float) -> Signal:
+    """Multiply a signal by another, or by a number without a unit."""
     return Product()(signal, factor) if isinstance(factor, Signal) else Gain(factor)(signal)
 
 
-def over(dividend, divisor):
-    """A signal over a number is a gain of its reciprocal, so that the unit stays."""
+def over(dividend: Any, divisor: Signal | float) -> Signal:
+    """Divide signals; a number as divisor makes a Gain of its reciprocal, which keeps the unit.
+
+    Raises ZeroDivisionError for the number 0.
+    """
     if isinstance(divisor, Signal):
         return Divide()(dividend, divisor)
     if divisor == 0:

@@ -232,7 +232,9 @@ class Assembly:
             start_time=block.start_time,
             watch=self.watch_steps(block, slot),
             warning=slot("warning") if isinstance(block, Actuator) else -1,
-            warnings=block.warnings_in_words() if isinstance(block, Actuator) and "warning" in block.outputs else (),
+            warnings=tuple(block.warnings_in_words())
+            if isinstance(block, Actuator) and "warning" in block.outputs
+            else (),
             reads=tuple(block.read_frames()),
             **self.ready_place(block),
         )

@@ -1,8 +1,12 @@
 """Blocks: a class with declared ports and parameters, and a step in Python or a native kernel."""
 
-import inspect
+from __future__ import annotations
 
-from graph.declarations import Declaration, Input, Live, Memory, Output, Param
+import inspect
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, TypedDict
+
+from graph.declarations import Declaration, Input, Live, LiveBounds, Memory, Output, Param
 from graph.diagnostics import Diagnostic, DiagramError, caller
 from graph.diagram import current_scope, is_count
 from graph.interval import EVERYTHING, Interval
@@ -14,13 +18,21 @@ from graph.signal import Outputs, Signal
 CLOCK = {"t": 0, "tick": 1, "dt": 2}  # arguments that every step may ask for, and their slots in the arena
 
 
-class Block:
-    """Base of all blocks.
+class BlockOptions(TypedDict, total=False):
+    """Keyword arguments of every block."""
 
-    A Python block defines `step(self, *inputs)`, called with floats (vectors: read-only views, valid during the call)
-    and returning its outputs. Inputs that `step` does not take have no direct feedthrough. With state it may have
-    `update(self, *inputs)`, run at the end of the tick, `reset()`, and `settle(self, *inputs)`, which takes the present
-    inputs as the steady state when a robot has been armed. A step may also take `t`, `tick` and `dt`.
+    name: str | None
+    every: int
+    hold_exceptions: int
+
+
+class Block:
+    """Base class of all blocks.
+
+    A Python block defines `step(self, *inputs)`, called with floats (vectors: read-only views, valid during the call);
+    it returns the outputs. Inputs that `step` does not take have no direct feedthrough. With state it may have
+    `update(self, *inputs)`, run at the end of the tick, `reset()`, and `settle(self, *inputs)`, which sets the steady
+    state of the present inputs when the robot is armed. A step may also take `t`, `tick` and `dt`.
 
     A native block names a `kernel`, and `update_kernel` and `settle_kernel` where it needs them; `feedthrough` names
     the inputs its kernel reads, all by default. A kernel finds its items by position, so a class that inherits one
@@ -30,28 +42,38 @@ class Block:
     for the proof; `output_units` where outputs have units of their own.
     """
 
-    kernel = update_kernel = settle_kernel = None
-    feedthrough = None
-    inputs = outputs = parameters = memory = {}
-    free_units = ()  # "any" inputs that need not share the one unit of the others
-    variadic = False  # takes any number of signals
-    width = 1  # how many elements its `...` ports have, once it is known
-    every = 1  # runs at every n-th tick
-    # steps in a row that may raise while its outputs keep their last values; 0: the first is a fault
-    hold_exceptions = 0
-    conditions = ()  # signals that must all be true for it to run
-    resamples = False  # may stand where rates meet that do not divide, as Hold may
-    models_heat = False  # tells how hot an actuator is that does not tell by itself
-    always = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
-    abstract = False  # what others are made of, and stands in no list: where a class itself says so
-    output_slew = None  # fastest change of its output per second, where the block bounds it
-    jit = False  # a Python block that shall be compiled to a kernel, where Numba is installed
-    compiled = False  # it has been
-    diagram = None
-    path = ""
-    _scratch = None
+    kernel: Any = None
+    update_kernel: Any = None
+    settle_kernel: Any = None
+    feedthrough: Iterable[str] | None = None
+    inputs: dict[str, Input] = {}
+    outputs: dict[str, Output] = {}
+    parameters: dict[str, Param[Any]] = {}
+    memory: dict[str, Memory] = {}
+    free_units: tuple[str, ...] = ()  # "any" inputs that need not share the one unit of the others
+    variadic: bool = False  # takes any number of signals
+    width: int = 1  # elements of its `...` ports, once it is known
+    every: int = 1  # runs at every n-th tick
+    # consecutive steps that may raise while the outputs keep their last values; 0: the first exception is a fault
+    hold_exceptions: int = 0
+    conditions: tuple[Signal, ...] = ()  # signals that must all be true for it to run
+    resamples: bool = False  # may connect rates that do not divide, as Hold does
+    models_heat: bool = False  # estimates the temperature of an actuator that does not report it
+    always: bool = False  # must run in every tick: in no slower subsystem, and in none that may be disabled
+    abstract: bool = False  # a base class, in no list of blocks; not inherited
+    output_slew: Any = None  # fastest change of its output per second, where the block bounds it
+    jit: bool = False  # compile the step to a kernel, where Numba is installed
+    compiled: bool = False  # the step has been compiled to a kernel
+    diagram: Any = None
+    path: str = ""
+    dt: Any  # s, the block's own sampling period; None until it is known
+    location: Any  # Location of the line that made the block, or None
+    live_bounds: dict[str, Any]
+    examples: ClassVar[Iterable[dict[str, Any]]]  # parameters of blocks that the conformance test builds
+    settle: ClassVar[Callable[..., Any]]
+    _scratch: Scratch | None = None
 
-    def __init_subclass__(cls, **options):
+    def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls._own = {n: d for n, d in vars(cls).items() if isinstance(d, Param)}
         for name in cls._own:
@@ -82,8 +104,10 @@ class Block:
             replace_kernels(cls)
         check_inherited_kernels(cls)
 
-    def __init__(self, *values, name=None, every=1, hold_exceptions=0, **named):
-        self.dt = None  # s, the block's own sampling period, once it is known
+    def __init__(
+        self, *values: Any, name: str | None = None, every: int = 1, hold_exceptions: int = 0, **named: Any
+    ) -> None:
+        self.dt = None
         self.location = caller()
         self.live_bounds = {}
         self.every, self.hold_exceptions = every, hold_exceptions
@@ -98,7 +122,7 @@ class Block:
             self._attempt(self.prepare, self.dt)
             self.reset()
 
-    def _set_parameters(self, values, named):
+    def _set_parameters(self, values: tuple[Any, ...], named: dict[str, Any]) -> None:
         who = type(self).__name__
         problems = []
 
@@ -148,7 +172,7 @@ class Block:
         if problems:
             raise DiagramError(problems)
 
-    def _configure(self):
+    def _configure(self) -> None:
         self._attempt(self.configure)
         if self.kernel is not None and type(self).kernel is None and not self.compiled:
             raise TypeError(
@@ -162,38 +186,47 @@ class Block:
 
     # What a block's author may define
 
-    def configure(self):
-        """Called once, when the parameters are set: derive what does not depend on the sampling period."""
+    # Hooks take `*_: Any` so that an override may name its inputs.
 
-    def prepare(self, dt):
-        """Called when the sampling period dt, in s, is known: set memory that depends on it."""
+    def configure(self) -> None:
+        """Derive attributes that do not depend on the sampling period. Called when the parameters are set."""
 
-    def reset(self):
-        """Back to the state before the first step."""
+    def prepare(self, dt: float) -> None:
+        """Set memory that depends on the sampling period dt, in s. Called when it is known."""
+
+    def reset(self) -> None:
+        """Return to the state before the first step."""
         self._scratch = None
 
-    def output_range(self, **inputs):
-        """Interval of each output from those of the inputs: an Interval, or a dict by name. Default: what the outputs
-        declare.
+    def output_range(self, *_: Any, **inputs: Any) -> Any:
+        """Return the Interval of each output, given those of the inputs by name.
+
+        Returns an Interval, or a dict of them by name of output. Default: the declared ranges.
         """
         return {}
 
-    def start_range(self, **inputs):
-        """Interval of each output at the first tick, where the proof of a loop begins, inputs not yet known being 0.
-        Default: `output_range`.
+    def start_range(self, *_: Any, **inputs: Any) -> Any:
+        """Return the Interval of each output at the first tick, where the proof of a loop begins.
+
+        Inputs that are not yet known are 0. Default: `output_range`.
         """
         return self.output_range(**inputs)
 
-    def output_units(self, **inputs):
-        """Units of outputs that differ from the rule that all "any" ports share one: a dict by name. See `free_units`
-        for inputs.
+    def output_units(self, *_: Any, **inputs: Any) -> dict[str, str]:
+        """Return units of outputs, by name, that differ from the one unit that all "any" ports share.
+
+        inputs : units by name; `free_units` lists the inputs that need not share it
         """
         return {}
 
     # Using a block
 
-    def __call__(self, *signals, **named):
-        """Wire the inputs, by position or by name; numbers become constants. Returns the output, or all of them."""
+    def __call__(self, *signals: Any, **named: Any) -> Any:
+        """Wire the inputs, by position or by name; numbers become constants.
+
+        Returns the output's Signal, a named tuple of several, or the block if it has none. Raises DiagramError for a
+        block outside a diagram, an unknown input, and a value that is neither a signal nor a number.
+        """
         where = caller()
         if self.diagram is None:
             raise DiagramError(
@@ -234,58 +267,63 @@ class Block:
             self.diagram.wire(signal, self, name, where)
         return self.result()
 
-    def result(self):
-        """What wiring gives back: the output, a named tuple of several, or the block itself if it has none."""
+    def result(self) -> Any:
+        """Return the output's Signal, a named tuple of several, or the block if it has none."""
         if not self.outputs:
             return self
         signals = [Signal(self, name) for name in self.outputs]
         return signals[0] if len(signals) == 1 else Outputs(self.outputs, signals)
 
-    def step(self, *values, **named):
-        """Compute one step by hand: inputs as numbers, outputs back. A native block runs its kernel on an arena of its
-        own.
+    def step(self, *values: Any, **named: Any) -> Any:
+        """Compute one step: inputs and outputs are numbers or arrays.
+
+        A native block runs its kernel on an arena of its own. Raises TypeError for an unknown or missing input.
         """
         return self.scratch.step(values, named)
 
-    def update(self, *values, **named):
-        """Compute one update by hand, where the block has one."""
+    def update(self, *values: Any, **named: Any) -> Any:
+        """Compute one update, if the block has one."""
         return self.scratch.update(values, named)
 
     @property
-    def scratch(self):
+    def scratch(self) -> Scratch:
+        """The arena on which `step` runs a native block."""
         if self._scratch is None:
             self._scratch = Scratch(self)
         return self._scratch
 
     @property
-    def is_python(self):
+    def is_python(self) -> bool:
+        """Whether the step runs in Python."""
         return type(self).step is not Block.step and not self.compiled
 
     @property
-    def has_python_update(self):
+    def has_python_update(self) -> bool:
+        """Whether the update runs in Python."""
         return type(self).update is not Block.update and not self.compiled
 
-    def step_inputs(self):
-        """Names of the inputs with direct feedthrough, in the order the step takes them, and of the clock arguments
-        among them.
-        """
+    def step_inputs(self) -> list[str]:
+        """Return the names of the inputs with direct feedthrough and of clock arguments, in the order of the step."""
         if self.is_python:
             return self.arguments_of("step")
         return list(self.inputs if self.feedthrough is None else self.feedthrough)
 
-    def update_inputs(self):
+    def update_inputs(self) -> list[str]:
+        """Return the names of the inputs and clock arguments of an update in Python."""
         return self.arguments_of("update") if self.has_python_update else []
 
-    def arguments_of(self, method):
-        """Names of the inputs and clock arguments that a method takes, in its order; `*inputs` takes all that it does
-        not name.
+    def arguments_of(self, method: str) -> list[str]:
+        """Return the names of the inputs and clock arguments of a method, in its order.
+
+        `*inputs` stands for all inputs that the method does not name.
         """
         names, takes_all = _arguments(getattr(type(self), method))
         return names + [name for name in self.inputs if name not in names] if takes_all else names
 
-    def set(self, name, value):
-        """Set a parameter before the compile, from command-line text or to a value. DiagramError if there is none, or
-        it refuses.
+    def set(self, name: str, value: Any) -> None:
+        """Set a parameter before the compile, to a value or from command-line text.
+
+        Raises DiagramError TW010 for an unknown parameter and for a value outside its type, bounds or choices.
         """
         if name not in self.parameters:
             raise DiagramError(
@@ -305,24 +343,24 @@ class Block:
             ) from None
         self._configure()
 
-    def check_live(self, name, value):
-        """The value, if the parameter may have it at the start of a run too: a proof rests on its live bounds."""
+    def check_live(self, name: str, value: Any) -> Any:
+        """Return the value. Raises ValueError outside the parameter's live bounds, which the proof uses."""
         bounds = self.live_bounds.get(name)
         if bounds and not bounds.min <= value <= bounds.max:
             raise ValueError(f"must be between its live bounds {bounds.min:g} and {bounds.max:g}, got {value}")
         return value
 
-    def live(self, name):
-        """LiveBounds (min, max, slew) that a parameter keeps while running, or None if it is not live."""
+    def live(self, name: str) -> LiveBounds | None:
+        """Return the bounds and the slew of a live parameter, or None if it is not live."""
         return self.live_bounds.get(name) or self.parameters[name].live_bounds
 
-    def span(self, name):
-        """Interval of a parameter: its value, or all it may become if it is live."""
+    def span(self, name: str) -> Interval:
+        """Return the Interval of a parameter: its live bounds, or its value if it is not live."""
         bounds = self.live(name)
         return Interval(float(bounds.min), float(bounds.max)) if bounds else Interval.point(getattr(self, name))
 
-    def _attempt(self, method, *arguments):
-        """Run one of the author's hooks; a ValueError becomes a diagnostic at the user's line."""
+    def _attempt(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a hook. ValueError and OSError become a DiagramError at the line that made the block."""
         try:
             return method(*arguments)
         except OSError as error:
@@ -331,7 +369,7 @@ class Block:
             message = str(error)
         raise DiagramError(Diagnostic("TW010", message, path=self.path, where=self.location))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.path}>"
 
 
@@ -346,13 +384,14 @@ class Sink(Block):
     """
 
     variadic = True
-    service = ""  # name of the service in the entry-point group "tickwork.sinks", or "module:class"
-    writes_files = False  # whether a run with this sink is recorded in files
+    service: str = ""  # name of the service in the entry-point group "tickwork.sinks", or "module:class"
+    writes_files: bool = False  # whether a run with this sink is recorded in files
 
 
-def _arguments(function):
-    """(names of the positional arguments after self, whether it takes any number of them). TypeError where one must be
-    named.
+def _arguments(function: Callable[..., Any]) -> tuple[list[str], bool]:
+    """Return (names of the positional arguments after self, whether it takes `*arguments`).
+
+    Raises TypeError for a required keyword-only argument: inputs are passed by position.
     """
     kinds = inspect.Parameter
     parameters = list(inspect.signature(function).parameters.values())
@@ -363,8 +402,8 @@ def _arguments(function):
     return names[1:], any(p.kind is kinds.VAR_POSITIONAL for p in parameters)
 
 
-def range_of(block, name, ranges):
-    """Interval of one output, given what `output_range` returned: within what the port declares."""
+def range_of(block: Block, name: str, ranges: Any) -> Interval:
+    """Return the Interval of an output: the result of `output_range`, within the range that the port declares."""
     port = block.outputs[name]
     found = ranges.get(name) if isinstance(ranges, dict) else ranges
     if port.range is None:

@@ -3,8 +3,12 @@
 Every check adds what it finds to one list; all of it is raised together.
 """
 
+from __future__ import annotations
+
 import gc
+from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -14,20 +18,24 @@ from graph.assembly import assemble
 from graph.block import Sink
 from graph.budget import bus_loads, line_loads
 from graph.device import Actuator, Device
-from graph.diagnostics import Diagnostic, DiagramError
+from graph.diagnostics import Diagnostic, DiagramError, Location
+from graph.diagram import Diagram
 from graph.inference import infer_shapes, infer_units
 from graph.names import check_name, suggestion
 from graph.order import cluster, computes, dependencies, take_out_loops
 from graph.ranges import find_ranges, interval_of
 from graph.reach import ReachCheck
-from graph.schedule import Proof
+from graph.schedule import Proof, Schedule
 from graph.signal import Signal
 
 NARROW_TO_WIDE = ("bool", "int", "float")  # each holds the ones before it
 
 
-def compile(diagram):
-    """Check a diagram, sort it, lay it out. Returns a Schedule; raises DiagramError with everything that is wrong."""
+def compile(diagram: Diagram) -> Schedule:
+    """Check and sort a diagram, and place its signals in an arena.
+
+    Raises DiagramError with every problem that the checks find.
+    """
     with uncollected():
         compilation = examine(diagram)
         if compilation.errors:
@@ -36,10 +44,8 @@ def compile(diagram):
 
 
 @contextmanager
-def uncollected():
-    """No collection of garbage meanwhile: nothing here becomes any, and to look for it takes longer the more there
-    is.
-    """
+def uncollected() -> Iterator[None]:
+    """Pause garbage collection: a compile creates no cycles to collect, and each pass would visit all its objects."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -49,10 +55,8 @@ def uncollected():
             gc.enable()
 
 
-def examine(diagram):
-    """Check a diagram and sort it. Returns the Compilation, for those who tell or draw what it found; raises nothing
-    that is wrong.
-    """
+def examine(diagram: Diagram) -> Compilation:
+    """Check and sort a diagram. Returns the Compilation, whose `diagnostics` list the problems; raises none of them."""
     compilation = Compilation(diagram)
     for check in (
         compilation.check_names,
@@ -82,27 +86,36 @@ def examine(diagram):
 
 
 class Compilation:
-    """One compile: what is known so far of each block and signal."""
+    """The state of one compile: properties of each block and signal, and the diagnostics."""
 
-    def __init__(self, diagram):
+    def __init__(self, diagram: Diagram) -> None:
         self.diagram = diagram
         self.blocks = sorted(diagram, key=lambda block: block.path)
-        self.diagnostics = []
-        self.sources = {}  # (block, input name): Signal or constant array
-        self.wires = {}  # (block, input name): Wire
-        self.taps = {}  # sink: [(label, Signal)]
-        self.shapes = {}  # (block, port name): shape
-        self.units = {}  # (block, port name): unit
-        self.shared_units = {}  # block: unit of its ports declared "any"
-        self.ranges = {}  # Signal: Interval
-        self.order = []
-        self.failed = set()  # (block, hook) that have raised
+        self.diagnostics: list[Diagnostic] = []
+        self.sources: dict[Any, Any] = {}  # (block, input name): Signal or constant array
+        self.wires: dict[Any, Any] = {}  # (block, input name): Wire
+        self.taps: dict[Any, Any] = {}  # sink: [(label, Signal)]
+        self.shapes: dict[Any, Any] = {}  # (block, port name): shape
+        self.units: dict[Any, str] = {}  # (block, port name): unit
+        self.shared_units: dict[Any, str] = {}  # block: unit of its ports declared "any"
+        self.ranges: dict[Any, Any] = {}  # Signal: Interval
+        self.order: list[Any] = []
+        self.failed: set[Any] = set()  # (block, hook) that have raised
 
-    def report(self, code, message, block=None, port="", where=None, hint="", severity="error"):
+    def report(
+        self,
+        code: str,
+        message: str,
+        block: Any = None,
+        port: str | None = "",
+        where: Location | None = None,
+        hint: str = "",
+        severity: str = "error",
+    ) -> None:
+        """Add a diagnostic, at `where` or at the line that made the block."""
         place = where or (block.location if block is not None else None)
-        self.diagnostics.append(
-            Diagnostic(code, message, block.path if block is not None else "", port, place, hint, severity)
-        )
+        path = block.path if block is not None else ""
+        self.diagnostics.append(Diagnostic(code, message, path, port or "", place, hint, severity))
 
     @property
     def errors(self):

@@ -4,9 +4,13 @@ A declaration carries its documentation: the reference page, the drawing, the CS
 from it. Within a block each name is used once.
 """
 
+from __future__ import annotations
+
 import math
 import sys
-from typing import NamedTuple
+from collections.abc import Sequence
+from types import EllipsisType
+from typing import TYPE_CHECKING, Any, Generic, Literal, NamedTuple, TypeAlias, TypedDict, TypeVar, overload
 
 import numpy as np
 
@@ -18,21 +22,33 @@ RAMP_TIME = 1.0  # s in which a live parameter crosses its whole range, where no
 
 DTYPES = {float: "float", int: "int", bool: "bool", "float": "float", "int": "int", "bool": "bool"}
 
+Shape: TypeAlias = tuple[int, ...] | EllipsisType
+DType: TypeAlias = type[float] | str
+Numbers: TypeAlias = float | Sequence[Any] | np.ndarray
+T = TypeVar("T")
+U = TypeVar("U")
+D = TypeVar("D", bound="Declaration")
+
 
 class Declaration:
-    name = ""
+    """A port, a parameter or a memory of a block class."""
 
-    def __set_name__(self, owner, name):
+    name = ""
+    description: str
+
+    def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    def named(self, name):
-        """The declaration itself, for ports that a block makes while it is configured."""
+    def named(self: D, name: str) -> D:
+        """Set the name and return the declaration, for ports that `configure` creates."""
         self.name = name
         return self
 
 
 class Port(Declaration):
-    def __init__(self, unit, description="", *, shape=(), dtype=float):
+    """An input or output port."""
+
+    def __init__(self, unit: str, description: str = "", *, shape: Shape = (), dtype: DType = float) -> None:
         if shape is not ... and not (
             isinstance(shape, tuple) and all(isinstance(length, int) and length > 0 for length in shape)
         ):
@@ -44,7 +60,7 @@ class Port(Declaration):
         self.shape = shape
         self.dtype = DTYPES[dtype]
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name!r}, {self.unit!r})"
 
 
@@ -59,7 +75,16 @@ class Input(Port):
         step a float
     """
 
-    def __init__(self, unit, description="", *, shape=(), dtype=float, default=None, broadcast=False):
+    def __init__(
+        self,
+        unit: str,
+        description: str = "",
+        *,
+        shape: Shape = (),
+        dtype: DType = float,
+        default: Numbers | None = None,
+        broadcast: bool = False,
+    ) -> None:
         super().__init__(unit, description, shape=shape, dtype=dtype)
         if broadcast and shape is not ...:
             raise TypeError(f"what broadcasts has shape=..., not {shape!r}")
@@ -75,18 +100,50 @@ class Output(Port):
     kernel : it is among the items of a native block's kernel; what is not, somebody else writes
     """
 
-    def __init__(self, unit, description="", *, shape=(), dtype=float, range=None, circle=(), kernel=True):
+    def __init__(
+        self,
+        unit: str,
+        description: str = "",
+        *,
+        shape: Shape = (),
+        dtype: DType = float,
+        range: tuple[float, float] | None = None,
+        circle: tuple[float, float] | tuple[()] = (),
+        kernel: bool = True,
+    ) -> None:
         super().__init__(unit, description, shape=shape, dtype=dtype)
         if circle and not (len(circle) == 2 and -math.inf < circle[0] < circle[1] < math.inf and self.dtype == "float"):
             raise TypeError(f"a circle is (low, high) of a float, as in (-math.pi, math.pi), not {circle!r}")
         self.kernel, self.circle = kernel, tuple(circle)
         self.range = Interval(*range) if range is not None else None
 
-    def __get__(self, block, owner=None):
+    @overload
+    def __get__(self, block: None, owner: type | None = None) -> Output: ...
+    @overload
+    def __get__(self, block: object, owner: type | None = None) -> Signal: ...
+    def __get__(self, block: object | None, owner: type | None = None) -> Output | Signal:
         return self if block is None else Signal(block, self.name)
 
 
-class Param(Declaration):
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    class ParamOptions(TypedDict, total=False):
+        """Keyword arguments of Param besides dtype and required."""
+
+        min: float | None
+        max: float | None
+        above: float | None
+        below: float | None
+        choices: Sequence[Any] | None
+        live: bool
+        fixed: bool
+        slew: float | None
+        file: bool
+        kernel: bool
+
+
+class Param(Declaration, Generic[T]):
     """A parameter, a plain attribute of the block once it is built.
 
     default : its value when none is given; its type is the parameter's
@@ -102,25 +159,92 @@ class Param(Declaration):
     kernel : it is among the items of a native block's kernel, if it is a number
     """
 
+    # The type of a parameter follows from its default and dtype.
+    @overload
+    def __init__(
+        self: Param[tuple[Any, ...]],
+        default: tuple[Any, ...],
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: bool = False,
+        dtype: type[tuple] | None = None,
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Param[float | None],
+        default: None = None,
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: Literal[False] = False,
+        dtype: None = None,
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Param[U | None],
+        default: None = None,
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: Literal[False] = False,
+        dtype: type[U],
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Param[float],
+        default: None = None,
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: Literal[True],
+        dtype: None = None,
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Param[U],
+        default: U | None = None,
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: bool = False,
+        dtype: type[U],
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
+    @overload
+    def __init__(
+        self: Param[U],
+        default: U,
+        unit: str = "1",
+        description: str = "",
+        *,
+        required: bool = False,
+        dtype: None = None,
+        **options: Unpack[ParamOptions],
+    ) -> None: ...
     def __init__(
         self,
-        default=None,
-        unit="1",
-        description="",
+        default: Any = None,
+        unit: str = "1",
+        description: str = "",
         *,
-        min=None,
-        max=None,
-        above=None,
-        below=None,
-        choices=None,
-        live=False,
-        fixed=False,
-        slew=None,
-        required=False,
-        dtype=None,
-        file=False,
-        kernel=True,
-    ):
+        min: float | None = None,
+        max: float | None = None,
+        above: float | None = None,
+        below: float | None = None,
+        choices: Sequence[Any] | None = None,
+        live: bool = False,
+        fixed: bool = False,
+        slew: float | None = None,
+        required: bool = False,
+        dtype: type | None = None,
+        file: bool = False,
+        kernel: bool = True,
+    ) -> None:
         self.default, self.unit, self.description = default, units.canonical(unit), description
         self.min, self.max, self.above, self.below, self.choices = min, max, above, below, choices
         self.live, self.slew, self.required = live, slew, required
@@ -136,12 +260,19 @@ class Param(Declaration):
         if slew is not None and not slew > 0.0:
             raise TypeError(f"a slew is above 0, in the parameter's unit per second, not {slew!r}")
 
-    @property
-    def live_bounds(self):
-        """LiveBounds of a parameter declared live, else None."""
-        return LiveBounds(self.min, self.max, self.live_slew(self.min, self.max)) if self.live else None
+    if TYPE_CHECKING:  # a block class replaces the declaration by an attribute of each block
 
-    def live_slew(self, low, high):
+        def __get__(self, block: object, owner: type | None = None) -> T: ...
+        def __set__(self, block: object, value: T) -> None: ...
+
+    @property
+    def live_bounds(self) -> LiveBounds | None:
+        """LiveBounds of a parameter declared live, else None."""
+        if not self.live or self.min is None or self.max is None:
+            return None
+        return LiveBounds(self.min, self.max, self.live_slew(self.min, self.max))
+
+    def live_slew(self, low: float, high: float) -> float:
         """The fastest change while running between two bounds, in the parameter's unit per second; infinite for what
         steps.
         """
@@ -150,15 +281,15 @@ class Param(Declaration):
         return min(high - low, sys.float_info.max) / RAMP_TIME if self.slew is None else float(self.slew)
 
     @property
-    def numeric(self):
+    def numeric(self) -> bool:
         return self.dtype in (float, int, bool)
 
     @property
-    def placed(self):
+    def placed(self) -> bool:
         """Whether it has a place in the arena."""
         return self.numeric and self.kernel
 
-    def check(self, value):
+    def check(self, value: Any) -> Any:
         """The value in the parameter's type; None where that is the default. ValueError saying which bound it
         breaks.
         """
@@ -172,7 +303,7 @@ class Param(Declaration):
             raise ValueError(f"expected True or False, got {value!r}")
         if self.numeric and np.ndim(value):
             raise ValueError(f"expected one number, got {value!r}")
-        if self.dtype is int and (isinstance(value, bool) or not math.isfinite(value) or value != int(value)):
+        if self.dtype is int and not is_whole(value):
             raise ValueError(f"expected a whole number, got {value!r}")
         if self.dtype is str and not isinstance(value, str):
             raise ValueError(f"expected text, got {value!r}")
@@ -193,7 +324,7 @@ class Param(Declaration):
             raise ValueError(f"must be one of {', '.join(map(str, self.choices))}, got {value!r}")
         return value
 
-    def parse(self, text):
+    def parse(self, text: str) -> Any:
         """The value of a command-line text, '40', '60 deg', 'true'. ValueError if it is none."""
         if self.dtype is bool:
             truths = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
@@ -211,6 +342,11 @@ class Param(Declaration):
             return self.check(text)
         value = units.parse_quantity(text, self.unit)
         return self.check(value)
+
+
+def is_whole(value: Any) -> bool:
+    """Return whether a number is finite and whole; False for a bool."""
+    return not isinstance(value, bool) and math.isfinite(value) and value == int(value)
 
 
 class LiveBounds(NamedTuple):
@@ -231,10 +367,12 @@ class Live:
     step. Whole numbers and truths step.
     """
 
-    def __init__(self, value, *, min=None, max=None, slew=None):
+    def __init__(
+        self, value: float, *, min: float | None = None, max: float | None = None, slew: float | None = None
+    ) -> None:
         self.value, self.min, self.max, self.slew = value, min, max, slew
 
-    def bounds(self, param):
+    def bounds(self, param: Param[Any]) -> LiveBounds:
         """The LiveBounds for a Param. ValueError where they are none."""
         if param.fixed:
             raise ValueError(
@@ -260,5 +398,10 @@ class Memory(Declaration):
     of any length.
     """
 
-    def __init__(self, initial=0.0, description=""):
+    def __init__(self, initial: Numbers = 0.0, description: str = "") -> None:
         self.initial, self.description = initial, description
+
+    if TYPE_CHECKING:  # an attribute of the block takes the place of the declaration
+
+        def __get__(self, block: object, owner: type | None = None) -> Any: ...
+        def __set__(self, block: object, value: Numbers) -> None: ...

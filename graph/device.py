@@ -1,10 +1,15 @@
 """Devices: blocks that stand for something at the end of a bus. One block, two steps: feedback in, command out."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 from graph.block import Block
 from graph.interval import Interval
+
+Frame: TypeAlias = tuple[int, bool, bytes]
+"""Arbitration id, whether it is extended, data."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Watch:
     felt: tuple | None = None
     motion: Motion | None = None
 
-    def words(self):
+    def words(self) -> tuple[str, ...]:
         """What is told, in the order of cext/safety/drive_watch.pxd."""
         rms = f"RMS torque over {self.window:g} s"
         return (
@@ -162,44 +167,46 @@ class Device(Block):
     hardware : names of the parameters that say how this one is built and mounted; a rig may set them, and no others
     """
 
-    decode = encode = None
-    medium = "can"
-    bus = ""
-    bitrate = 1e6  # bit/s of its bus
-    timeout = 0.0
-    relay_time = start_time = 0.0
-    protects = ()  # paths or buses of the devices whose power its relay switches
-    own_timeout = None  # s without a command after which the device stops by itself; None where no such time is known
+    decode: Any = None
+    encode: Any = None
+    medium: str = "can"
+    bus: Any = ""
+    bitrate: Any = 1e6  # bit/s of its bus
+    timeout: Any = 0.0
+    relay_time: float = 0.0
+    start_time: float = 0.0
+    protects: Any = ()  # paths or buses of the devices whose power its relay switches
+    own_timeout: float | None = None  # s without a command after which the device stops by itself; None if unknown
     # name of a memory whose first number its kernel sets once it has read back what arming wrote; it outlives the start
-    ready = None
-    unanswered_frames = 0  # how many of its disable_frames have no answer
-    hot = None
-    hardware = ()
-    address_hint = "give each device on a bus its own `can_id`"
-    sent_outputs = ()  # outputs that `encode` writes: known at the end of the tick
-    feedthrough = ()
+    ready: str | None = None
+    unanswered_frames: int = 0  # how many of its disable_frames have no answer
+    hot: float | None = None
+    hardware: tuple[str, ...] = ()
+    address_hint: str = "give each device on a bus its own `can_id`"
+    sent_outputs: tuple[str, ...] = ()  # outputs that `encode` writes: known at the end of the tick
+    feedthrough: Iterable[str] | None = ()
 
-    def __init_subclass__(cls, **options):
+    def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         stranger = next((name for name in cls.hardware if name not in cls.parameters), None)
         if stranger is not None:
             raise TypeError(f"{cls.__name__}.hardware names {stranger!r}, which is no parameter of it")
 
-    def addresses(self):
+    def addresses(self) -> Sequence[tuple[Any, bool]]:
         """What this device answers to on its bus, as (arbitration id, is extended) pairs: no two devices may share
         one.
         """
         return []
 
-    def told_addresses(self):
+    def told_addresses(self) -> Sequence[Any]:
         """Where it is on its bus, for people: numbers or words."""
         return [identifier for identifier, _ in self.addresses()]
 
-    def address_in_words(self, address):
+    def address_in_words(self, address: tuple[Any, bool]) -> str:
         """One of its `addresses`."""
         return f"CAN id {address[0]}"
 
-    def hears(self):
+    def hears(self) -> Sequence[tuple[int, int, bool]] | None:
         """Which frames of its bus `decode` may take, as (arbitration id, mask, is extended): they agree with the id
         where the mask is 1.
 
@@ -207,7 +214,7 @@ class Device(Block):
         """
         return None
 
-    def malformed_in_words(self, lengths, first_byte):
+    def malformed_in_words(self, lengths: dict[int, int], first_byte: int) -> str:
         """Frames of its own id that `decode` rejected, for the report. lengths : {bytes: frames}; first_byte : of the
         newest
         """
@@ -216,11 +223,11 @@ class Device(Block):
             for length, frames in lengths.items()
         )
 
-    def unready_in_words(self):
+    def unready_in_words(self) -> str:
         """Why a device that answers is not `ready`, and the remedy."""
         return "it answers, but does not return what arming wrote"
 
-    def replies(self):
+    def replies(self) -> Sequence[tuple[int, int, bool, Any]]:
         """By which frames others know that this device has answered a safe stop, as (arbitration id, mask, is extended,
         first bytes).
 
@@ -230,43 +237,43 @@ class Device(Block):
         heard = self.hears()
         return [(*pattern, b"") for pattern in ([(0, 0, False), (0, 0, True)] if heard is None else heard)]
 
-    def traffic(self):
+    def traffic(self) -> Sequence[tuple[int, bool]]:
         """Frames that one tick puts on the bus, commands and replies, as (data bytes, is extended) pairs."""
         return []
 
-    def reports(self):
+    def reports(self) -> Sequence[tuple[float, int, bool]]:
         """Frames that it sends by itself, as (how many a second, data bytes, is extended)."""
         return []
 
-    def enable_frames(self):
+    def enable_frames(self) -> Sequence[Frame]:
         """Frames, (arbitration id, is extended, data), that make the device ready without moving it."""
         return []
 
-    def read_frames(self):
+    def read_frames(self) -> Sequence[Frame]:
         """Those of `enable_frames` that read and change nothing."""
         return []
 
-    def zero_frames(self):
+    def zero_frames(self) -> Sequence[Frame]:
         """Frames that command nothing: zero torque."""
         return []
 
-    def disable_frames(self):
+    def disable_frames(self) -> Sequence[Frame]:
         """Frames that make the device passive. Enabling again takes arming."""
         return []
 
-    def watched(self):
+    def watched(self) -> Watch | None:
         """What the run watches over it: a Watch, or None."""
         return None
 
-    def damped_stop(self):
+    def damped_stop(self) -> DampedStop | None:
         """A DampedStop where a safe stop takes the speed out of the joint before it disables the device, else None."""
         return None
 
-    def holds_power_of(self, device):
+    def holds_power_of(self, device: "Device") -> bool:
         """Whether another device loses its power by itself soon after the frames of this one end."""
         return False
 
-    def emulator(self):
+    def emulator(self, **parameters: Any) -> Block:
         """The block that plays this device in a simulation: called inside the plant's diagram, wired by the caller."""
         raise TypeError(f"{type(self).__name__} has no emulator")
 
@@ -274,34 +281,34 @@ class Device(Block):
 class Actuator(Device):
     """A device that moves something. Each command must lie inside its limit, provably, before anything moves."""
 
-    def command_limits(self):
+    def command_limits(self) -> dict[str, Interval]:
         """Interval by name of input: what each command must provably stay inside, or {}."""
         return {}
 
-    def reach(self):
+    def reach(self) -> dict[str, Any]:
         """What its joint can do, as graph.reach.Reach by name of output: what is set outside that cannot be meant. {}
         where it is not known.
         """
         return {}
 
-    def rating(self):
+    def rating(self) -> str:
         """Return where the limits come from, for the proof, as in 'rated torque of' and the model's name."""
         return ""
 
-    def warnings_in_words(self):
+    def warnings_in_words(self) -> Sequence[str]:
         """Words for each of the 32 bits of its output `warning`."""
         return tuple(f"warning: bit {bit}" for bit in range(32))
 
-    def torque_bound(self, commands, period):
+    def torque_bound(self, commands: dict[str, Interval], period: float) -> TorqueBound:
         """What bounds its torque: a TorqueBound.
 
         commands : Interval by name of input; period : s between two frames
         """
         return TorqueBound("proved")
 
-    def fault_in_words(self, code):
+    def fault_in_words(self, code: int) -> str:
         """What its output `fault` says."""
         return f"code {code}"
 
-    def limit_interval(self, limit):
+    def limit_interval(self, limit: float) -> Interval:
         return Interval(-limit, limit)

@@ -1,8 +1,10 @@
-"""What the compiler has to say: data first, text last."""
+"""Diagnostics of diagrams: data first, text last."""
 
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 CODES = {
     "TW001": "unconnected input",
@@ -38,25 +40,25 @@ CODES = {
 
 @dataclass(frozen=True)
 class Location:
-    """Where in the user's files something was made or wired."""
+    """The file and line of a block or a wire."""
 
     file: str
     line: int
 
-    def __str__(self):
+    def __str__(self) -> str:
         return f"{self.file}:{self.line}"
 
 
 @dataclass(frozen=True)
 class Diagnostic:
-    """One thing that is wrong, or dubious, with a diagram.
+    """An error or a warning about a diagram.
 
     code : key of CODES
-    message : what is wrong, with what was expected and what was got
+    message : the problem, with the expected and the actual value
     path : of the block, "left/knee"
     port : name of the port, or ""
     where : Location in the user's files, or None
-    hint : the cure
+    hint : the remedy
     severity : "error" or "warning"
     """
 
@@ -69,10 +71,11 @@ class Diagnostic:
     severity: str = "error"
 
     @property
-    def title(self):
+    def title(self) -> str:
+        """Title of the code."""
         return CODES[self.code]
 
-    def __str__(self):
+    def __str__(self) -> str:
         subject = f"{self.path}.{self.port}" if self.port else self.path
         place = f"{self.where}: " if self.where else ""
         line = f"{place}{self.severity} {self.code} {self.title}: "
@@ -81,9 +84,9 @@ class Diagnostic:
 
 
 class DiagramError(Exception):
-    """A diagram, a block or a wire that cannot be: carries every diagnostic in `diagnostics`."""
+    """An invalid diagram, block or wire. `diagnostics` lists every problem."""
 
-    def __init__(self, diagnostics):
+    def __init__(self, diagnostics: Diagnostic | Iterable[Diagnostic]) -> None:
         self.diagnostics = [diagnostics] if isinstance(diagnostics, Diagnostic) else list(diagnostics)
         super().__init__("\n".join(str(diagnostic) for diagnostic in self.diagnostics))
 
@@ -91,9 +94,9 @@ class DiagramError(Exception):
 _OWN = tuple(str(Path(__file__).resolve().parent.parent / room) + "/" for room in ("graph", "blocks"))
 
 
-def caller():
-    """Location of the nearest frame outside the language and the block library: the user's own line."""
-    frame = sys._getframe(1)
+def caller() -> Location | None:
+    """Return the Location of the nearest frame outside `graph` and `blocks`: the user's line."""
+    frame: FrameType | None = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename.startswith(_OWN):
         frame = frame.f_back
     return Location(frame.f_code.co_filename, frame.f_lineno) if frame is not None else None

@@ -1,10 +1,12 @@
-"""Diagrams: which blocks there are, what they are called, and how they are wired. What is wrong with them is the
-compiler's to say.
-"""
+"""Diagrams: blocks, their paths and their wires. The compiler checks them."""
+
+from __future__ import annotations
 
 import numbers
+from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,33 +16,37 @@ from graph.signal import Signal
 
 MAXIMUM_RATE = 1e9  # Hz; deadlines are whole ns
 
-_scope = ContextVar("tickwork_scope", default=None)
+_scope: ContextVar[Scope | None] = ContextVar("tickwork_scope", default=None)
 
 
 @dataclass(frozen=True)
 class Wire:
-    source: object  # a Signal, or a number or array
-    block: object
-    port: str | None  # None: a place of its own in a variadic block
-    where: Location
+    """A connection from a signal or a constant to an input."""
+
+    source: Any  # a Signal, or a number or array
+    block: Any
+    port: str | None  # None in a variadic block
+    where: Location | None
 
 
 @dataclass(frozen=True)
 class Scope:
-    """Where new blocks go: a diagram, a path of subsystems in it, and what these say of rate and condition."""
+    """The diagram and subsystem to which new blocks belong, with its rate divisor and its conditions."""
 
-    diagram: "Diagram"
+    diagram: Diagram
     prefix: str = ""
     every: int = 1
     conditions: tuple = ()
 
-    def adopt(self, block, name):
+    def adopt(self, block: Any, name: str | None) -> None:
+        """Add a block to the diagram."""
         block.every *= self.every
         block.conditions = self.conditions
         self.diagram.add(block, name, self.prefix)
 
 
-def current_scope():
+def current_scope() -> Scope | None:
+    """Return the scope of the enclosing `with Diagram(...)` or `with subsystem(...)`, or None."""
     return _scope.get()
 
 
@@ -50,10 +56,12 @@ class Diagram:
         with Diagram("knee", rate=200) as diagram:
             ...
 
-    diagram["left/knee"] is the block at that path; iterating gives all blocks.
+    diagram["left/knee"] is the block at that path; iteration yields all blocks.
+
+    Raises DiagramError for a name that is not allowed and for a rate outside 0 to 1e9 Hz.
     """
 
-    def __init__(self, name, rate):
+    def __init__(self, name: str, rate: float) -> None:
         check_name(name, caller())
         if not isinstance(rate, numbers.Real) or not 0 < rate <= MAXIMUM_RATE:
             digits = repr(rate) if len(repr(rate)) <= 40 else f"{repr(rate)[:20]}..."
@@ -65,34 +73,37 @@ class Diagram:
                     where=caller(),
                 )
             )
-        self.name, self.rate = name, rate
-        self.blocks = {}
-        self.wires = []
-        self.duplicates = []  # blocks whose name was taken, for the compiler to report
-        self._numbers = {}  # path: the last number that was added to it, to tell blocks of one kind apart
-        self._tokens = []
+        self.name: str = name
+        self.rate: float = rate
+        self.blocks: dict[str, Any] = {}  # by path
+        self.wires: list[Wire] = []
+        self.duplicates: list[tuple[str, Any]] = []  # (path, block) where the name was taken; the compiler reports them
+        self._numbers: dict[str, int] = {}  # path: number appended to the last block of that name
+        self._tokens: list[Any] = []
 
-    def __enter__(self):
+    def __enter__(self) -> Diagram:
         self._tokens.append(_scope.set(Scope(self)))
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         _scope.reset(self._tokens.pop())
 
-    def __getitem__(self, path):
+    def __getitem__(self, path: str) -> Any:
+        """Return the block at a path. Raises KeyError if there is none."""
         try:
             return self.blocks[path]
         except KeyError:
             hint = suggestion(path, self.blocks)
             raise KeyError(f"{self.name} has no block {path!r}" + (f": {hint}" if hint else "")) from None
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Any]:
         return iter(self.blocks.values())
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.blocks)
 
-    def add(self, block, name, prefix):
+    def add(self, block: Any, name: str | None, prefix: str) -> None:
+        """Add a block and set its path: prefix + name, or the name of its class, with a number if that is taken."""
         if name is not None:
             check_name(name, block.location)
         wanted = prefix + (name or snake_case(type(block).__name__))
@@ -107,7 +118,8 @@ class Diagram:
         block.dt = block.every / self.rate
         self.blocks[path] = block
 
-    def wire(self, source, block, port, where):
+    def wire(self, source: Any, block: Any, port: str | None, where: Location | None) -> None:
+        """Connect a signal, a number or an array to an input. Raises DiagramError for anything else."""
         if isinstance(source, Signal):
             if source.block.diagram is not self:
                 raise DiagramError(
@@ -145,18 +157,20 @@ class Diagram:
                 )
         self.wires.append(Wire(source, block, port, where))
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"<Diagram {self.name}: {len(self.blocks)} blocks at {self.rate:g} Hz>"
 
 
 class subsystem:
-    """Blocks made inside get paths below `name`: `with subsystem("left"): ...` makes "left/knee". May be nested.
+    """A part of a diagram: blocks made in `with subsystem("left"): ...` have paths such as "left/knee". May be nested.
 
-    every : its blocks run at every n-th tick, and hold their outputs in between
-    enabled : a signal; its blocks run while it is true, and hold their outputs while it is false
+    every : its blocks run at every n-th tick and hold their outputs in between
+    enabled : scalar signal; its blocks run while it is true and hold their outputs while it is false
+
+    Raises DiagramError for a wrong argument and outside a diagram.
     """
 
-    def __init__(self, name, *, every=1, enabled=None):
+    def __init__(self, name: str, *, every: int = 1, enabled: Signal | None = None) -> None:
         scope = _scope.get()
         where = caller()
         check_name(name, where)
@@ -185,21 +199,21 @@ class subsystem:
         conditions = scope.conditions + ((enabled,) if enabled is not None else ())
         self.scope = Scope(scope.diagram, f"{scope.prefix}{name}/", scope.every * every, conditions)
 
-    def __enter__(self):
+    def __enter__(self) -> subsystem:
         self.token = _scope.set(self.scope)
         return self
 
-    def __exit__(self, *exception):
+    def __exit__(self, *exception: object) -> None:
         _scope.reset(self.token)
 
 
-def is_count(every):
-    """Whether a block can run in every so many ticks."""
-    return isinstance(every, numbers.Integral) and not isinstance(every, bool) and 1 <= every < 2**31
+def is_count(every: object) -> bool:
+    """Return whether a value is a number of ticks, 1 or more."""
+    return isinstance(every, (int, np.integer)) and not isinstance(every, bool) and 1 <= int(every) < 2**31
 
 
-def is_number(value):
-    """Whether a value can be wired as a constant: a number, or an array of numbers."""
+def is_number(value: Any) -> bool:
+    """Return whether a value can be wired as a constant: a number, or an array of numbers."""
     try:
         array = np.asarray(value)
         return array.dtype.kind in "fiub" and array.size > 0

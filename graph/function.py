@@ -9,12 +9,14 @@ torque = spring(stiffness=40.0)(knee.position)
 """
 
 import inspect
+from collections.abc import Callable
+from typing import Any
 
 from graph.block import CLOCK, Block
 from graph.declarations import Input, Output, Param
 
 
-def block(function):
+def block(function: Callable[..., Any]) -> type[Block]:
     """A Block class from an annotated function without state.
 
     Arguments annotated with Input become inputs, those with Param parameters; `t`, `tick` and `dt` need no annotation.
@@ -54,7 +56,7 @@ def block(function):
     return type(function.__name__, (Block,), body)
 
 
-def make_step(function, arguments, parameters):
+def make_step(function: Callable[..., Any], arguments: list[str], parameters: list[str]) -> Callable[..., Any]:
     """A `step` with the function's own argument names, which is how a block says what its inputs are."""
     call = ", ".join(f"{name}={name}" for name in arguments) + "".join(f", {name}=self.{name}" for name in parameters)
     source = f"def step(self, {', '.join(arguments)}):\n    return function({call.removeprefix(', ')})"

@@ -61,6 +61,7 @@ def kernel_of(block, method, slots, outputs):
     """A Numba cfunc of the kernel ABI from one method of a block."""
     import numba
     from numba import types
+    from numba.core.errors import NumbaError
 
     try:
         source = textwrap.dedent(inspect.getsource(method))
@@ -78,7 +79,7 @@ def kernel_of(block, method, slots, outputs):
     signature = types.int32(pointer(types.float64), pointer(types.int32), pointer(types.int32))
     try:
         return numba.cfunc(signature, error_model="numpy")(namespace["kernel"])
-    except numba.core.errors.NumbaError as error:
+    except NumbaError as error:
         raise CannotCompile(
             f"Numba cannot compile {method.__qualname__}: {str(error).strip().splitlines()[-1]}"
         ) from None
@@ -95,7 +96,10 @@ class Rewriter(ast.NodeTransformer):
     def kernel(self, function):
         reads = [self.read(name) for name in self.arguments]
         tree = ast.parse("def kernel(arena, slots, sizes):\n    return 0")
-        tree.body[0].body[:0] = [*reads, *self.generic_visit(ast.Module(function.body, [])).body]
+        self.generic_visit(body := ast.Module(function.body, []))
+        kernel = tree.body[0]
+        assert isinstance(kernel, ast.FunctionDef)
+        kernel.body[:0] = [*reads, *body.body]
         return ast.fix_missing_locations(tree)
 
     def read(self, name):
@@ -117,6 +121,7 @@ class Rewriter(ast.NodeTransformer):
                 "number that reset() sets"
             )
         place = ast.parse(f"arena[slots[{self.slots[node.attr]}]]", mode="eval").body
+        assert isinstance(place, ast.Subscript)
         place.ctx = node.ctx
         return ast.copy_location(place, node)
 
@@ -129,6 +134,7 @@ class Rewriter(ast.NodeTransformer):
                 f"return in line {node.lineno} of the method gives {len(values)} values for {', '.join(self.outputs)}"
             )
         for index, value in enumerate(values if self.outputs else []):
+            assert value is not None
             stores.append(ast.Assign([ast.Name(f"result_{index}", ast.Store())], value))
         for index, name in enumerate(self.outputs):
             stores.append(ast.parse(f"arena[slots[{self.slots[name]}]] = result_{index}").body[0])

@@ -100,7 +100,7 @@ class _Analysis:
                         while component[-1] is not block:
                             component.append(stack.pop())
                         standing.difference_update(component)
-                        yield sorted(component, key=self.rank.get)
+                        yield sorted(component, key=self.rank.__getitem__)
 
     # One block
 

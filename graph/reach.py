@@ -13,7 +13,7 @@ can reach.
 import copy
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from graph import units
 from graph.block import Sink, range_of
@@ -150,7 +150,7 @@ class ReachCheck:
     def outputs_in(self, block, unit):
         return [Signal(block, name) for name in block.outputs if self.units[block, name] == unit]
 
-    def reach_of(self, actuator, unit):
+    def reach_of(self, actuator: Any, unit: str) -> Any:
         return next(
             (found for name, found in self.reaches[actuator].items() if self.units.get((actuator, name)) == unit), None
         )

@@ -1,5 +1,7 @@
 """One native block on an arena of its own, so that `block.step(...)` computes as it does in a diagram."""
 
+from typing import Any
+
 import numpy as np
 
 from cext.schedule.kernel_table import call_kernel
@@ -15,7 +17,7 @@ class Scratch:
                 f"{block.path} has nothing to compute: {type(block).__name__} has neither a step nor a kernel"
             )
         self.block = block
-        self.arena = None
+        self.arena: Any = None  # made at the first step, when shapes are known
 
     def build(self, inputs):
         block = self.block
@@ -71,13 +73,14 @@ class Scratch:
             raise TypeError(f"{type(block).__name__} takes {', '.join(names)}: {missing[0]} has no value")
         if self.arena is None:
             self.build(inputs)
+        arena: Any = self.arena
         for name, value in inputs.items():
             if value is None:
                 continue
-            self.arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
+            arena[self.slots_of[name] : self.slots_of[name] + size_of(self.shapes[name])] = np.ravel(value)
         for name, slot in self.parameters.items():
             value = getattr(block, name)
-            self.arena[slot] = np.nan if value is None else value
+            arena[slot] = np.nan if value is None else value
 
     def call(self, kernel):
         status = call_kernel(kernel, self.arena, self.table)

@@ -12,6 +12,7 @@ import inspect
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 from graph.block import Block
 from graph.declarations import Live
@@ -102,8 +103,9 @@ def encode(value):
         return [encode(item) for item in value]
     if isinstance(value, dict):
         return {str(key): encode(item) for key, item in value.items()}
-    if hasattr(value, "tolist"):
-        return encode(value.tolist())
+    tolist = getattr(value, "tolist", None)
+    if tolist is not None:
+        return encode(tolist())
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     raise TypeError(f"{value!r} cannot be written to JSON")
@@ -167,7 +169,7 @@ def loadable(kind, known):
 
 def registered():
     """{top package: the distribution that brings it} of all block libraries installed, ours among them."""
-    found = dict.fromkeys(OWN, "tickwork")
+    found: dict[str, str] = dict.fromkeys(OWN, "tickwork")
     for point in importlib.metadata.entry_points(group=ENTRY_POINTS):
         found[point.module.split(".")[0]] = point.dist.name if point.dist else point.name
     return found
@@ -234,7 +236,8 @@ def parameters_of(entry):
     parameters = {}
     for name, value in entry.get("parameters", {}).items():
         if isinstance(value, dict) and set(value) == {"live"}:
-            value, low, high, slew = map(decode, value["live"])
+            live: list[Any] = [decode(each) for each in value["live"]]
+            value, low, high, slew = live
             parameters[name] = Live(value, min=low, max=high, slew=slew)
         elif value is not None:
             parameters[name] = decode(value)

@@ -10,6 +10,7 @@ A unit is a product of symbols with whole exponents. "any" is the only wildcard;
 import difflib
 import math
 import re
+from collections.abc import Iterable
 from functools import cache
 
 ANY, ONE = "any", "1"
@@ -67,14 +68,14 @@ _TO_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻"
 _FACTOR = re.compile(r"^(1|[^\d\s^⁰¹²³⁴⁵⁶⁷⁸⁹⁻-]+)(?:\^?\(?(-?\d+)\)?)?$")
 
 
-def _symbol(text):
+def _symbol(text: str) -> str:
     text = text.replace("μ", "µ")  # Greek mu to the micro sign
     return _SPELLINGS.get(text, text)
 
 
 @cache
-def parse(unit):
-    """A unit string as ((symbol, exponent), ...) in canonical order. ValueError if it is not a unit."""
+def parse(unit: str) -> tuple[tuple[str, int], ...]:
+    """Parse a unit into ((symbol, exponent), ...) in canonical order. Raises ValueError if it is not a unit."""
     if not isinstance(unit, str):
         raise ValueError(f"a unit is a string, not {unit!r}")
     exponents = {}
@@ -108,8 +109,8 @@ def parse(unit):
     return tuple(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 
 
-def _write(exponents):
-    def power(symbol, exponent):
+def _write(exponents: Iterable[tuple[str, int]]) -> str:
+    def power(symbol: str, exponent: int) -> str:
         return symbol if exponent == 1 else symbol + str(exponent).translate(_TO_SUPERSCRIPTS)
 
     above = [power(s, e) for s, e in exponents if e > 0]
@@ -118,24 +119,25 @@ def _write(exponents):
 
 
 @cache
-def canonical(unit):
-    """The one spelling of a unit: 'N*m' gives 'N·m', 'm/s^2' gives 'm/s²', 'any' stays. ValueError if it is not a
-    unit.
+def canonical(unit: str) -> str:
+    """Return the canonical spelling of a unit: "N·m" for "N*m", "m/s²" for "m/s^2", "any" unchanged.
+
+    Raises ValueError if it is not a unit.
     """
     return ANY if unit == ANY else _write(parse(unit))
 
 
-def multiply(a, b):
-    """Unit of a product. 'any' with anything is 'any'."""
+def multiply(a: str, b: str) -> str:
+    """Return the unit of a product; "any" if one factor has the unit "any"."""
     return _combine(a, b, 1)
 
 
-def divide(a, b):
-    """Unit of a quotient. 'any' with anything is 'any'."""
+def divide(a: str, b: str) -> str:
+    """Return the unit of a quotient; "any" if the dividend or the divisor has the unit "any"."""
     return _combine(a, b, -1)
 
 
-def _combine(a, b, sign):
+def _combine(a: str, b: str, sign: int) -> str:
     if ANY in (a, b):
         return ANY
     exponents = dict(parse(a))
@@ -144,7 +146,7 @@ def _combine(a, b, sign):
     return _write(sorted(((s, e) for s, e in exponents.items() if e), key=lambda item: _ORDER[item[0]]))
 
 
-def _scale(unit):
+def _scale(unit: str) -> tuple[float, dict[str, int]]:
     factor, base = 1.0, {}
     for symbol, exponent in parse(unit):
         unit_factor, unit_base = _BASE[symbol]
@@ -154,9 +156,10 @@ def _scale(unit):
     return factor, {name: power for name, power in base.items() if power}
 
 
-def conversion(source, target):
-    """(factor, offset) with target = factor · source + offset. ValueError where the two do not measure the same
-    thing.
+def conversion(source: str, target: str) -> tuple[float, float]:
+    """Return (factor, offset) with target = factor · source + offset.
+
+    Raises ValueError for units of different dimensions.
     """
     source, target = canonical(source), canonical(target)
     if source == target:
@@ -171,22 +174,23 @@ def conversion(source, target):
     return source_factor / target_factor, offset
 
 
-def convert(value, source, target):
-    """A value in another unit of the same dimension. ValueError where there is none."""
+def convert(value: float, source: str, target: str) -> float:
+    """Convert a value to another unit. Raises ValueError for units of different dimensions."""
     factor, offset = conversion(source, target)
     return value * factor + offset
 
 
-def deg(angle):
-    """An angle in degrees, in rad."""
+def deg(angle: float) -> float:
+    """Convert an angle from degrees to rad."""
     return math.radians(angle)
 
 
-def parse_quantity(text, unit):
-    """A number that may carry a unit, '60 deg', in `unit`; in SI units, angles in rad, where that is None.
+def parse_quantity(text: str, unit: str | None) -> float:
+    """Parse a number with an optional unit, "60 deg", and return it in `unit`.
 
-    ValueError if it is not a number, the unit does not convert, or `unit` is "any": what has the unit of whatever is
-    wired takes a number.
+    unit : of the result; None for SI units, with angles in rad; "any" for a number without a unit
+
+    Raises ValueError if the text is not a number, or its unit does not convert.
     """
     match = re.match(r"^\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?inf|nan)\s*(.*)$", text)
     if not match:

@@ -1,6 +1,8 @@
 """What the drives that are not there share: their ports, and everything that can be wrong with a drive."""
 
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from blocks.actuators.joint import RANGES, Ranges
 from graph import Input, Interval, Memory, Output, Param
@@ -46,7 +48,9 @@ class Emulated:
         kernel=False,
     )
     turns = Param(0, "1", "motor turns by which its reading is off from the start", fixed=True, kernel=False)
-    trip_temperature = Param(math.inf, "°C", "temperature at which it protects itself with a fault", fixed=True)
+    trip_temperature: Param[Any] = Param(
+        math.inf, "°C", "temperature at which it protects itself with a fault", fixed=True
+    )
     wire_position, wire_velocity, wire_stiffness = Ranges.wire_position, Ranges.wire_velocity, Ranges.wire_stiffness
     wire_damping, wire_torque, at_joint = Ranges.wire_damping, Ranges.wire_torque, Ranges.at_joint
 
@@ -77,7 +81,7 @@ class Emulated:
     )
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "answers that are owed")
 
-    feedthrough = (
+    feedthrough: Iterable[str] | None = (
         "position",
         "velocity",
         "temperature",
@@ -91,7 +95,7 @@ class Emulated:
     )
 
     @classmethod
-    def of(cls, actuator, **parameters):
+    def of(cls: Any, actuator: Any, **parameters: Any) -> Any:
         """The emulator of one block of a robot.
 
         parameters : what differs from it. With other ranges of the wire it plays a drive whose firmware does not match
@@ -99,6 +103,8 @@ class Emulated:
         """
         same = ("bus", "can_id", "invert", "offset", "gear_ratio", "wake_shift", *(f"wire_{name}" for name in RANGES))
         return cls(actuator.model, **{name: getattr(actuator, name) for name in same} | parameters)
+
+    find: Any  # model of a name
 
     def configure(self):
         self.found = self.find(self.model)
@@ -109,4 +115,5 @@ class Emulated:
         self.state = (0.0, -self.turns * shift, 0.0, 0.0, 0.0, 0.0, shift)
 
     def output_range(self, **inputs):
-        return {"torque": Interval(-self.peak, self.peak), "enabled": Interval(0.0, 1.0)}
+        peak: Any = self.peak
+        return {"torque": Interval(-peak, peak), "enabled": Interval(0.0, 1.0)}

@@ -4,6 +4,7 @@ damping.
 
 import math
 from numbers import Real
+from typing import Any
 
 from blocks.actuators import law_figures
 from cext.safety.thresholds import SCALE_TOLERANCE, SCALE_TOLERANCE_WIRE_TORQUE, TORQUE_ACCURACY
@@ -169,7 +170,7 @@ class Joint:
         "1", "ticks in which another law than the commanded one was sent, to keep it inside the limit", dtype=int
     )
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
-    limits = Memory(
+    limits: Memory = Memory(
         0.0,
         "of the commands, in the same order, of the drive's whole law, and the share of stiffness and damping allowed",
     )
@@ -188,9 +189,12 @@ class Joint:
         "reference",
         *(f"wire_{name}" for name in RANGES),
     )
-    sent_outputs = ("torque_sent", "limited")
+    sent_outputs: tuple[str, ...] = ("torque_sent", "limited")
     felt = ("limits", 5)
     velocity_codes = 0xFFF  # steps of the velocity in its feedback
+
+    find: Any  # model of a name
+    parameters: dict[str, Param[Any]]
 
     def configure(self):
         found = self.found = self.find(self.model)
@@ -311,16 +315,17 @@ class Joint:
 
     def given_limit(self):
         """The limit of a model whose rated and peak torque are not known: a number, and no more than its wire says."""
-        if isinstance(self.limit, (str, bool)) or not isinstance(self.limit, Real):
+        limit = self.limit
+        if isinstance(limit, (str, bool)) or not isinstance(limit, Real):
             raise ValueError(
                 f"rated and peak torque of {self.found.name} are not published: give limit= in N·m, got {self.limit!r}"
             )
-        if not 0.0 < self.limit <= self.wire[4]:
+        if not 0.0 < float(limit) <= self.wire[4]:
             raise ValueError(
                 f"limit must be above 0 and at most what the wire of {self.found.name} can say, {self.wire[4]:g} "
                 f"N·m, got {self.limit:g}"
             )
-        return float(self.limit)
+        return float(limit)
 
     def command_limits(self):
         position, velocity, stiffness, damping, torque = self.limits[:5]

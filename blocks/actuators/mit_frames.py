@@ -1,7 +1,9 @@
 """Frames of MIT mode that are the same for all boards. cext/kernels/devices/mit.pxd has the layout."""
 
+from typing import Any
+
 from blocks.actuators.damping import damped_stop
-from graph import ReplyField
+from graph import Param, ReplyField
 
 ENABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfc"
 DISABLE = b"\xff\xff\xff\xff\xff\xff\xff\xfd"
@@ -18,6 +20,10 @@ def damped(share):
 
 class StopInMitMode:
     """How a drive in MIT mode is brought to rest, and what a tick puts on its bus."""
+
+    can_id: Param[int]
+    wire: Any  # half ranges on the wire, at the joint
+    replies: Any
 
     def traffic(self):
         return [(8, False), (8, False)]

@@ -1,6 +1,7 @@
 """Where in the stride a leg is, and what torque helps there."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class TorqueProfile(Block):
 
     def configure(self):
         try:
-            points = np.asarray(self.points, dtype=float)
+            points: Any = np.asarray(self.points, dtype=float)
         except (TypeError, ValueError):
             points = np.empty(0)
         if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:

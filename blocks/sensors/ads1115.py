@@ -67,7 +67,10 @@ class ADS1115(I2cDevice):
         own = {name: Output("V", told(name)).named(name) for name in self.channels}
         self.outputs = own | {name: type(self).outputs[name] for name in ("age", "errors")}
         self.identity = self.own_identity()
-        places = [self.channels.index(name) if name in self.channels else -1 for name in sorted(INPUTS, key=INPUTS.get)]
+        places = [
+            self.channels.index(name) if name in self.channels else -1
+            for name in sorted(INPUTS, key=INPUTS.__getitem__)
+        ]
         self.layout = (self.full_scale / 32768.0, RANGES[self.full_scale], *places)
 
     def check_channels(self):

@@ -121,9 +121,9 @@ def parameter_cards(block):
         if isinstance(block, Block):
             card["value"] = quantity(getattr(block, name), param.unit)
             card["own"] = param.required or not same(getattr(block, name), param.default)
-            if block.live(name):
+            bounds = block.live(name)
+            if bounds is not None:
                 card["live"] = True
-                bounds = block.live(name)
                 card["bounds"] = f"{bounds.min:g} to {bounds.max:g}"
         cards.append(card)
     return cards

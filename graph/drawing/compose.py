@@ -87,7 +87,8 @@ def frame_node(level, found, all_ports):
     left = [(FRAME_TITLE / 2.0 + 4.0 * index, key) for index, key in enumerate(enabled)]
     left += [(node.y, node.what) for node in inner.nodes if node.side == "first"]
     right = [(node.y, node.what) for node in inner.nodes if node.side == "last"]
-    return Node(level, inner.width, inner.height, *({key: y for y, key in sorted(pins)} for pins in (left, right)))
+    left, right = ({key: y for y, key in sorted(pins)} for pins in (left, right))
+    return Node(level, inner.width, inner.height, left, right)
 
 
 def note(level):
@@ -104,7 +105,7 @@ def components(nodes, edges):
     pins = [node for node in nodes if node.side]
     graph.add_edges_from((pins[0], pin) for pin in pins[1:])
     position = {node: index for index, node in enumerate(nodes)}
-    parts = [sorted(part, key=position.get) for part in nx.connected_components(graph)]
+    parts = [sorted(part, key=position.__getitem__) for part in nx.connected_components(graph)]
     return sorted(parts, key=lambda part: (not part[0].side, lone(part), position[part[0]]))
 
 

@@ -213,7 +213,7 @@ def sort_column(order, index, hops, forth):
         return sum(found) / len(found) if found else at * len(beside) / len(column)
 
     wanted = {node: place(at, node) for at, node in enumerate(column)}
-    order[index] = sorted(column, key=wanted.get)
+    order[index] = sorted(column, key=wanted.__getitem__)
 
 
 def swap_neighbours(order, entering, leaving):

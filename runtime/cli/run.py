@@ -80,7 +80,7 @@ def poses(texts, rig):
 
 def parse_run(arguments):
     """Command-line words to a Request. BadInput says which is wrong."""
-    from runtime.machine.realtime import PRIORITY_LIMIT, MODES, PRIORITY
+    from runtime.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
     from runtime.session.run import Request
 
     parser = Parser("run", "Run a diagram: in simulation, or with --rig on real hardware.")

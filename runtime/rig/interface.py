@@ -1,8 +1,8 @@
 """Sockets of a SocketCAN interface.
 
 Frames of the rig's devices arrive at a socket with a kernel filter, so that other traffic does not delay them. All
-other frames arrive at a second socket that a tick never reads: the kernel counts them there and keeps the first few, so that
-their IDs can be reported.
+other frames arrive at a second socket that a tick never reads: the kernel counts them there and keeps the first few,
+so that their IDs can be reported.
 """
 
 import errno

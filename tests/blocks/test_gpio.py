@@ -204,7 +204,9 @@ def test_a_pulse_goes_out_at_tick_0_and_when_it_is_asked_for():
 def test_without_a_pin_a_chip_or_the_package_it_is_told_in_words(monkeypatch):
     with pytest.raises(Refused) as caught:
         gpio_line.opened("stop", **EStopSwitch(name="stop").opening())
-    assert caught.value.trouble.code == "TW127" and caught.value.trouble.message == '[device."stop"] has no chip and pin'
+    assert (
+        caught.value.trouble.code == "TW127" and caught.value.trouble.message == '[device."stop"] has no chip and pin'
+    )
     monkeypatch.setitem(__import__("sys").modules, "gpiod", None)
     with pytest.raises(Refused) as caught:
         gpio_line.opened("stop", **EStopSwitch(name="stop", pin="GPIO17").opening())

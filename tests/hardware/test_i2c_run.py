@@ -44,6 +44,4 @@ def test_a_wrong_address_ends_before_anything_is_armed(stub, tmp_path):  # noqa:
         "1",
         cwd=tmp_path,
     )
-    assert done.returncode == 2 and "TW128" in done.stderr and "address 0x49: no reply" in done.stderr, (
-        done.stderr
-    )
+    assert done.returncode == 2 and "TW128" in done.stderr and "address 0x49: no reply" in done.stderr, done.stderr

@@ -299,10 +299,7 @@ def test_error_frames_come_through_the_filter():
 @needs_own_kernel
 @pytest.mark.parametrize(
     "change, number, words",
-    [
-        (("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 went down"),
-        (("del", "vcan9"), errno.ENODEV, "vcan9 is gone"),
-    ],
+    [(("set", "vcan9", "down"), errno.ENETDOWN, "vcan9 went down"), (("del", "vcan9"), errno.ENODEV, "vcan9 is gone")],
 )
 def test_an_interface_that_goes_away_is_a_failure_in_words(spare, change, number, words):
     with Opened(spare) as bus:

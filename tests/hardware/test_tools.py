@@ -67,8 +67,7 @@ def test_an_interface_that_is_down_is_told_with_its_cure(tmp_path):
         ip("set", "vcan0", "up")
     assert (
         process.returncode == 1
-        and ("error TW114 interface down: [bus.vcan0] vcan0 is down\n    sudo ip link set vcan0 up")
-        in process.stderr
+        and ("error TW114 interface down: [bus.vcan0] vcan0 is down\n    sudo ip link set vcan0 up") in process.stderr
     )
 
 

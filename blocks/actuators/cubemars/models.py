@@ -27,6 +27,10 @@ class Motor:
     not known, and `wake_shift`.
     """
 
+    rated_rms_current: float | None
+    peak_rms_current: float | None
+    gear: float
+
     @property
     def rated_current(self):
         return None if self.rated_rms_current is None else math.sqrt(2.0) * self.rated_rms_current

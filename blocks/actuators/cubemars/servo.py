@@ -123,14 +123,18 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     decode = kernels.decode
     encode = kernels.encode
     unanswered_frames = 1  # of the stop's two: nothing is answered, and one report may confirm it
+    reports_a_tick: int
+    # Joint and Reporting are not base classes, since this block does not have all of their ports
     watched, find_limit, given_limit, rated_torque = (
-        Joint.watched,
+        Joint.watched,  # pyright: ignore[reportAssignmentType]
         Joint.find_limit,
         Joint.given_limit,
         Joint.rated_torque,
     )
-    check_reports, prepare, feedback_range = Reporting.check_reports, Reporting.prepare, Reporting.feedback_range
-    check_temperatures, reach, fastest = Joint.check_temperatures, Joint.reach, Joint.fastest
+    check_reports, feedback_range = Reporting.check_reports, Reporting.feedback_range
+    prepare = Reporting.prepare  # pyright: ignore[reportAssignmentType]
+    check_temperatures, fastest = Joint.check_temperatures, Joint.fastest
+    reach = Joint.reach  # pyright: ignore[reportAssignmentType]
     torque_accuracy, motion_of_any_mode, feedback_ends = (
         Joint.torque_accuracy,
         Joint.motion_of_any_mode,

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 from blocks.actuators.cubemars import frames, models_v3
 from blocks.actuators.cubemars.emulator_v3 import EmulatedCubeMarsV3
@@ -33,6 +34,10 @@ class Reporting:
     scales = Memory((0.0,) * 3, "rad and rad/s of a code of the feedback, N·m of an ampere, at the joint")
     notice = Memory(0.0, "what has happened to a drive that was commanded")
 
+    reports_a_tick: int
+    timeout: Any
+    offset: Any
+
     def check_reports(self):
         self.reports_a_tick = 1
         if self.report_rate > 0.0 and 0.0 < self.timeout < 2.0 / self.report_rate:
@@ -60,6 +65,8 @@ class Reporting:
 class ExtendedFrames:
     """Who a drive in extended frames is on its bus, and what it says of its faults."""
 
+    can_id: Any
+
     def fault_in_words(self, code):
         return frames.in_words(code)
 
@@ -83,10 +90,11 @@ class CubeMarsV3(ExtendedFrames, Joint, Actuator):
     than 0.32 A, or the drive's answer to the disable.
     """
 
+    reports_a_tick: int
     report_rate, check_reports, prepare, feedback_range = (
         Reporting.report_rate,
         Reporting.check_reports,
-        Reporting.prepare,
+        Reporting.prepare,  # pyright: ignore[reportAssignmentType]
         Reporting.feedback_range,
     )
     enter = Param(

@@ -33,7 +33,7 @@ class _Emulated(I2cDevice):
 
     identity = Memory(0.0, "place and address")
     scales = Memory((0.0,) * 3, "m/s², rad/s and µT of a code")
-    periods = Memory(
+    periods: Memory = Memory(
         (0.0,) * 3, "s between answers of the burst and of the magnetometer, 0 for never; whether they are one"
     )
     fuses = Memory((128.0,) * 3, "factory adjustment of the magnetometer")

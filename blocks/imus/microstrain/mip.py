@@ -67,7 +67,7 @@ def decode(packet):
     for descriptor, data in fields(packet):
         field = field_of(packet[2], descriptor)
         values = field.decode(data) if field is not None else None
-        if values is not None:
+        if field is not None and values is not None:
             found[field.name] = values
     return found
 

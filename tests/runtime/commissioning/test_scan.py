@@ -156,10 +156,9 @@ def test_a_bus_that_is_taken_is_not_touched_and_its_process_is_named(command_lin
         lock = BusLock("udp_multicast", nodes.channel)
         code, out, err = command_line("scan", *nodes.words, *QUICK)
         lock.close()
-    said = (
-        f"error TW106 bus controlled by another process: [bus.can] {nodes.channel} is controlled by process {os.getpid()}"
-    )
-    assert (code, out) == (CHECK_FAILED, "") and said in err
+    message = f"[bus.can] {nodes.channel} is controlled by process {os.getpid()}"
+    assert (code, out) == (CHECK_FAILED, "")
+    assert f"error TW106 bus controlled by another process: {message}" in err
     assert drive.heard == []
 
 

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from runtime.base.errors import CHECK_FAILED, OK
-from runtime.machine.realtime import PRIORITY_LIMIT, PRIORITY, SPIN
+from runtime.machine.realtime import PRIORITY, PRIORITY_LIMIT, SPIN
 from tests.runtime.doctor.machines import LAPTOP, ORIN_NANO, PI_4, can_link, ip, lay_out
 from tests.runtime.runs import ROOT, finished
 

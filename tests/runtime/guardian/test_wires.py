@@ -14,8 +14,8 @@ import pytest
 
 from runtime.guardian import wires
 from runtime.guardian.wires import (
-    ECHO_TIMEOUT,
     ECHO_LIMIT,
+    ECHO_TIMEOUT,
     CannotOpen,
     PythonCanWire,
     SocketCanWire,

@@ -193,8 +193,8 @@ def test_no_permission_is_told(opened, monkeypatch, number, words):
             "full",
             False,
             "the queue of can0 was full for 10 ticks: no node acknowledges its frames, or the bus is overloaded",
-            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; for a longer queue: sudo ip link set can0 "
-            "txqueuelen 128",
+            "CAN_H to CAN_H, 120 Ω at both ends, drives on, one bitrate for all; for a longer queue: "
+            "sudo ip link set can0 txqueuelen 128",
         ),
         (errno.ENETDOWN, False, "can0 went down", UP),
         (errno.ENETDOWN, True, "can0 went down", "sudo ip link set can0 up"),

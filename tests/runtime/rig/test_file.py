@@ -64,7 +64,11 @@ def test_a_rig_may_be_empty_and_may_have_windows_line_ends(written):
     "text, message, hint",
     [
         ('[buss.legs]\nchannel = "can0"', "[buss]: unknown table: a rig has [bus] and [device]", "did you mean 'bus'?"),
-        ('[motors."left/knee"]', "[motors]: unknown table: a rig has [bus] and [device]", 'write [bus.NAME] or [device."PATH"]'),
+        (
+            '[motors."left/knee"]',
+            "[motors]: unknown table: a rig has [bus] and [device]",
+            'write [bus.NAME] or [device."PATH"]',
+        ),
         ('bus = "can0"', "bus = 'can0': expected a table", "write [bus.NAME]"),
         (
             '[bus]\nchannel = "can0"',
@@ -147,9 +151,10 @@ def test_a_wrong_entry_is_told_with_what_to_write(written, text, message, hint):
 def test_two_buses_cannot_share_an_interface(written):
     text = "".join(f'[bus.{name}]\ninterface = "socketcan"\nchannel = "can0"\n' for name in ("legs", "arms"))
     [(code, message, hint)] = troubles(written(text))
-    assert (code, message) == ("TW102", "[bus.arms] channel = 'can0' is also used by [bus.legs] too") and hint.startswith(
-        "use a separate interface"
-    )
+    assert (code, message) == (
+        "TW102",
+        "[bus.arms] channel = 'can0' is also used by [bus.legs] too",
+    ) and hint.startswith("use a separate interface")
 
 
 def test_all_mistakes_are_told_at_once(written):

@@ -118,7 +118,10 @@ def test_another_chip_at_the_address_is_told():
     wires = MemoryI2c()
     wires.write(wires.add(0x68), 0x75, b"\x68")
     (said,) = refused(wires, *imus(MPU9250))
-    assert "TW134" in said and "its identity register is 0x68, but that of a MPU-9250 is 0x71 (MPU-9250) or 0x73 (MPU-9255)" in said
+    assert (
+        "TW134" in said
+        and "its identity register is 0x68, but that of a MPU-9250 is 0x71 (MPU-9250) or 0x73 (MPU-9255)" in said
+    )
 
 
 def test_a_magnetometer_that_is_not_there_is_told_and_the_way_to_do_without():
@@ -135,9 +138,7 @@ def test_a_multiplexer_that_does_not_answer_is_told():
     wires = MemoryI2c((0x71,))
     wires.add(0x48)
     (said,) = refused(wires, *imus(MPU9250, mux=0x70, channel=3))
-    assert (
-        "TW133" in said and "no multiplexer replies at 0x70" in said and "0x48, 0x71 reply on the bus itself" in said
-    )
+    assert "TW133" in said and "no multiplexer replies at 0x70" in said and "0x48, 0x71 reply on the bus itself" in said
 
 
 def test_a_device_behind_another_channel_is_told_with_who_answers_there():
@@ -199,12 +200,7 @@ def test_a_bus_that_is_not_there_says_how_to_enable_one(tmp_path):
     with pytest.raises(Refused) as found:
         open_adapter(RigBus("imus", "i2c", "/dev/i2c-77"))
     said = str(found.value.trouble)
-    assert (
-        "TW131" in said
-        and "no such bus" in said
-        and "raspi-config nonint do_i2c 0" in said
-        and "jetson-io" in said
-    )
+    assert "TW131" in said and "no such bus" in said and "raspi-config nonint do_i2c 0" in said and "jetson-io" in said
     with pytest.raises(Refused, match="TW131.*is not an I2C bus"):
         open_adapter(RigBus("imus", "i2c", str(tmp_path)))
     with pytest.raises(Refused, match="TW131.*/dev/null is not an I2C bus"):
@@ -270,8 +266,7 @@ def test_a_rig_says_where_a_sensor_sits(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind, interface, words",
-    [("imu", "socketcan", "its devices use I2C"), ("knee", "i2c", "its devices use CAN")],
+    "kind, interface, words", [("imu", "socketcan", "its devices use I2C"), ("knee", "i2c", "its devices use CAN")]
 )
 def test_an_interface_of_another_medium_is_refused(tmp_path, kind, interface, words):
     from blocks.actuators import CubeMars

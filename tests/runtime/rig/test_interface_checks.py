@@ -71,10 +71,7 @@ def test_a_controller_that_nobody_has_acknowledged_is_told_and_does_not_keep_fro
 
 def test_without_iproute2_the_bitrate_cannot_be_told(looked):
     fitness = looked(PI_4, FLAGS, {"/commands/ip -details -json link": ""})
-    assert (
-        fitness.remarks == ["can0: its bitrate is unknown; see: ip -details link show can0"]
-        and not fitness.virtual
-    )
+    assert fitness.remarks == ["can0: its bitrate is unknown; see: ip -details link show can0"] and not fitness.virtual
 
 
 def test_no_fd(looked):

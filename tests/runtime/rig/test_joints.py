@@ -43,10 +43,7 @@ def troubles(tmp_path, text="", kind=CubeMars, **parameters):
 
 def test_a_joint_without_a_range_is_named_with_the_way_to_measure_it(tmp_path):
     [(code, message, hint)] = troubles(tmp_path, model="AK80-9")
-    assert (code, message) == (
-        "TW136",
-        '[device."knee"] has no range, its lowest and highest position',
-    )
+    assert (code, message) == ("TW136", '[device."knee"] has no range, its lowest and highest position')
     assert (
         "write range = [LOWEST, HIGHEST] there, in rad; configure --joint knee --rig" in hint
         and "moved by hand" in hint

@@ -225,7 +225,9 @@ def test_another_sensor_in_its_place_is_not_taken_for_it(plug, opened, tmp_path)
 
 def test_a_serial_number_that_nobody_has(there):
     trouble = one(serial="77")
-    assert trouble.code == "TW127" and 'serial = "77": no sensor has this ending of the serial number' in trouble.message
+    assert (
+        trouble.code == "TW127" and 'serial = "77": no sensor has this ending of the serial number' in trouble.message
+    )
     assert "6253.133931 (3DM-GX5-25" in trouble.hint and "6286.133932 (3DM-CV7-AHRS" in trouble.hint
 
 

@@ -126,8 +126,8 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             (
                 "TW103",
                 '[device."left/torque_limiter"] is a TorqueLimiter and not a device',
-                "a rig changes hardware parameters only; for one run, --set left/torque_limiter.PARAMETER=VALUE changes any "
-                "block",
+                "a rig changes hardware parameters only; for one run, "
+                "--set left/torque_limiter.PARAMETER=VALUE changes any block",
             ),
         ),
         (
@@ -138,10 +138,7 @@ def test_a_rig_may_have_buses_that_a_diagram_does_not_use(fitted):
             LEGS + '[device."left/knee"]\ncanid = 3',
             ("TW103", '[device."left/knee"] canid: no such parameter', "did you mean 'can_id'?"),
         ),
-        (
-            LEGS + '[device."left/knee"]\nzzz = 3',
-            ("TW103", '[device."left/knee"] zzz: no such parameter', HARDWARE),
-        ),
+        (LEGS + '[device."left/knee"]\nzzz = 3', ("TW103", '[device."left/knee"] zzz: no such parameter', HARDWARE)),
         (
             LEGS + '[device."left/knee"]\ncan_id = 300',
             ("TW103", '[device."left/knee"] can_id = 300: must be at most 255, got 300', "id set in the drive"),

@@ -130,7 +130,10 @@ def test_an_adapter_that_is_unplugged_ends_the_run_in_words(tmp_path):
         assert process.returncode == FAULT and time.monotonic() - at < 3.0
         assert "Traceback" not in errors
         assert "FAULT at legs, tick " in errors and "the bus can neither send nor receive" in errors
-        assert f"slcan {adapter.channel}: the interface has hung up" in errors and "check that the adapter is plugged in" in errors
+        assert (
+            f"slcan {adapter.channel}: the interface has hung up" in errors
+            and "check that the adapter is plugged in" in errors
+        )
 
 
 def test_a_guardian_that_dies_leaves_a_run_that_stops_the_motors_over_the_same_adapter(tmp_path):
@@ -262,11 +265,7 @@ def test_options_are_handed_over_as_they_are(tmp_path):
 @pytest.mark.parametrize(
     "line, message, hint",
     [
-        (
-            'channel = "can1"',
-            "[bus.legs] options.channel: key of the bus itself",
-            "write channel in [bus.legs]",
-        ),
+        ('channel = "can1"', "[bus.legs] options.channel: key of the bus itself", "write channel in [bus.legs]"),
         (
             "when = 1979-05-27",
             "[bus.legs] options.when = 1979-05-27: expected text, a number, true or false, or a list of those",

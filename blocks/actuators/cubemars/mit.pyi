@@ -1,0 +1,72 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any, Literal, NamedTuple
+from collections.abc import Sequence
+from typing_extensions import Unpack
+import numpy as np
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+from blocks.actuators.joint import Joint
+from blocks.actuators.mit_frames import StopInMitMode
+from graph import Actuator, Param
+
+class CubeMars(StopInMitMode, Joint, Actuator):
+    reply: Param[int]
+    def __init__(
+        self,
+        model: str,
+        bus: str = 'can',
+        can_id: int = 1,
+        limit: Any = 'rated',
+        invert: bool = False,
+        offset: float = 0.0,
+        range: Sequence[Any] | np.ndarray = ...,
+        wake_shift: float | None = None,
+        known_pose: Sequence[Any] | np.ndarray = ...,
+        reference: str = '',
+        timeout: float = 0.1,
+        safe_stop: Literal['disable', 'damp'] = 'disable',
+        rms_mode: Literal['silent', 'warn', 'saturate', 'throttle', 'disable'] = 'saturate',
+        rms_window: float = 20.0,
+        warning_temperature: float = 70.0,
+        derating_temperature: float = 80.0,
+        fault_temperature: float = 100.0,
+        stop_damping: float = 1.0,
+        stop_time: float = 1.0,
+        gear_ratio: float = 1.0,
+        wire_position: float = 0.0,
+        wire_velocity: float = 0.0,
+        wire_stiffness: float = 0.0,
+        wire_damping: float = 0.0,
+        wire_torque: float = 0.0,
+        max_acceleration: float = 500.0,
+        max_velocity: float = 0.0,
+        reply: int = 8,
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    class Outputs(NamedTuple):
+        position: Signal
+        velocity: Signal
+        torque: Signal
+        temperature: Signal
+        fault: Signal
+        age: Signal
+        rms_torque: Signal
+        torque_sent: Signal
+        limited: Signal
+    def __call__(
+        self,
+        position_command: Operand = ...,
+        velocity_command: Operand = ...,
+        torque_command: Operand = ...,
+        stiffness_command: Operand = ...,
+        damping_command: Operand = ...,
+    ) -> Outputs: ...
+    def fault_in_words(self, code): ...
+    def malformed_in_words(self, lengths, first_byte): ...
+    def rejected_in_words(self, length, frames, first_byte): ...
+    def traffic(self): ...
+    def addresses(self): ...
+    def hears(self): ...
+    def replies(self): ...
+    def enable_frames(self): ...
+    def emulator(self, **parameters): ...

@@ -1,0 +1,101 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Literal, NamedTuple
+from collections.abc import Sequence
+from typing_extensions import Unpack
+import numpy as np
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+from typing import Any
+from blocks.actuators.joint import Joint
+from graph import Actuator, Memory, Output, Param
+
+NOTHING: bytes
+class Reporting:
+    report_rate: Any
+    torque: Any
+    current: Any
+    scales: Any
+    notice: Any
+    reports_a_tick: int
+    timeout: Any
+    offset: Any
+    def check_reports(self): ...
+    def prepare(self, dt): ...
+    def feedback_range(self): ...
+class ExtendedFrames:
+    can_id: Any
+    def fault_in_words(self, code): ...
+    def addresses(self): ...
+    def hears(self): ...
+    def replies(self): ...
+class CubeMarsV3(ExtendedFrames, Joint, Actuator):
+    report_rate: Param[float]
+    enter: Param[bool]
+    torque: Output
+    current: Output
+    scales: Memory
+    notice: Memory
+    reports_a_tick: Any
+    check_reports: Any
+    feedback_range: Any
+    def __init__(
+        self,
+        model: str,
+        bus: str = 'can',
+        can_id: int = 1,
+        limit: Any = 'rated',
+        invert: bool = False,
+        offset: float = 0.0,
+        range: Sequence[Any] | np.ndarray = ...,
+        wake_shift: float | None = None,
+        known_pose: Sequence[Any] | np.ndarray = ...,
+        reference: str = '',
+        timeout: float = 0.1,
+        safe_stop: Literal['disable', 'damp'] = 'disable',
+        rms_mode: Literal['silent', 'warn', 'saturate', 'throttle', 'disable'] = 'saturate',
+        rms_window: float = 20.0,
+        warning_temperature: float = 70.0,
+        derating_temperature: float = 80.0,
+        fault_temperature: float = 100.0,
+        stop_damping: float = 1.0,
+        stop_time: float = 1.0,
+        gear_ratio: float = 1.0,
+        wire_position: float = 0.0,
+        wire_velocity: float = 0.0,
+        wire_stiffness: float = 0.0,
+        wire_damping: float = 0.0,
+        wire_torque: float = 0.0,
+        max_acceleration: float = 500.0,
+        max_velocity: float = 0.0,
+        report_rate: float = 0.0,
+        enter: bool = False,
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    class Outputs(NamedTuple):
+        position: Signal
+        velocity: Signal
+        torque: Signal
+        temperature: Signal
+        fault: Signal
+        age: Signal
+        rms_torque: Signal
+        torque_sent: Signal
+        limited: Signal
+        current: Signal
+    def __call__(
+        self,
+        position_command: Operand = ...,
+        velocity_command: Operand = ...,
+        torque_command: Operand = ...,
+        stiffness_command: Operand = ...,
+        damping_command: Operand = ...,
+    ) -> Outputs: ...
+    def motion(self): ...
+    def feedback_ends(self): ...
+    def traffic(self): ...
+    def enable_frames(self): ...
+    def zero_frames(self): ...
+    def disable_frames(self): ...
+    def damped_stop(self): ...
+    def damping_frames(self, damping): ...
+    def emulator(self, **parameters): ...

@@ -1,0 +1,67 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing_extensions import Unpack
+import numpy as np
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+from blocks.actuators.emulated import Emulated
+from graph import Device, Memory, Param
+
+LOC_KP: int
+SPD_KP: int
+VBUS: int
+POSITION_GAIN: float
+VELOCITY_GAIN: float
+class EmulatedRobStride(Emulated, Device):
+    can_id: Param[int]
+    trip_temperature: Param[float | None]
+    unique: Param[str]
+    firmware: Param[str]
+    gains: Param[Sequence[Any] | np.ndarray]
+    registers: Memory
+    defaults: Memory
+    memory_of_drive: Memory
+    identity: Memory
+    def __init__(
+        self,
+        model: str,
+        bus: str = 'can',
+        can_id: int = 127,
+        invert: bool = False,
+        offset: float = 0.0,
+        gear_ratio: float = 1.0,
+        peak: float | None = None,
+        wake_shift: float | None = None,
+        turns: int = 0,
+        trip_temperature: float | None = None,
+        wire_position: float = 0.0,
+        wire_velocity: float = 0.0,
+        wire_stiffness: float = 0.0,
+        wire_damping: float = 0.0,
+        wire_torque: float = 0.0,
+        unique: str = '',
+        firmware: str = '',
+        gains: Sequence[Any] | np.ndarray = ...,
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    class Outputs(NamedTuple):
+        torque: Signal
+        enabled: Signal
+    def __call__(
+        self,
+        position: Operand = ...,
+        velocity: Operand = ...,
+        temperature: Operand = ...,
+        fault: Operand = ...,
+        silent: Operand = ...,
+        dropped: Operand = ...,
+        wrong_id: Operand = ...,
+        stuck_encoder: Operand = ...,
+        delay: Operand = ...,
+        power_lost: Operand = ...,
+    ) -> Outputs: ...
+    def own_gains(self, is_cybergear): ...
+    def unique_bytes(self): ...
+    def firmware_bytes(self): ...
+    def addresses(self): ...

@@ -1,0 +1,93 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any, Literal
+from collections.abc import Sequence
+from typing_extensions import Unpack
+import numpy as np
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+from blocks.actuators.joint import Joint
+from graph import Actuator, Memory, Output, Param
+
+RUN_MODES: dict[Any, Any]
+POSITION_MODES: tuple[Any, ...]
+COMMANDS: dict[Any, Any]
+SENT: dict[Any, Any]
+class RobStride(Joint, Actuator):
+    can_id: Param[int]
+    host_id: Param[int]
+    can_timeout: Param[float]
+    active_reporting: Param[bool]
+    velocity_limit: Param[float]
+    acceleration: Param[float]
+    mode: Param[Literal['operation', 'position', 'velocity', 'current', 'csp']]
+    warning: Output
+    state: Memory
+    written: Memory
+    timeout_read: Memory
+    motor_torque: Any
+    current_limit: Any
+    command_name: Any
+    sent_name: Any
+    def __init__(
+        self,
+        model: str,
+        bus: str = 'can',
+        can_id: int = 127,
+        limit: Any = 'rated',
+        invert: bool = False,
+        offset: float = 0.0,
+        range: Sequence[Any] | np.ndarray = ...,
+        wake_shift: float | None = None,
+        known_pose: Sequence[Any] | np.ndarray = ...,
+        reference: str = '',
+        timeout: float = 0.1,
+        safe_stop: Literal['disable', 'damp'] = 'disable',
+        rms_mode: Literal['silent', 'warn', 'saturate', 'throttle', 'disable'] = 'saturate',
+        rms_window: float = 20.0,
+        warning_temperature: float = 70.0,
+        derating_temperature: float = 80.0,
+        fault_temperature: float = 100.0,
+        stop_damping: float = 1.0,
+        stop_time: float = 1.0,
+        gear_ratio: float = 1.0,
+        wire_position: float = 0.0,
+        wire_velocity: float = 0.0,
+        wire_stiffness: float = 0.0,
+        wire_damping: float = 0.0,
+        wire_torque: float = 0.0,
+        max_acceleration: float = 500.0,
+        max_velocity: float = 0.0,
+        host_id: int = 253,
+        can_timeout: float = 0.1,
+        active_reporting: bool = False,
+        velocity_limit: float = 2.0,
+        acceleration: float = 10.0,
+        mode: Literal['operation', 'position', 'velocity', 'current', 'csp'] = 'operation',
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __getattr__(self, name: str) -> Signal: ...
+    def __call__(self, *signals: Operand, **named: Operand) -> Any: ...
+    def take_one_command(self): ...
+    def motion(self): ...
+    def command_limits(self): ...
+    def rating(self): ...
+    def torque_bound(self, commands, period): ...
+    def addresses(self): ...
+    def hears(self): ...
+    def replies(self): ...
+    def traffic(self): ...
+    def write(self, index, value): ...
+    def command(self, kind): ...
+    def enable_frames(self): ...
+    def read_frames(self): ...
+    def zero_frames(self): ...
+    def disable_frames(self): ...
+    def damped_stop(self): ...
+    def damping_frames(self, damping): ...
+    def fault_in_words(self, code): ...
+    def warnings_in_words(self): ...
+    def remedy(self): ...
+    def unready_in_words(self): ...
+    @property
+    def unanswered_frames(self): ...
+    def emulator(self, **parameters): ...

@@ -1,0 +1,69 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any, Literal
+from collections.abc import Sequence
+from typing_extensions import Unpack
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+import numpy as np
+from blocks._plumbing.biquads import Biquads
+from graph import Block, Input, Memory, Output, Param
+
+class TransferFunction(Block):
+    numerator: Param[Sequence[Any] | np.ndarray]
+    denominator: Param[Sequence[Any] | np.ndarray]
+    domain: Param[Literal['z', 's']]
+    unit: Param[str]
+    u: Input
+    y: Output
+    b: Memory
+    a: Memory
+    delays: Memory
+    rest: Memory
+    def __init__(
+        self,
+        numerator: Sequence[Any] | np.ndarray = ...,
+        denominator: Sequence[Any] | np.ndarray = ...,
+        domain: Literal['z', 's'] = 'z',
+        unit: str = '1',
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __call__(self, u: Operand = ...) -> Signal: ...
+    def design(self, dt): ...
+def polynomial(name, coefficients): ...
+def tustin(coefficients, dt): ...
+def delays_at_rest(b, a): ...
+class BiquadCascade(Biquads):
+    sos: Param[Sequence[Any] | np.ndarray]
+    def __init__(self, sos: Sequence[Any] | np.ndarray = ..., **options: Unpack[BlockOptions]) -> None: ...
+    def __call__(self, u: Operand = ...) -> Signal: ...
+    def design(self, dt): ...
+class StateSpace(Block):
+    A: Param[Sequence[Any] | np.ndarray]
+    B: Param[Sequence[Any] | np.ndarray]
+    C: Param[Sequence[Any] | np.ndarray]
+    D: Param[Sequence[Any] | np.ndarray]
+    start: Param[Sequence[Any] | np.ndarray]
+    unit: Param[str]
+    matrix_a: Memory
+    matrix_b: Memory
+    matrix_c: Memory
+    matrix_d: Memory
+    rest: Memory
+    state: Memory
+    following: Memory
+    matrices: Any
+    def __init__(
+        self,
+        A: Sequence[Any] | np.ndarray,
+        B: Sequence[Any] | np.ndarray,
+        C: Sequence[Any] | np.ndarray,
+        D: Sequence[Any] | np.ndarray = ...,
+        start: Sequence[Any] | np.ndarray = ...,
+        unit: str = '1',
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __getattr__(self, name: str) -> Signal: ...
+    def __call__(self, *signals: Operand, **named: Operand) -> Any: ...
+def matrix(name, rows): ...
+def state_at_rest(A, B): ...
+def zero_order_hold(A, B, dt): ...

@@ -1,0 +1,58 @@
+# Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any, Literal
+from collections.abc import Sequence
+from typing_extensions import Unpack
+from graph.block import BlockOptions
+from graph.signal import Operand, Signal
+import numpy as np
+from blocks._plumbing.ports import UnitOfOutput
+from graph import Block, Input, Memory, Output, Param
+
+ROUNDING: float
+CHOICES: tuple[Any, ...]
+class LookupTable1D(UnitOfOutput, Block):
+    breakpoints: Param[Sequence[Any] | np.ndarray]
+    values: Param[Sequence[Any] | np.ndarray]
+    beyond: Param[Literal['clamp', 'extrapolate', 'error']]
+    unit: Param[str]
+    u: Input
+    y: Output
+    knots: Memory
+    heights: Memory
+    def __init__(
+        self,
+        breakpoints: Sequence[Any] | np.ndarray = ...,
+        values: Sequence[Any] | np.ndarray = ...,
+        beyond: Literal['clamp', 'extrapolate', 'error'] = 'clamp',
+        unit: str = 'any',
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __call__(self, u: Operand = ...) -> Signal: ...
+    def near(self, x): ...
+    def end(self, x): ...
+    def piece(self, i): ...
+class LookupTable2D(UnitOfOutput, Block):
+    rows: Param[Sequence[Any] | np.ndarray]
+    columns: Param[Sequence[Any] | np.ndarray]
+    values: Param[Sequence[Any] | np.ndarray]
+    beyond: Param[Literal['clamp', 'extrapolate', 'error']]
+    unit: Param[str]
+    row: Input
+    column: Input
+    y: Output
+    row_knots: Memory
+    column_knots: Memory
+    heights: Memory
+    def __init__(
+        self,
+        rows: Sequence[Any] | np.ndarray = ...,
+        columns: Sequence[Any] | np.ndarray = ...,
+        values: Sequence[Any] | np.ndarray = ...,
+        beyond: Literal['clamp', 'extrapolate', 'error'] = 'clamp',
+        unit: str = 'any',
+        **options: Unpack[BlockOptions],
+    ) -> None: ...
+    def __call__(self, row: Operand = ..., column: Operand = ...) -> Signal: ...
+def rising_numbers(name, values): ...
+def corners(u, knots, extends): ...
+def place(knots, x): ...

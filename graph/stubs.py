@@ -1,0 +1,343 @@
+"""Type stubs of modules with blocks, generated from the declarations: `python -m graph.stubs mylab/blocks.py`.
+
+A stub (`.pyi`) gives each block class a constructor with its parameters, a call with its inputs, and its outputs as
+attributes, so that editors complete them and type checkers report a misspelt one. Other functions and classes keep
+their signatures. Classes whose parameters make ports accept any input, or have any output.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import keyword
+import math
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from graph.block import Block, Sink
+from graph.declarations import Declaration, Input, Memory, Output, Param
+
+HEADER = "# Generated from the declarations by `python -m graph.stubs`. Do not edit.\n"
+TYPING = "from typing import Any, Literal, NamedTuple"
+NUMPY = "import numpy as np"
+UNPACK = "from typing_extensions import Unpack"
+BLOCK = "from graph.block import BlockOptions"
+LANGUAGE = "from graph.declarations import Input, Live, Memory, Output, Param"
+OPERANDS = "from graph.signal import Operand, Signal"
+PLAIN = {bool: "bool", int: "int", float: "float", str: "str", bytes: "bytes"}
+SEQUENCE = "Sequence[Any] | np.ndarray"
+WIDTH = 120
+
+
+def has_blocks(module: Any) -> bool:
+    """Return whether a module defines a block class with declarations, and so has a stub."""
+    return any(
+        isinstance(kind, type) and issubclass(kind, Block) and kind.__module__ == module.__name__
+        for kind in vars(module).values()
+    )
+
+
+def stub(module: Any) -> str:
+    """Return the stub of an imported module. Raises OSError if it has no source file."""
+    tree = ast.parse(inspect.getsource(module))
+    body = [text for node in tree.body for text in statement(module, node)]
+    used = words("\n".join(body))
+    imported = [line for node in tree.body for line in imports(node, used, words_outside_imports(tree))]
+    lines = [TYPING, "from collections.abc import Sequence", UNPACK, NUMPY, BLOCK, LANGUAGE, OPERANDS]
+    own = {name for node in tree.body for name in names_of(node)}
+    head = [line for text in lines for line in only_used(text, used, own)]
+    return HEADER + "\n".join([*dict.fromkeys([*head, *imported]), "", *body]) + "\n"
+
+
+def only_used(line: str, used: set[str], own: set[str]) -> Iterator[str]:
+    """An import, without the names that a stub does not use or the module defines or imports itself."""
+    node = ast.parse(line).body[0]
+    assert isinstance(node, (ast.Import, ast.ImportFrom))
+    node.names = [alias for alias in node.names if (name := alias.asname or alias.name) in used and name not in own]
+    if node.names:
+        yield ast.unparse(node)
+
+
+def names_of(node: ast.stmt) -> Iterator[str]:
+    """Names that an import binds."""
+    if isinstance(node, (ast.Import, ast.ImportFrom)):
+        yield from (alias.asname or alias.name.partition(".")[0] for alias in node.names)
+
+
+def words(source: str) -> set[str]:
+    """All names in a source."""
+    tree = ast.parse(source)
+    texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
+    found = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    return found | {word for text in texts if text.isidentifier() for word in [text]}
+
+
+def words_outside_imports(tree: ast.Module) -> set[str]:
+    """All names that a module uses."""
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def imports(node: ast.stmt, used: set[str], inside: set[str]) -> Iterator[str]:
+    """The imports that a stub needs: those it uses, and those that the module makes only for others."""
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            if (alias.asname or alias.name.partition(".")[0]) in used:
+                yield ast.unparse(ast.Import([alias]))
+    elif isinstance(node, ast.ImportFrom) and node.module != "__future__":
+        needed = [alias for alias in node.names if (alias.asname or alias.name) in used]
+        offered = [alias for alias in node.names if (alias.asname or alias.name) not in inside | used]
+        offered = [ast.alias(alias.name, alias.asname or alias.name) for alias in offered]
+        if needed or offered:
+            yield ast.unparse(ast.ImportFrom(node.module, [*needed, *offered], node.level))
+
+
+def statement(module: Any, node: ast.stmt) -> Iterator[str]:
+    """The text that stands in the stub for a statement of a module."""
+    if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+        yield signature(node)
+    elif isinstance(node, ast.ClassDef):
+        kind = getattr(module, node.name)
+        block = isinstance(kind, type) and issubclass(kind, Block)
+        yield "\n".join(block_class(kind, node) if block else plain_class(kind, node))
+    elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+        yield f"{node.target.id}: {ast.unparse(node.annotation)}"
+    elif isinstance(node, (ast.Assign, ast.With, ast.For, ast.If, ast.Try)):
+        for name in assigned(node):
+            if hasattr(module, name) and not name.startswith("__"):
+                yield f"{name}: {type_of(getattr(module, name))}"
+
+
+def assigned(node: ast.stmt) -> list[str]:
+    """Names that a statement assigns, in order."""
+    targets = [each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)]
+    return list(dict.fromkeys(targets))
+
+
+def type_of(value: object) -> str:
+    """The annotation of a constant."""
+    if isinstance(value, tuple):
+        return "tuple[Any, ...]"
+    return PLAIN.get(type(value), "dict[Any, Any]" if type(value) is dict else "Any")
+
+
+def signature(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    """A function without its body."""
+    arguments = node.args
+    arguments.defaults = [short(each) for each in arguments.defaults]
+    arguments.kw_defaults = [each and short(each) for each in arguments.kw_defaults]
+    head = type(node)(node.name, arguments, [ast.Expr(ast.Constant(...))], node.decorator_list, node.returns)
+    return ast.unparse(ast.fix_missing_locations(head)).replace(":\n    ...", ": ...")
+
+
+def short(default: ast.expr) -> ast.expr:
+    """A default as a stub writes it: a literal, or `...`."""
+    return default if isinstance(default, ast.Constant) else ast.Constant(...)
+
+
+def methods(node: ast.ClassDef, without: Iterable[str] = ()) -> list[str]:
+    """Signatures of the methods of a class, indented."""
+    functions = [each for each in node.body if isinstance(each, ast.FunctionDef) and each.name not in without]
+    return [textwrap.indent(signature(function), "    ") for function in functions]
+
+
+def attributes(node: ast.ClassDef) -> list[str]:
+    """Names that a class or its methods assign to the class or to self, in order."""
+    found = [name for each in node.body if isinstance(each, (ast.Assign, ast.AnnAssign)) for name in assigned(each)]
+    for each in ast.walk(node):
+        if isinstance(each, ast.Attribute) and isinstance(each.ctx, ast.Store) and isinstance(each.value, ast.Name):
+            if each.value.id == "self":
+                found.append(each.attr)
+    return list(dict.fromkeys(found))
+
+
+def plain_class(kind: Any, node: ast.ClassDef) -> list[str]:
+    """The lines of a class that is no block."""
+    annotated = {
+        each.target.id: each
+        for each in node.body
+        if isinstance(each, ast.AnnAssign) and isinstance(each.target, ast.Name)
+    }
+    lines = [*map("@{}".format, map(ast.unparse, node.decorator_list)), heading(node)]
+    properties = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+    for name in attributes(node):
+        if name in annotated:
+            default = " = ..." if annotated[name].value is not None else ""
+            lines.append(f"    {name}: {ast.unparse(annotated[name].annotation)}{default}")
+        elif name not in properties:
+            lines.append(f"    {name}: {type_of(getattr(kind, name, None))}")
+    return closed([*lines, *methods(node)])
+
+
+def heading(node: ast.ClassDef) -> str:
+    bases = ", ".join(map(ast.unparse, [*node.bases, *node.keywords]))
+    return f"class {node.name}({bases}):" if bases else f"class {node.name}:"
+
+
+def closed(lines: list[str]) -> list[str]:
+    """A class, with `...` for an empty body."""
+    if lines[-1].endswith(":") and not lines[-1].startswith(" "):
+        lines[-1] += " ..."
+    return lines
+
+
+def block_class(kind: type[Block], node: ast.ClassDef) -> list[str]:
+    """The lines of a block class."""
+    lines = [heading(node)]
+    names = {each.name for each in node.body if isinstance(each, ast.FunctionDef)}
+    for name, declaration in declarations(kind):
+        lines.append(f"    {name}: {declared(declaration)}")
+    inherited = {
+        name
+        for base in kind.__mro__[1:]
+        for name in (*vars(base), *vars(base).get("_own", ()), *inspect.get_annotations(base))
+    }
+    declared_names = {name for name, _ in declarations(kind)}
+    for name in attributes(node):
+        if name not in declared_names | names | inherited and not name.startswith("__"):
+            lines.append(f"    {name}: Any")
+    if not vars(kind).get("abstract"):
+        if "__init__" not in names:
+            lines.append(function("__init__", constructor(kind), "None"))
+        if "__call__" not in names:
+            lines += call(kind)
+    return closed([*lines, *methods(node, vars(Block))])
+
+
+def declarations(kind: type[Block]) -> list[tuple[str, Declaration]]:
+    """Ports, parameters and memory that a class itself declares."""
+    own = {name: each for name, each in vars(kind).items() if isinstance(each, Declaration)} | vars(kind)["_own"]
+    everything = {**kind.parameters, **kind.inputs, **kind.outputs, **kind.memory}
+    return [(name, each) for name, each in everything.items() if name in own]
+
+
+def declared(declaration: Declaration) -> str:
+    """The annotation of a declaration."""
+    if isinstance(declaration, Param):
+        return f"Param[{value_type(declaration)}]"
+    return next(kind.__name__ for kind in (Input, Output, Memory) if isinstance(declaration, kind))
+
+
+def value_type(param: Param[Any]) -> str:
+    """The type of a parameter's value, as blocks see it."""
+    if param.choices is not None and all(isinstance(choice, str) for choice in param.choices):
+        name = f"Literal[{', '.join(map(repr, param.choices))}]"
+    else:
+        name = {tuple: SEQUENCE, dict: "dict[Any, Any]"}.get(param.dtype, PLAIN.get(param.dtype, "Any"))
+    return f"{name} | None" if param.default is None and not param.required and name != "Any" else name
+
+
+def constructor(kind: type[Block]) -> list[str]:
+    """The arguments of a block's constructor, after self."""
+    before, after, optional = [], [], False
+    for name, param in kind.parameters.items():
+        annotation = value_type(param)
+        if not param.fixed and annotation != "Any":
+            annotation += " | Live"
+        if param.required:
+            (after if optional else before).append(f"{name}: {annotation}")
+            continue
+        optional = True
+        (after if after else before).append(f"{name}: {annotation} = {default(param.default)}")
+    return [*before, *(["*"] if after else []), *after, "**options: Unpack[BlockOptions]"]
+
+
+def default(value: object) -> str:
+    """A default as a stub writes it: a short literal, or `...`."""
+    finite = isinstance(value, (int, str)) or isinstance(value, float) and math.isfinite(value)
+    return repr(value) if finite or value is None else "..."
+
+
+def call(kind: type[Block]) -> list[str]:
+    """The call that wires a block, with the type of its result."""
+    lines = []
+    inputs, outputs = makes_ports(kind, "inputs"), makes_ports(kind, "outputs")
+    named = {name for name in kind.outputs if name.isidentifier() and not keyword.iskeyword(name)}
+    if outputs or "result" in vars(kind):
+        lines.append("    def __getattr__(self, name: str) -> Signal: ...")
+        result = "Any"
+    elif not kind.outputs:
+        result = kind.__name__
+    elif len(kind.outputs) == 1 or named != set(kind.outputs):
+        result = "Signal" if len(kind.outputs) == 1 else "Any"
+    else:
+        lines += ["    class Outputs(NamedTuple):", *(f"        {name}: Signal" for name in kind.outputs)]
+        result = "Outputs"
+    if inputs or issubclass(kind, Sink):
+        arguments = ["*signals: Operand", "**named: Operand"]
+    elif kind.variadic:
+        arguments = ["*signals: Operand"]
+    else:
+        arguments = [f"{name}: Operand = ..." for name in kind.inputs]
+    return [*lines, function("__call__", arguments, result)]
+
+
+def makes_ports(kind: type[Block], field: str) -> bool:
+    """Return whether a block class, or a base of it, assigns `self.inputs` or `self.outputs` names of its own."""
+    for base in kind.__mro__:
+        if base is Block or not issubclass(base, Block):
+            continue
+        for node in ast.walk(ast.parse(textwrap.dedent(inspect.getsource(base)))):
+            targets = getattr(node, "targets", [getattr(node, "target", None)])
+            for target in targets:
+                inner = target.value if isinstance(target, ast.Subscript) else target
+                if isinstance(inner, (ast.Tuple, ast.List)):
+                    inner = next((each for each in inner.elts if is_field(each, field)), None)
+                if is_field(inner, field) and not names_only(getattr(node, "value", None), target, kind, field):
+                    return True
+    return False
+
+
+def is_field(node: ast.AST | None, field: str) -> bool:
+    return (
+        isinstance(node, ast.Attribute)
+        and node.attr == field
+        and isinstance(node.value, ast.Name)
+        and node.value.id == "self"
+    )
+
+
+def names_only(value: ast.AST | None, target: ast.AST | None, kind: type[Block], field: str) -> bool:
+    """Return whether an assigned dict has no names but those that the class declares."""
+    known = getattr(kind, field)
+    if isinstance(target, ast.Subscript):
+        return isinstance(target.slice, ast.Constant) and target.slice.value in known
+    if isinstance(value, ast.Dict):
+        return all(isinstance(key, ast.Constant) and key.value in known for key in value.keys)
+    return False
+
+
+def function(name: str, arguments: list[str], result: str) -> str:
+    """A method of a stub, in one line if it fits."""
+    line = f"    def {name}({', '.join(['self', *arguments])}) -> {result}: ..."
+    if len(line) <= WIDTH:
+        return line
+    return "\n".join(
+        [f"    def {name}(", *(f"        {each}," for each in ["self", *arguments]), f"    ) -> {result}: ..."]
+    )
+
+
+def modules(paths: Iterable[str]) -> Iterator[tuple[str, Path]]:
+    """(dotted name, path) of Python files, and of all of them in folders, below the current folder."""
+    for path in map(Path, paths):
+        for file in sorted(path.rglob("*.py")) if path.is_dir() else [path]:
+            if file.name != "__init__.py":
+                yield ".".join(file.with_suffix("").parts), file
+
+
+def main(paths: Iterable[str]) -> None:
+    """Write the stubs of files and folders beside the modules, and remove those of modules without blocks."""
+    sys.path.insert(0, "")
+    for name, path in modules(paths):
+        module, target = importlib.import_module(name), path.with_suffix(".pyi")
+        if has_blocks(module):
+            target.write_text(stub(module))
+        elif target.exists() and target.read_text().startswith(HEADER):
+            target.unlink()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

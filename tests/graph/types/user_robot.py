@@ -1,0 +1,55 @@
+"""A robot whose author makes mistakes: type checkers report the lines that end in `# wrong`, and no other."""
+
+from blocks.actuators import CubeMars
+from blocks.controllers import GaitPhase, Impedance
+from blocks.filters import Butterworth
+from blocks.limiters import TorqueLimiter
+from blocks.mathematics import Sum
+from blocks.states import StateMachine
+from graph import Block, Diagram, Input, Live, Output, Param, stack, subsystem
+
+
+class Spring(Block):
+    """Virtual spring: τ = -K θ."""
+
+    stiffness = Param(30.0, "N·m/rad", "stiffness", min=0.0, max=150.0, live=True)
+    steps = Param(3, "1", "number of steps")
+    side = Param("left", "1", "side of the body")
+
+    angle = Input("rad")
+    torque = Output("N·m")
+
+    def step(self, angle: float) -> float:
+        label: str = self.stiffness  # wrong: a number
+        steps: int = self.steps
+        print(self.side.upper(), label)
+        return -self.stiffness * angle * steps - self.side  # wrong: text
+
+
+with Diagram("robot", rate=200) as diagram:
+    with subsystem("left", every=2):
+        knee = CubeMars("AK80-9", bus="left", can_id=1, limit=12.0, name="knee")
+    phase, walking, *_ = GaitPhase(threshold=0.5)(knee.position, knee.velocity)
+    law = Impedance(stiffness=Live(20.0, max=40.0), damping=1)
+    Impedance(stifness=3)  # wrong: misspelt parameter
+    Impedance(stiffness="3")  # wrong: a text for a number
+    torque = law(knee.position, velocity=knee.velocity)
+    value: float = law.stiffness + 1.0
+    law.stiffness = knee.position  # wrong: a signal for a number
+    law(knee.positoin)  # wrong: misspelt output
+    law(knee.position, speed=knee.velocity)  # wrong: no such input
+    law(knee.position, velocity="fast")  # wrong: neither a signal nor a number
+    total = 2.0 * torque - knee.torque / 3 + Sum("+-")(torque, knee.torque)
+    torque + "1"  # wrong: a signal and a text
+    torque * None  # wrong: a signal and nothing
+    total.pth  # wrong: no attribute of a signal
+    Butterworth(2, 10.0, "lowpas")(total)  # wrong: none of the choices
+    TorqueLimiter()(total)  # wrong: limit is required
+    phase, walking = GaitPhase()(knee.position, knee.velocity)  # wrong: four outputs
+    GaitPhase()(knee.position, knee.velocity).phse  # wrong: misspelt output of a result
+    spring = Spring(stiffness=3.0)
+    spring(knee.position.to("deg"))
+    machine = StateMachine(gives={"level": "1"}, states={"rest": {"level": 1.0}})
+    both = stack(spring.torque, phase * walking)[0]
+    knee(torque_command=TorqueLimiter(limit=5.0)(both + machine.level))
+    print(f"{diagram.name}: {diagram['left/knee'].path}, {len(diagram)} blocks, {value}")
