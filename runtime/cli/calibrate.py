@@ -5,8 +5,10 @@ import time
 from pathlib import Path
 
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.cli.parsing import Parser, add_diagram, add_rig, number, settings
+from runtime.base.options import number
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, tell
+from runtime.session.request import Request
 
 EPILOG = """\
   calibrate diagrams/leg.py left/shank_imu --rig lab.toml
@@ -17,7 +19,7 @@ away from iron. The command reports its progress and ends when it has enough rea
 armed. Without a rig, the file's plant turns an emulated sensor.
 """
 PARTS = ("gyroscope", "accelerometer", "magnetometer")
-LONGEST = 600.0  # s
+DURATION_LIMIT = 600.0  # s
 ROUND = 2.0  # s of readings after which is told what is missing
 
 
@@ -25,15 +27,14 @@ def main(arguments):
     parser = Parser(
         "calibrate", "Find bias, offset and scale of an IMU, and keep them in a TOML file that its block reads.", EPILOG
     )
-    add_diagram(parser)
+    add_options(parser, Request, "file", "rate", "settings", "rig")
     parser.add_argument("sensor", nargs="?", metavar="SENSOR", help="path of its block, where the diagram has several")
-    add_rig(parser)
     parser.add_argument(
         "--only", type=parts, default=PARTS, metavar="PARTS", help="some of gyroscope,accelerometer,magnetometer"
     )
     parser.add_argument(
         "--duration",
-        type=number("--duration", "seconds", LONGEST),
+        type=number("--duration", "seconds", DURATION_LIMIT),
         metavar="S",
         help="for how long it is read (default: until all is seen on a rig, 120 at most; 60 in simulation)",
     )
@@ -80,7 +81,7 @@ def measured(options):
     from runtime.rig import read
 
     rig = read(options.rig) if options.rig is not None else None
-    file, diagram = load(options.file, settings(options.settings), rig)
+    file, diagram = load(options.file, options.settings, rig)
     if options.rate is not None:
         diagram.rate = options.rate
     sensor = sensor_of(diagram, options.sensor)

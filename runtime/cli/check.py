@@ -1,19 +1,17 @@
-"""`check FILE`: compile a diagram and tell what was found."""
+"""`check FILE`: compile a diagram and report on it."""
 
 from runtime.base.errors import CHECK_FAILED, OK
-from runtime.cli.parsing import Parser, add_diagram, add_rig, settings
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import tell
 from runtime.session.check import KEYS, check, told
+from runtime.session.request import Request
 
 
 def main(arguments):
-    parser = Parser(
-        "check", "Compile a diagram and tell what was found. The exit code is 1 where something is wrong.", KEYS
-    )
-    add_diagram(parser)
-    add_rig(parser)
+    parser = Parser("check", "Compile a diagram and report on it. The exit code is 1 if it has an error.", KEYS)
+    add_options(parser, Request, "file", "rate", "settings", "rig")
     parser.add_argument("--json", action="store_true", help="for machines: one JSON object with the keys below")
     options = parser.parse_args(arguments)
-    found = check(options.file, settings(options.settings), options.rate, options.rig)
+    found = check(options.file, options.settings, options.rate, options.rig)
     tell(told(found, options.json))
     return OK if found["ok"] else CHECK_FAILED

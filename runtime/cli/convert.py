@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.options import number
 from runtime.base.suggestions import suggestion
-from runtime.cli.parsing import Parser, number
+from runtime.cli.parsing import Parser
 from runtime.cli.reading import read
 from runtime.console.progress import Progress
 from runtime.console.styles import count

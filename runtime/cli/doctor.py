@@ -9,7 +9,8 @@ from pathlib import Path
 
 from runtime.base.errors import CHECK_FAILED, BadInput
 from runtime.base.errors import OK as FIT
-from runtime.cli.parsing import Parser, count
+from runtime.base.options import count
+from runtime.cli.parsing import Parser
 from runtime.console.terminal import program, tell
 from runtime.doctor import examine
 from runtime.doctor.script import script

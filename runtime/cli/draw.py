@@ -1,14 +1,15 @@
 """`draw FILE`: a diagram as SVG, PNG, Mermaid, or a page to explore."""
 
 from runtime.base.errors import OK
-from runtime.cli.parsing import Parser, add_diagram, settings
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, tell
 from runtime.diagrams.draw import FORMATS, draw_file
+from runtime.session.request import Request
 
 
 def main(arguments):
     parser = Parser("draw", "Draw a diagram, from left to right; feedback goes back below, dashed.")
-    add_diagram(parser)
+    add_options(parser, Request, "file", "rate", "settings")
     parser.add_argument(
         "-o", "--output", metavar="NAME", help="file to write, - for standard output (default: the diagram's name)"
     )
@@ -21,7 +22,7 @@ def main(arguments):
     parser.add_argument("--all-ports", action="store_true", help="show the ports that nothing is wired to as well")
     options = parser.parse_args(arguments)
     said, remarks = draw_file(
-        options.file, settings(options.settings), options.rate, options.output, options.format, options.all_ports
+        options.file, options.settings, options.rate, options.output, options.format, options.all_ports
     )
     complain(remarks)
     tell(said)

@@ -4,8 +4,9 @@ import sys
 from pathlib import Path
 
 from runtime.base.errors import FAULT, OK, BadInput
-from runtime.cli.parsing import LONGEST, Parser, add_bitrate, number, settings
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import complain, program, tell
+from runtime.session.request import Request
 
 SIDE_BY_SIDE = "a drive that is really there would take such an answer for a command, and move"
 
@@ -21,7 +22,7 @@ def main(arguments):
     from runtime.rig import read
 
     rig = read(options.rig)
-    file, robot = load(options.file, settings(options.settings), rig)
+    file, robot = load(options.file, options.settings, rig)
     diagram, schedule, _ = plant_of(file, robot)
     if schedule is None or not schedule.buses:
         raise BadInput(f"{options.file}: {robot.name} has nothing on a bus that could be emulated")
@@ -54,22 +55,19 @@ def parse(arguments):
         "emulate",
         "Play the plant of a diagram on the real buses of a rig, for a robot that another terminal runs there.",
     )
-    parser.add_argument(
-        "file", type=Path, metavar="FILE", help="the robot's diagram file; its plant(), or every device emulated"
-    )
-    parser.add_argument("--rig", type=Path, metavar="FILE", required=True, help="the rig file that the robot runs with")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`: mass=2.8"
-    )
-    parser.add_argument(
-        "--duration",
-        type=number("--duration", "seconds", LONGEST),
-        metavar="S",
-        help="end after S seconds (default: Ctrl-C)",
-    )
-    add_bitrate(
+    add_options(
         parser,
-        "answer no sooner than a wire of so many bit/s would carry it, to a step of the plant (default: at once)",
+        Request,
+        "file",
+        "rig",
+        "settings",
+        "duration",
+        "bitrate",
+        "yes",
+        file={"help": "the robot's diagram file; its plant(), or every device emulated"},
+        rig={"required": True, "help": "the rig file that the robot runs with"},
+        bitrate={"help": "delay each reply by the time of its bits at N bit/s (default: reply at once)"},
+        yes={"help": "on real CAN: do not ask whether every real drive is disconnected"},
     )
     parser.add_argument(
         "--lines",
@@ -77,7 +75,6 @@ def parse(arguments):
         metavar="DIR",
         help="an existing folder for links to the terminals of sensors on serial lines",
     )
-    parser.add_argument("--yes", action="store_true", help="on real CAN: no real drive is there, do not ask")
     return parser.parse_args(arguments)
 
 

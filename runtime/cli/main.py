@@ -1,4 +1,4 @@
-"""The command line: `python -m runtime FILE` runs a diagram; the other commands look at one, or at this machine."""
+"""The command line: `python -m runtime FILE` runs a diagram; the other commands are listed in GROUPS."""
 
 import signal
 import sys
@@ -8,37 +8,47 @@ from pathlib import Path
 from runtime.base import installation_check
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK, BadInput
 from runtime.base.suggestions import suggestion
-from runtime.console.terminal import complain, program, tell
+from runtime.cli.parsing import short_program
+from runtime.console.terminal import complain, tell
 
-COMMANDS = {
-    "run": "run a diagram, in simulation or on a rig",
-    "check": "compile a diagram and tell what was found: ports, schedule, proof, buses",
-    "draw": "draw a diagram: SVG, PNG, Mermaid, or a page to explore",
-    "emulate": "play the plant of a diagram on the real buses of a rig, for a robot in another terminal",
-    "replay": "run a recording again, bit for bit, or through a changed diagram",
-    "diff": "compare two recordings: a table and a picture",
-    "convert": "write a recording as CSV, Parquet, MATLAB, Rerun or OpenSim",
-    "plot": "draw signals of a recording, over time or over the gait cycle",
-    "plotjuggler": "make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with",
-    "blocks": "list the blocks that are installed, or tell all about one",
-    "profile": "run a diagram and tell where the time of a tick goes, block by block",
-    "rate": "find the highest rate at which one to eight actuators miss no answer, simulated or on a rig",
-    "bench": "measure ticks and blocks on this machine",
-    "doctor": "look whether this machine is fit to run a robot, and what to change",
-    "scan": "tell every drive and IMU that answers on a bus or a port; arms nothing",
-    "configure": "set up a drive (id, zero, protocol, parameters), or find how a motor sits at its joint",
-    "move": "move one actuator of a bus, within small limits",
-    "stream": "show one drive live, without torque, or inertial sensors",
-    "calibrate": "find bias, offset and scale of an IMU while somebody turns it, and keep them in a file",
-    "set": "change live parameters of a run that goes on, or list them",
+GROUPS = {
+    "run a robot": {
+        "run": "run a diagram, in simulation or on a rig",
+        "emulate": "emulate the devices of a diagram on a rig's real buses",
+        "replay": "run a recording again, bit for bit or with a changed diagram",
+        "set": "change live parameters of a run, or list them",
+    },
+    "look at diagrams and recordings": {
+        "check": "compile a diagram and report ports, schedule, proofs and buses",
+        "draw": "draw a diagram: SVG, PNG, Mermaid or an HTML page",
+        "blocks": "list the installed blocks, or describe one",
+        "plot": "plot signals of a recording, over time or over the gait cycle",
+        "diff": "compare two recordings: a table and a picture",
+        "convert": "write a recording as CSV, Parquet, MATLAB, Rerun or OpenSim",
+        "plotjuggler": "write PlotJuggler's layout for a diagram, or send test data",
+    },
+    "set up hardware": {
+        "doctor": "check whether this machine is fit to run a robot",
+        "scan": "list the drives and sensors that respond; arms nothing",
+        "configure": "set up a drive (id, zero, protocol, parameters) or a joint",
+        "calibrate": "find bias, offset and scale of an IMU",
+        "move": "move one actuator within small limits",
+        "stream": "show one drive live, without torque, or sensors",
+    },
+    "measure": {
+        "profile": "run a diagram and print where the time of a tick goes",
+        "rate": "find the highest rate at which actuators miss no reply",
+        "bench": "measure ticks, blocks and buses on this machine",
+    },
 }
+COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
 MODULES = {"bench": "bench.command"}  # of commands that are not one module of the same name
 
 
 def main(arguments=None, folder=None):
     """Run a command line. Returns the exit code.
 
-    folder : the working folder, where `python -m` has put it on the path
+    folder : the working folder, if `python -m` has put it on the path
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     DiagramError = ()
@@ -57,7 +67,7 @@ def main(arguments=None, folder=None):
         number = getattr(interrupt, "number", signal.SIGINT)
         complain([f"tickwork: stopped by {signal_name(number)}; nothing is armed"])
         code = 128 + number
-    tell([])  # what the user's own code has printed
+    tell([])  # flush what the user's code has printed
     return code
 
 
@@ -75,9 +85,7 @@ def check_encoding(arguments):
 
 
 def refusal(arguments):
-    """The exception of a diagram that is refused; nothing that could be raised where recordings are read: the language
-    needs what was compiled.
-    """
+    """Return DiagramError; () for commands that read recordings, which work where nothing has been compiled."""
     if arguments and arguments[0] in installation_check.READING:
         return ()
     from graph import DiagramError
@@ -97,24 +105,24 @@ def command(arguments, folder):
             and not Path(first).exists()
             and suggestion(first, COMMANDS)
         ):
-            raise BadInput(f"there is neither a command nor a file {first!r}; {suggestion(first, COMMANDS)}")
+            raise BadInput(f"{first!r} is neither a command nor a file; {suggestion(first, COMMANDS)}")
         return run("run", arguments, folder)
     return run(first, arguments[1:], folder)
 
 
 def run(name, arguments, folder):
     module = import_module(f"runtime.cli.{MODULES.get(name, name)}")
-    trouble = installation_check.namesake(folder)  # now that all is loaded that this command needs
+    trouble = installation_check.namesake(folder)  # after the imports that this command needs
     if trouble is not None:
         raise BadInput(trouble)
     return module.main(arguments)
 
 
 def usage():
-    lines = [f"usage: {program()} FILE [options]      run a diagram; FILE is Python, such as diagrams/knee_exo.py"]
-    lines += [f"       {program()} {name:<10} ...      {text}" for name, text in COMMANDS.items() if name != "run"]
-    lines.append(
-        f"       {program()} COMMAND --help      the options of run, "
-        f"{' and '.join(name for name in COMMANDS if name != 'run')}"
-    )
-    return lines
+    """Lines of the program's own help."""
+    name, width = short_program(), max(map(len, COMMANDS)) + 3
+    lines = [f"usage: {name} FILE [OPTION...]", f"       {name} COMMAND [ARGUMENT...]", ""]
+    lines.append("FILE, such as diagrams/knee_exo.py, is a diagram: FILE alone is `run FILE`.")
+    for title, commands in GROUPS.items():
+        lines += ["", title, *(f"  {command:<{width}}{text}" for command, text in commands.items())]
+    return [*lines, "", "COMMAND --help lists the options of a command."]

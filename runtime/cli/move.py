@@ -6,14 +6,15 @@ from pathlib import Path
 
 from blocks.families import example_models, families, find_model
 from runtime.base.errors import BadInput
+from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.configure import drive_id
-from runtime.cli.parsing import LONGEST, Parser, add_bus, add_pace, folder, host_and_port, number
+from runtime.cli.parsing import Parser, add_bus, add_options, instance
 from runtime.cli.run import carried_out
 from runtime.commissioning import move
 from runtime.commissioning.bus import entry, single_bus
 from runtime.console.terminal import tell
 from runtime.report import summary
-from runtime.session.run import Request
+from runtime.session.request import Request
 
 SHARE = 0.1  # of the rated torque, unless it is said otherwise
 SPRING = 2.0  # 1/rad: with the limit, the stiffness of a position; its damping is a fifth of that
@@ -46,7 +47,7 @@ def main(arguments):
         "--limit", type=number("--limit", "N·m"), metavar="T", help="torque at most (default: a tenth of the rated one)"
     )
     parser.add_argument(
-        "--duration", type=number("--duration", "seconds", LONGEST), default=5.0, metavar="S", help="default: 5"
+        "--duration", type=number("--duration", "seconds", TIME_LIMIT), default=5.0, metavar="S", help="default: 5"
     )
     parser.add_argument(
         "--rise",
@@ -81,14 +82,14 @@ def main(arguments):
         metavar="V",
         help="velocity that ends the run (default: 10 rad/s)",
     )
-    parser.add_argument("--rate", type=number("--rate", "Hz"), default=200.0, metavar="HZ", help="default: 200")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--record", type=folder, metavar="DIR", help="folder of the recording (default: recordings)")
-    where.add_argument("--no-record", action="store_true", help="write no files")
-    parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
-    parser.add_argument("--realtime", choices=("off", "try", "require"), default="try", help="default: try")
-    parser.add_argument("--yes", action="store_true", help="arm without waiting for Enter")
-    add_pace(parser)
+    add_options(
+        parser,
+        Request,
+        "rate",
+        *("record", "no_record", "plotjuggler", "realtime", "yes", "overrun", "spin"),
+        rate={"default": 200.0, "help": "ticks per second (default: 200)"},
+        yes={"help": "arm without waiting for Enter"},
+    )
     options = parser.parse_args(arguments)
     can_id = drive_id(options.can_id)
     kind, target = target_of(options)
@@ -132,18 +133,13 @@ def main(arguments):
         rig = Path(place) / "move.toml"  # the bus alone: a robot's devices are not in this diagram
         rig.write_text("\n".join([*entry(bus), ""]), encoding="utf-8")
         result = carried_out(
-            Request(
+            instance(
+                Request,
+                options,
                 file=Path(move.__file__),
                 rig=rig,
-                duration=options.duration,
                 settings=[(name, str(text)) for name, text in settings.items()],
-                record=options.record,
-                no_record=options.no_record,
-                plotjuggler=options.plotjuggler,
-                realtime=options.realtime,
-                overrun=options.overrun,
-                spin=options.spin,
-                yes=options.yes,
+                bitrate=None,
                 bench=True,
             )
         )

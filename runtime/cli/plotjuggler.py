@@ -5,9 +5,11 @@ import time
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
-from runtime.cli.parsing import LONGEST, Parser, host_and_port, number, settings
+from runtime.base.options import host_and_port
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.terminal import program, tell
 from runtime.recording.files import create
+from runtime.session.request import Request
 
 DUMMY = [
     {"path": f"{side}/{signal}", "dtype": "float", "unit": unit}
@@ -26,20 +28,14 @@ def main(arguments):
     parser = Parser(
         "plotjuggler", "Make PlotJuggler's layout for a diagram, or send it a stream to try the set-up with.", EPILOG
     )
-    parser.add_argument(
-        "file", type=Path, nargs="?", metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py"
-    )
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="as of `run`")
-    parser.add_argument(
-        "--rate", type=number("--rate", "Hz"), metavar="HZ", help="ticks a second instead of the diagram's own"
-    )
+    file, duration = {"nargs": "?"}, {"help": "of the waves (default: Ctrl-C)"}
+    add_options(parser, Request, "file", "rate", "settings", "duration", file=file, duration=duration)
     parser.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="of the layout (default: the diagram's name and .xml)"
     )
     parser.add_argument(
         "--dummy", nargs="?", const="", metavar="HOST:PORT", help="send waves until Ctrl-C (default: to 127.0.0.1:9870)"
     )
-    parser.add_argument("--duration", type=number("--duration", "seconds", LONGEST), metavar="S", help="of the waves")
     options = parser.parse_args(arguments)
     if options.file is None and options.dummy is None:
         raise BadInput(
@@ -51,7 +47,7 @@ def main(arguments):
     else:
         from runtime.recorder.plotjuggler_layout import columns
 
-        name, rate, signals, block = columns(options.file, settings(options.settings), options.rate)
+        name, rate, signals, block = columns(options.file, options.settings, options.rate)
         # they are chosen already
         parameters = {name: getattr(block, name) for name in block.parameters} | {"signals": ""}
     if options.dummy is None:

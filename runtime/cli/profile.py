@@ -1,44 +1,24 @@
-"""`profile FILE`: run a diagram and tell where the time of a tick goes."""
+"""`profile FILE`: run a diagram and print where the time of a tick goes."""
 
 from pathlib import Path
 
-from runtime.cli.parsing import LONGEST, Parser, add_diagram, add_pace, number, settings
+from runtime.cli.parsing import Parser, add_options, instance
 from runtime.cli.run import carried_out, profiled
 from runtime.console.terminal import tell
 from runtime.report import summary
 from runtime.report.profile import picture
-from runtime.session.run import Request
+from runtime.session.request import Request
 
 
 def main(arguments):
-    parser = Parser("profile", "Run a diagram in simulation, and tell where the time of a tick goes, block by block.")
-    add_diagram(parser)
-    parser.add_argument(
-        "--duration",
-        type=number("--duration", "seconds", LONGEST),
-        default=5.0,
-        metavar="S",
-        help="stop after S seconds (default: 5)",
-    )
-    parser.add_argument("--fast", action="store_true", help="virtual time: as fast as the machine can")
+    parser = Parser("profile", "Run a diagram in simulation, and print where the time of a tick goes, block by block.")
+    duration = {"default": 5.0, "help": "stop after S seconds (default: 5)"}
+    add_options(parser, Request, "file", "rate", "settings", "duration", "fast", "overrun", "spin", duration=duration)
     parser.add_argument(
         "-o", "--output", type=Path, metavar="NAME", help="picture to write (default: the diagram's name, _profile.png)"
     )
-    add_pace(parser)
     options = parser.parse_args(arguments)
-    result = carried_out(
-        Request(
-            file=options.file,
-            rate=options.rate,
-            duration=options.duration,
-            fast=options.fast,
-            settings=settings(options.settings),
-            no_record=True,
-            overrun=options.overrun,
-            spin=options.spin,
-            profile=True,
-        )
-    )
+    result = carried_out(instance(Request, options, no_record=True, profile=True))
     tell(summary.summary(result))
     tell(profiled(result))
     if result.outcome.signal:  # it ends the command, and a picture takes a second

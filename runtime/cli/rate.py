@@ -7,11 +7,13 @@ from pathlib import Path
 
 from graph.budget import frame_bits
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
+from runtime.base.options import count, number
 from runtime.bench.rate.robot import MOST
 from runtime.bench.rate.search import HIGHEST, LOWEST, RESOLUTION, highest
-from runtime.cli.parsing import Parser, add_rig, count, number
+from runtime.cli.parsing import Parser, add_options
 from runtime.console.progress import Progress
 from runtime.console.terminal import complain, tell
+from runtime.session.request import Request
 
 SECONDS, PAPER_SECONDS, PAPER_VALIDATION = 2.0, 60.0, 300.0  # s of a step; those of the paper, and of its validation
 BITRATE = 1e6
@@ -82,7 +84,7 @@ def parse(arguments):
 
     typical = benchmark("can").parameters["model"]
     parser = Parser("rate", "Find the highest rate at which actuators that are commanded zero torque miss no answer.")
-    add_rig(parser)
+    add_options(parser, Request, "rig")
     parser.add_argument(
         "--model",
         default=typical,

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from runtime.base.errors import CHECK_FAILED, OK
-from runtime.cli.parsing import Parser, folder
+from runtime.base.options import folder
+from runtime.cli.parsing import Parser
 from runtime.console.terminal import tell
 from runtime.session.replay import opened, replay, source_of, told
 

@@ -4,7 +4,8 @@ import json
 from pathlib import Path
 
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
-from runtime.cli.parsing import LONGEST, Parser, add_bus, number
+from runtime.base.options import TIME_LIMIT, number
+from runtime.cli.parsing import Parser, add_bus
 from runtime.commissioning import imus, ports_inventory, scan_text
 from runtime.commissioning.bus import ToolBus, named_buses
 from runtime.commissioning.chips import look
@@ -36,7 +37,7 @@ def main(arguments):
     )
     parser.add_argument(
         "--listen",
-        type=number("--listen", "seconds", LONGEST),
+        type=number("--listen", "seconds", TIME_LIMIT),
         default=1.0,
         metavar="S",
         help="how long to listen before anything is asked (default: 1, which a drive in servo mode may need)",

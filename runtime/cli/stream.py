@@ -4,13 +4,15 @@ NAME ADDRESS`, for the sensors on CAN of a device family: sensors.
 
 from blocks.families import example_models, families
 from runtime.base.errors import CHECK_FAILED, OK, BadInput
+from runtime.base.options import TIME_LIMIT, number
 from runtime.cli.configure import drive_id
 from runtime.cli.move import add_model, model_of
-from runtime.cli.parsing import LONGEST, Parser, add_bus, folder, host_and_port, number, rerun_target, settings
+from runtime.cli.parsing import Parser, add_bus, add_options
 from runtime.commissioning.bus import i2c_bus, opened, single_bus
 from runtime.commissioning.streaming import Watched, stream
 from runtime.console.terminal import tell
 from runtime.recording.files import make_folder
+from runtime.session.request import Request
 
 FASTEST = 500.0  # Hz: Python asks and waits
 EPILOG = """\
@@ -72,19 +74,16 @@ def add_showing(parser):
     )
     parser.add_argument(
         "--duration",
-        type=number("--duration", "seconds", LONGEST),
+        type=number("--duration", "seconds", TIME_LIMIT),
         metavar="S",
         help="stop after S seconds (default: Ctrl-C)",
     )
-    parser.add_argument("--record", type=folder, metavar="DIR", help="write a CSV file into this folder")
-    parser.add_argument("--plotjuggler", type=host_and_port, metavar="HOST:PORT", help="where PlotJuggler listens")
-    parser.add_argument(
-        "--rerun",
-        nargs="?",
-        const="",
-        type=rerun_target,
-        metavar="WHERE",
-        help="show it in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of a viewer elsewhere",
+    add_options(
+        parser,
+        Request,
+        *("record", "plotjuggler", "rerun"),
+        record={"help": "write a CSV file into this folder"},
+        rerun={"help": "show them in Rerun's viewer; or WHERE, as of `run`"},
     )
 
 
@@ -199,18 +198,12 @@ def i2c(arguments):
         metavar="NAME,...",
         help="as in accel,gyro,mag,a0,force (default: all that is measured)",
     )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        dest="settings",
-        help="a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks NAME` lists them",
-    )
+    texts = {"help": "set a parameter of the blocks, as in accel_range=16 or capacity=200; `blocks NAME` lists them"}
+    add_options(parser, Request, "settings", settings=texts)
     add_showing(parser)
     options = parser.parse_args(arguments)
     watched = WatchedChips(
-        i2c_bus(options), options.places, comma_separated(options.channels), options.rate, settings(options.settings)
+        i2c_bus(options), options.places, comma_separated(options.channels), options.rate, options.settings
     )
     try:
         tell([f"{watched.interface.bus.channel}: {fed.block.path}, {fed.block.kind}" for fed in watched.fed])

@@ -3,8 +3,8 @@ changes them.
 
     runtime.live.table      what there is to change: path, unit, bounds, present value
     runtime.live.patterns   `*/profile.scale` for both legs at once
-    runtime.live.running       the runs on this machine and their pages
-    runtime.cli.set_parameters    `python -m runtime set PID left/impedance.stiffness=40`
+    runtime.live.running     the runs on this machine and their pages
+    runtime.cli.set          `python -m runtime set PID left/impedance.stiffness=40`
 
 The page carries the table, so that whoever can reach the page needs nothing else. The loop's side is
 cext.schedule.live.

@@ -69,6 +69,7 @@ def plan(prepared, realtime):
             "diagram_file": str(request.file),
             "source_sha256": prepared.source_sha256,
             "settings": dict(request.settings),
+            "seed": request.seed,
             "trial": request.trial,
             "realtime": realtime.metadata(),
             "rig": None if rig is None else {"file": str(rig.rig.path), "text": rig.rig.text},

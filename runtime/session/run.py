@@ -6,7 +6,6 @@ import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 
 from cext.safety.shared_state import RECORD_EVENT, Page
 from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
@@ -15,6 +14,7 @@ from cext.schedule.program import Program
 from runtime.base.ending import ENDING_SIGNALS
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import compiled, load
+from runtime.diagrams.overrides import set_seeds
 from runtime.diagrams.simulation import Simulation
 from runtime.live.table import describe
 from runtime.machine.realtime import PRIORITY, Realtime
@@ -27,6 +27,7 @@ from runtime.session import rearming
 from runtime.session.preflight import Preflight
 from runtime.session.rearming import Rearming
 from runtime.session.recording_plan import plan, ring_bytes
+from runtime.session.request import Request
 
 NOBODY = (
     "on a rig somebody reads the pre-flight table and presses Enter, and here is no terminal for that (standard "
@@ -34,37 +35,6 @@ NOBODY = (
     "--yes arms without asking"
 )
 RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
-
-
-@dataclass
-class Request:
-    """What the command line asks of a run. duration in s, None until stopped; rate in Hz, None for the diagram's
-    own.
-    """
-
-    file: Path
-    rig: Path | None = None  # None: in simulation
-    rate: float | None = None
-    duration: float | None = None
-    fast: bool = False
-    settings: list = field(default_factory=list)
-    record: Path | None = None  # None: recordings/ if the diagram has a recorder
-    no_record: bool = False
-    plotjuggler: tuple | None = None  # (host, port)
-    rerun: str | None = None  # as runtime.recorder.rerun.target reads it
-    trial: dict = field(default_factory=dict)
-    realtime: str = "off"  # or "try", "require"
-    priority: int = PRIORITY  # of SCHED_FIFO
-    cpu: int | None = None  # number of the processor to stay on
-    overrun: str = "skip"  # cext.clock.overrun.Overrun
-    spin: float = 0.0  # s
-    profile: bool = False
-    yes: bool = False  # on a rig: arm without asking a person
-    rearm: bool = False  # after a fault, wait to be armed again
-    bitrate: float | None = None  # bit/s of the simulated buses; None: frames take no time
-    seed: int | None = None  # of every noise source; None keeps their own
-    poses: dict = field(default_factory=dict)  # on a rig: rad by path, where the operator states that joints stand
-    bench: bool = False  # on a rig: an actuator by itself, which moves no joint and has no range
 
 
 @dataclass
@@ -160,7 +130,7 @@ def prepare(request):
         request,
         diagram,
         schedule,
-        Simulation(file, diagram, schedule, request.bitrate),
+        Simulation(file, diagram, schedule, request.bitrate, request.seed),
         None,
         ticks,
         source_sha256=file.sha256,
@@ -189,7 +159,7 @@ def run(prepared, say=lambda lines: None, count_from=0):
     if rig is not None:
         guard(rig, page, prepared)
     recorder = RecorderProcess(page)  # before the priority, the lock and the processor that are not for it
-    realtime = Realtime(request.realtime, request.priority, request.cpu)
+    realtime = Realtime(request.realtime, request.priority or PRIORITY, request.cpu)
     try:
         realtime.obtain()
         aside = realtime.others if realtime.processor is not None else ()
@@ -325,7 +295,7 @@ def looks(page):
 
 def guard(rig, page, prepared):
     """The guardian comes first: without it nothing is armed. RigError"""
-    priority = None if prepared.request.realtime == "off" else prepared.request.priority
+    priority = None if prepared.request.realtime == "off" else prepared.request.priority or PRIORITY
     try:
         rig.watch(page, prepared.schedule, prepared.diagram, priority)
     except BaseException:
@@ -363,6 +333,8 @@ def adapt(diagram, request):
     """Options that change the diagram before it is compiled."""
     if request.rate is not None:
         diagram.rate = request.rate
+    if request.seed is not None:
+        set_seeds(diagram, request.seed)
     from blocks.recorders import CsvRecorder
     from blocks.sinks import PlotJuggler, Rerun
 

@@ -20,7 +20,8 @@ from runtime.diagrams.simulation import Simulation
 from runtime.recorder.report import ending
 from runtime.report.fault import explain
 from runtime.session.recording_plan import limits
-from runtime.session.run import Request, Result, end_event, ticks_of
+from runtime.session.request import Request
+from runtime.session.run import Result, end_event, ticks_of
 
 MEMORY_SHARE = 0.5  # of this machine's, that the rows of one run may take
 

@@ -5,9 +5,10 @@ import math
 import numpy as np
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.options import count
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
-from runtime.cli.parsing import Parser, count
+from runtime.cli.parsing import Parser
 
 
 def main(arguments):

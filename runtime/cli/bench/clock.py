@@ -1,9 +1,10 @@
 """`python -m runtime bench clock`: what it measures, and what it prints."""
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
-from runtime.cli.parsing import Parser, count, number
+from runtime.cli.parsing import Parser
 
 RATES = (200, 1000, 2000)  # Hz
 

@@ -3,11 +3,12 @@
 from pathlib import Path
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.measure import interleave, table
 from runtime.bench.report import Report, machine, words
 from runtime.cli.bench import bus, can, clock, sensors, views
-from runtime.cli.parsing import Parser, count, number
+from runtime.cli.parsing import Parser
 
 COMMANDS = {"bus": bus, "can": can, "clock": clock, "sensors": sensors, "views": views}
 KNEE_EXO = Path(__file__).parents[3] / "diagrams" / "knee_exo.py"

@@ -3,9 +3,10 @@
 from dataclasses import asdict
 
 from runtime.base.errors import OK, BadInput
+from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
-from runtime.cli.parsing import Parser, count, number
+from runtime.cli.parsing import Parser
 
 
 def main(arguments):

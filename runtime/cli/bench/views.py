@@ -1,9 +1,10 @@
 """`python -m runtime bench views`."""
 
 from runtime.base.errors import OK
+from runtime.base.options import count, number
 from runtime.bench import goals
 from runtime.bench.report import Report, machine, words
-from runtime.cli.parsing import Parser, count, number
+from runtime.cli.parsing import Parser
 
 
 def main(arguments):

@@ -1,14 +1,19 @@
 """The command line: what it takes, what it refuses in one line, and how it behaves where its output goes nowhere."""
 
+import dataclasses
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
+import runtime
 from runtime.base.errors import BAD_INPUT, CHECK_FAILED, OK
+from runtime.cli.main import COMMANDS
 from runtime.cli.run import parse_run
 from runtime.console.terminal import program
+from runtime.session.request import Request
 from tests.runtime.runs import KNEE, KNEE_EXO, environment, finished, knee, line_of, started, write
 
 LISTS = "lists the options)"
@@ -17,8 +22,11 @@ LISTS = "lists the options)"
 def test_help_names_the_commands_and_every_option(command_line):
     code, out, err = command_line("--help")
     assert (code, err) == (OK, "")
-    for word in ("python -m runtime FILE", "check", "bench", "diagrams/knee_exo.py", "--help"):
+    for word in ("python -m runtime FILE", "diagrams/knee_exo.py", "COMMAND --help"):
         assert word in out
+    assert max(map(len, out.splitlines())) < 80 and sys.executable not in out
+    commands = [match for line in out.splitlines() if (match := re.fullmatch(r"  (\w+) +(\S.*)", line))]
+    assert [match[1] for match in commands] == list(COMMANDS) and len({match.start(2) for match in commands}) == 1
     with pytest.raises(SystemExit) as ended:
         command_line("run", "--help")
     assert ended.value.code == OK
@@ -46,7 +54,7 @@ def test_an_argument_that_is_not_utf_8_is_refused_before_anything_runs(command_l
 
 @pytest.mark.parametrize("word, meant", [("chek", "check"), ("benhc", "bench"), ("runn", "run")])
 def test_a_mistyped_command_is_suggested(command_line, word, meant):
-    assert command_line.refused(word) == f"there is neither a command nor a file {word!r}; did you mean {meant!r}?"
+    assert command_line.refused(word) == f"{word!r} is neither a command nor a file; did you mean {meant!r}?"
 
 
 @pytest.mark.parametrize(
@@ -65,7 +73,7 @@ def test_a_mistyped_option_is_suggested_and_never_completed(command_line, word, 
 
 def test_an_unknown_option_and_a_word_too_many(command_line):
     assert command_line.refused(KNEE_EXO, "--xyzzy").startswith("there is no option --xyzzy (")
-    assert command_line.refused(KNEE_EXO, "ten").startswith("'ten' is one word too many")
+    assert command_line.refused(KNEE_EXO, "ten").startswith("unexpected argument 'ten'")
     assert command_line.refused(KNEE_EXO, "--rate").startswith("argument --rate: expected one argument")
     assert "not allowed with" in command_line.refused(KNEE_EXO, "--record", "here", "--no-record")
 
@@ -423,3 +431,40 @@ def test_the_packages_may_be_anywhere(tmp_path):
     """Nothing depends on where the checkout lies or what the working folder is called."""
     process = finished(KNEE_EXO, "--fast", "--duration", "0.5", "--no-record", cwd="/")
     assert process.returncode == OK, process.stderr
+
+
+def test_every_field_of_a_request_is_an_option_of_run(command_line):
+    """An option is declared in Request and nowhere else: the parser, its help and the Request follow."""
+    with pytest.raises(SystemExit):
+        command_line("run", "--help")
+    out = command_line.capsys.readouterr().out
+    declared = [field for field in dataclasses.fields(Request) if field.metadata]
+    assert {field.name for field in dataclasses.fields(Request)} - {field.name for field in declared} == {"bench"}
+    for field in declared:
+        assert all(re.search(rf"^  {flag}\b", out, re.MULTILINE) for flag in field.metadata["flags"])
+    plain = parse_run(["robot.py"])
+    assert plain == Request(file=Path("robot.py"))
+    words = "--fast --duration 2 --seed 7 --set a.b=1 --set c=2 --trial subject=S03 --record x".split()
+    assert parse_run(["robot.py", *words]) == Request(
+        file=Path("robot.py"),
+        fast=True,
+        duration=2.0,
+        seed=7,
+        settings=[("a.b", "1"), ("c", "2")],
+        trial={"subject": "S03"},
+        record=Path("x"),
+    )
+
+
+def test_a_seed_gives_the_same_noise_as_in_a_script(command_line):
+    write(
+        command_line.folder,
+        "from blocks.recorders import CsvRecorder\nfrom blocks.sources import GaussianNoise\nfrom graph import Diagram\n"
+        "with Diagram('noise', rate=100) as diagram:\n    GaussianNoise(name='a')()\n    CsvRecorder()\n",
+    )
+    assert command_line("robot.py", "--fast", "--duration", "1", "--seed", "5")[0] == OK
+    [path] = command_line.folder.glob("recordings/*.mcap")
+    recorded = runtime.load(path)
+    assert recorded["a.y"].tolist() == runtime.run("robot.py", 1, seed=5)["a.y"].tolist()
+    assert recorded["a.y"].tolist() != runtime.run("robot.py", 1)["a.y"].tolist()
+    assert command_line.refused("robot.py", "--seed", "x") == "--seed x: expected a whole number, 0 or more"

@@ -4,7 +4,7 @@ import pytest
 
 from cext.schedule.mailbox_writer import MOST_CHANGES
 from runtime.base.errors import BadInput
-from runtime.cli.set_parameters import letters, wanted
+from runtime.cli.set import letters, wanted
 from runtime.diagrams.file import load
 from runtime.diagrams.overrides import set_block_parameters
 from runtime.live import patterns

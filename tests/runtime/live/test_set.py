@@ -145,7 +145,7 @@ def test_a_change_is_taken_and_recorded_at_the_tick_that_was_told(tmp_path, comm
 
 
 def test_a_run_that_stands_still_takes_nothing_and_gets_nothing_later(tmp_path, command_line, monkeypatch):
-    monkeypatch.setattr("runtime.cli.set_parameters.PATIENCE", 0.2)
+    monkeypatch.setattr("runtime.cli.set.TAKE_TIMEOUT", 0.2)
     live_diagram(tmp_path)
     with going(tmp_path, "springs.py", "--no-record") as process:
         page = page_of(process.pid)

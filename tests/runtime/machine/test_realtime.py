@@ -299,7 +299,7 @@ def test_options_that_do_not_go_together(command_line):
     assert refused(file, "--realtime", "try", "--priority", "99") == "--priority 99: at most 98"
     assert refused(file, "--realtime", "try", "--priority", "0") == "--priority 0: expected a whole number, 1 or more"
     assert refused(file, "--realtime", "try", "--cpu", "4000").startswith(
-        "--cpu 4000: expected the number of a processor, and this machine has 0"
+        "--cpu 4000: expected the number of a processor; this machine has 0"
     )
     assert refused(file, "--priority", "50") == "--priority needs --realtime try or --realtime require"
     assert refused(file, "--cpu", "0") == "--cpu needs --realtime try or --realtime require"

@@ -169,7 +169,7 @@ def test_a_joint_that_may_have_woken_up_elsewhere_is_not_armed_by_enter_nor_by_y
 
 
 def test_a_pose_is_an_angle_of_a_joint_on_a_rig(command_line):
-    assert "--pose is for a rig" in command_line.refused(KNEE_EXO, "--pose", "left/knee=0")
+    assert "--pose needs --rig" in command_line.refused(KNEE_EXO, "--pose", "left/knee=0")
     rig = write(command_line.folder, "", "lab.toml")
     for pose in ("left/knee", "left/knee=", "left/knee=straight", "left/knee=inf", "left/knee=3 kg"):
         assert f"--pose {pose}: " in command_line.refused(KNEE_EXO, "--rig", rig, "--pose", pose)

@@ -1,0 +1,120 @@
+"""Options of the command line: a field of a dataclass that declares one, and what the texts are converted to.
+
+A converter raises BadInput with one line that has the option, the text and what was expected.
+"""
+
+import math
+import os
+import re
+from dataclasses import MISSING, field
+from pathlib import Path
+
+from runtime.base.errors import BadInput
+
+TIME_LIMIT = 1e9  # s: 30 years
+
+
+def option(*flags, default=MISSING, collect=None, group=None, **argument):
+    """Declare a field of a dataclass that is an option of the command line.
+
+    flags : such as "--rate"; a positional argument has none
+    default : of the field and, where `collect` is None, of the option; a class, such as list, makes a new one each time
+    collect : function from all texts of a repeated option to the value of the field
+    group : name that options share which exclude each other
+    argument : of ArgumentParser.add_argument: type, metavar, help and others
+    """
+    metadata = {"flags": flags, "collect": collect, "group": group, "argument": argument}
+    if isinstance(default, type):
+        return field(default_factory=default, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+def number(option, unit, most=math.inf):
+    def parse(text):
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise BadInput(f"{option} {text}: expected a number of {unit} above 0")
+        if value > most:
+            raise BadInput(f"{option} {text}: at most {most:g} {unit}")
+        return value
+
+    return parse
+
+
+def count(option, most=math.inf, least=1):
+    def parse(text):
+        if not text.isdecimal() or int(text) < least:
+            raise BadInput(f"{option} {text}: expected a whole number, {least} or more")
+        if int(text) > most:
+            raise BadInput(f"{option} {text}: at most {most}")
+        return int(text)
+
+    return parse
+
+
+def processor(text):
+    here = os.sysconf("SC_NPROCESSORS_CONF")
+    if not text.isdecimal() or int(text) >= here:
+        raise BadInput(f"--cpu {text}: expected the number of a processor; this machine has 0 to {here - 1}")
+    return int(text)
+
+
+def folder(text):
+    if not text:
+        raise BadInput("--record: expected a folder, got an empty text")
+    return Path(text).expanduser()
+
+
+def trial_fields(texts):
+    """Fields of a trial, as a dict of texts."""
+    fields = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not equals or not re.fullmatch(r"[^\W\d]\w*", name):
+            raise BadInput(f"--trial {text}: expected NAME=VALUE, as in subject=S03")
+        if name in fields:
+            raise BadInput(f"--trial: {name} was given twice")
+        fields[name] = value
+    return fields
+
+
+def settings(words, option="--set "):
+    """Pairs (name, text) of NAME=VALUE words. @FILE stands for the lines of a file; a line that starts with `#` and a
+    space is a comment.
+    """
+    pairs = []
+    for word in words:
+        if not word.startswith("@"):
+            pairs.append(setting(word, f"{option}{word}", option))
+            continue
+        try:
+            lines = Path(word[1:]).expanduser().read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise BadInput(
+                f"{option}{word}: cannot read the file: {getattr(error, 'strerror', None) or error}"
+            ) from None
+        pairs += [
+            setting(line, f"{word[1:]}:{number}: {line}", option)
+            for number, line in enumerate(map(str.strip, lines), 1)
+            if line and line != "#" and not line.startswith("# ")
+        ]
+    return pairs
+
+
+def setting(text, shown, option):
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise BadInput(f"{shown}: expected NAME=VALUE, as in {option}left/impedance.stiffness=40")
+    return name.strip(), value.strip()
+
+
+def host_and_port(text):
+    host, colon, port = text.rpartition(":")
+    if not colon:
+        host, port = text, "9870"
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise BadInput(f"--plotjuggler {text}: expected HOST:PORT, as in 127.0.0.1:9870")
+    return host.strip("[]"), int(port)

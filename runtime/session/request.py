@@ -1,0 +1,218 @@
+"""What a run is asked to do: each field is an option of the command line, declared here and nowhere else."""
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+
+from graph.units import parse_quantity
+from runtime.base.errors import BadInput
+from runtime.base.options import (
+    TIME_LIMIT,
+    count,
+    folder,
+    host_and_port,
+    number,
+    option,
+    processor,
+    settings,
+    trial_fields,
+)
+from runtime.machine.realtime import MODES, PRIORITY, PRIORITY_LIMIT
+from runtime.report.timing import overrun_policy, spin_window
+
+
+def rerun_target(text):
+    from runtime.base.optional_dependencies import need
+    from runtime.recorder.rerun.target import parse
+
+    parse(text)
+    if find_spec("rerun") is None:
+        need("rerun", "--rerun")
+    return text
+
+
+def poses(texts):
+    """{path: rad} of PATH=ANGLE texts. Raises BadInput."""
+    found = {}
+    for text in texts:
+        path, _, angle = text.partition("=")
+        try:
+            found[path] = parse_quantity(angle, "rad")
+            if not abs(found[path]) < float("inf"):
+                raise ValueError("an angle is a finite number")
+        except ValueError as error:
+            raise BadInput(
+                f"--pose {text}: {error}; write PATH=ANGLE, as in left/knee=0 or 'left/knee=30 deg'"
+            ) from None
+    return found
+
+
+@dataclass
+class Request:
+    """The options of a run."""
+
+    file: Path = option(type=Path, metavar="FILE", help="a diagram file, such as diagrams/knee_exo.py")
+    rig: Path | None = option(
+        "--rig",
+        default=None,
+        type=Path,
+        metavar="FILE",
+        help="run on hardware: a rig file, such as lab.toml, with the interface of each bus and how this robot's "
+        "devices are mounted",
+    )
+    rate: float | None = option(
+        "--rate",
+        default=None,
+        type=number("--rate", "Hz"),
+        metavar="HZ",
+        help="ticks per second (default: the diagram's)",
+    )
+    settings: list = option(
+        "--set",
+        default=list,
+        collect=settings,
+        action="append",
+        metavar="NAME=VALUE",
+        help="set a parameter of build() or plant(), or of a block: left/impedance.stiffness=40, angle='60 deg'; "
+        "@FILE reads such settings, one per line",
+    )
+    duration: float | None = option(
+        "--duration",
+        default=None,
+        type=number("--duration", "seconds", TIME_LIMIT),
+        metavar="S",
+        help="stop after S seconds (default: Ctrl-C)",
+    )
+    fast: bool = option(
+        "--fast", default=False, action="store_true", help="virtual time: as fast as the machine can (needs --duration)"
+    )
+    seed: int | None = option(
+        "--seed",
+        default=None,
+        type=count("--seed", 2**53, 0),
+        metavar="N",
+        help="give each noise source of robot and plant a seed of its own, computed from N (default: keep theirs)",
+    )
+    record: Path | None = option(
+        "--record",
+        default=None,
+        group="files",
+        type=folder,
+        metavar="DIR",
+        help="folder of the recording (default: recordings)",
+    )
+    no_record: bool = option("--no-record", default=False, group="files", action="store_true", help="write no files")
+    trial: dict = option(
+        "--trial",
+        default=dict,
+        collect=trial_fields,
+        nargs="+",
+        metavar="NAME=VALUE",
+        help="describe this trial: subject=S03 condition=assist notes='new shoes'",
+    )
+    plotjuggler: tuple | None = option(
+        "--plotjuggler",
+        default=None,
+        type=host_and_port,
+        metavar="HOST:PORT",
+        help="address on which PlotJuggler listens",
+    )
+    rerun: str | None = option(
+        "--rerun",
+        default=None,
+        nargs="?",
+        const="",
+        type=rerun_target,
+        metavar="WHERE",
+        help="show the run in Rerun's viewer; or WHERE: a FILE.rrd, serve for a browser, HOST:PORT of another viewer",
+    )
+    realtime: str | None = option(
+        "--realtime",
+        default=None,
+        choices=MODES,
+        help="request real-time priority, locked memory and processors that stay awake: try reports what is not "
+        "granted, require then does not start (default: try on a rig, off in simulation)",
+    )
+    priority: int | None = option(
+        "--priority",
+        default=None,
+        type=count("--priority", PRIORITY_LIMIT),
+        metavar="N",
+        help=f"priority of SCHED_FIFO, 1 to {PRIORITY_LIMIT} (default: {PRIORITY})",
+    )
+    cpu: int | None = option(
+        "--cpu",
+        default=None,
+        type=processor,
+        metavar="N",
+        help="stay on this processor (default: the last isolated one; else, with real-time priority, one that no "
+        "other run uses)",
+    )
+    yes: bool = option("--yes", default=False, action="store_true", help="on a rig: arm without waiting for Enter")
+    poses: dict = option(
+        "--pose",
+        default=dict,
+        collect=poses,
+        action="append",
+        metavar="PATH=ANGLE",
+        help="on a rig: the angle at which a joint is seen to stand, whatever its drive reads: left/knee=0 or "
+        "'left/knee=30 deg'. May be repeated",
+    )
+    rearm: bool = option(
+        "--rearm",
+        default=False,
+        action="store_true",
+        help="after a fault, wait in the safe stop until the key r arms again and no fault remains",
+    )
+    overrun: str = option(
+        "--overrun",
+        default="skip",
+        type=overrun_policy,
+        metavar="POLICY",
+        help="what a late tick does: skip (default), catch-up:N ticks run late at most, fault:N missed in a row, "
+        "fault:N/WINDOW; or several, with commas",
+    )
+    spin: float = option(
+        "--spin",
+        default=0.0,
+        type=spin_window,
+        metavar="TIME",
+        help="spin instead of sleeping for this long before a deadline: 50us",
+    )
+    bitrate: float | None = option(
+        "--bitrate",
+        default=None,
+        type=number("--bitrate", "bit/s", 1e9),
+        metavar="N",
+        help="of the simulated buses: frames take the time of their bits (default: no time)",
+    )
+    profile: bool = option(
+        "--profile",
+        default=False,
+        action="store_true",
+        help="time every block, and print where the time of a tick goes",
+    )
+    bench: bool = False  # on a rig: an actuator that moves no joint, so that its range is not required
+
+    def __post_init__(self):
+        self.realtime = self.realtime or ("off" if self.rig is None else "try")
+
+    def check(self):
+        """Raise BadInput for options that exclude or need each other."""
+        if self.poses and self.rig is None:
+            raise BadInput("--pose needs --rig: in simulation every drive reads where its joint stands")
+        if self.bitrate is not None and self.rig is not None:
+            raise BadInput("--bitrate and --rig exclude each other: the rig file has the bitrate of a real bus")
+        if self.fast and self.rig is not None:
+            raise BadInput("--fast and --rig exclude each other: on a rig time is real")
+        if self.seed is not None and self.rig is not None:
+            raise BadInput("--seed and --rig exclude each other: a robot has no simulated noise")
+        if self.fast and self.rearm:
+            raise BadInput("--fast and --rearm exclude each other: in virtual time no key can be pressed in time")
+        if self.fast and self.duration is None:
+            raise BadInput("--fast needs --duration S: virtual time ends when that has passed")
+        if self.fast and self.realtime != "off":
+            raise BadInput(f"--realtime {self.realtime} and --fast exclude each other: virtual time waits for nothing")
+        for name in ("priority", "cpu"):
+            if self.realtime == "off" and getattr(self, name) is not None:
+                raise BadInput(f"--{name} needs --realtime try or --realtime require")
