@@ -1,3 +1,1 @@
-"""Tools for what hangs on a bus: who is there, setting drives up, moving and watching one. Each holds the bus as a run
-would.
-"""
+"""Commissioning of devices: scan, set-up, movement, live values, calibration. Each locks its bus as a run does."""

@@ -1,4 +1,4 @@
-"""A bus in the hands of a tool: locked as a run would lock it, and every frame that was sent kept, to be told."""
+"""A bus under the control of a command: locked as a run locks it, with a record of every frame that was sent."""
 
 import json
 import select
@@ -32,7 +32,7 @@ class ToolBus:
 
     bus : RigBus
     sent : (identifier, is extended, data, why) of every frame that went out
-    refused, errors : frames that nobody took, error frames of the controller
+    refused, errors : frames that the interface did not accept, error frames of the controller
     """
 
     def __init__(self, bus, machine=None):
@@ -98,13 +98,13 @@ class ToolBus:
         return True
 
     def listen(self, seconds, until=lambda frames: False):
-        """(identifier, is extended, data) of what is heard for some time, or until it is enough."""
-        heard, deadline = [], time.monotonic() + seconds
+        """Return the frames (identifier, is extended, data) received within some time, or until `until(frames)`."""
+        frames, deadline = [], time.monotonic() + seconds
         while True:
-            heard += self.take()
+            frames += self.take()
             left = deadline - time.monotonic()
-            if left <= 0.0 or self.wire.trouble or until(heard):
-                return heard
+            if left <= 0.0 or self.wire.trouble or until(frames):
+                return frames
             descriptor = self.wire.fileno()
             if descriptor is None:
                 time.sleep(min(left, PAUSE))
@@ -159,7 +159,7 @@ def named_buses(options, machine=None):
     machine = machine or Machine()
     if options.rig is not None:
         if options.interface or options.channel or options.bitrate:
-            raise BadInput("--rig and --interface, --channel, --bitrate exclude each other: the rig says all that")
+            raise BadInput("--rig and --interface, --channel, --bitrate exclude each other: the rig contains all three")
         buses = read(options.rig).buses
         if options.bus is not None and options.bus not in buses:
             hint = suggestion(options.bus, buses) or f"it has {', '.join(buses) or 'none'}"
@@ -185,7 +185,7 @@ def named_buses(options, machine=None):
 
 
 def one_bus(interface, channel, bitrate, machine):
-    """A RigBus as a rig file would have it, so that what is wrong with it is told in the same words."""
+    """Return a RigBus as from a rig file, so that errors have the same text."""
     own = None
     if interface == SOCKETCAN and bitrate is None:
         own = ((link(channel, machine).get("info_data") or {}).get("bittiming") or {}).get("bitrate")
@@ -203,7 +203,7 @@ def quoted(text):
 
 
 def entry(bus, name=None):
-    """Lines of a rig file that say a bus."""
+    """Return the lines of a rig file for a bus."""
     lines = [f"[bus.{name or bus.name}]", f"interface = {quoted(bus.interface)}", f"channel = {quoted(bus.channel)}"]
     lines += [f"bitrate = {bus.bitrate:_}"] * (bus.interface != I2C)
     lines += ["fd = true"] * bus.fd

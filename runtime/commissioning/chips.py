@@ -1,5 +1,5 @@
-"""Who is on an I2C bus, and behind every multiplexer on it: each address is touched as i2cdetect does, and registers
-that tell are read.
+"""The chips on an I2C bus, and behind every multiplexer on it: each address is probed as by i2cdetect, and registers
+that identify a chip are read.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ def chip_of(name):
 
 
 NOBODY = (
-    "nobody answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
+    "no chip answers: is the sensors' supply on, SDA to SDA, SCL to SCL, a pull-up to each? on a Raspberry Pi pins 3 "
     "and 5 are bus 1"
 )
 

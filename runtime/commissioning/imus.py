@@ -41,7 +41,7 @@ def look(baudrate=115200):
 
 
 def text(found):
-    """Lines for a person."""
+    """Return the lines of the report."""
     return [
         f"port {each.port}  {each.family} {each.model}  serial {each.serial}, firmware {each.firmware}, {each.options}"
         for each in found

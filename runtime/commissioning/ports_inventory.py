@@ -102,7 +102,7 @@ def look(known):
 
 
 def text(found):
-    """Lines for a person. found : as `look` returns it"""
+    """Return the lines of the report. found : as `look` returns it"""
     return [each.text for kind in found for each in kind]
 
 

@@ -73,10 +73,10 @@ def check(path, before, after, device, values):
 
 
 def write(path, before, text):
-    """Put a text in place of a file at once, unless somebody has changed it in between. BadInput"""
+    """Replace a file at once, unless it was changed in between. BadInput"""
     path = Path(path)
     if text_of(path) != before:
-        raise BadInput(f"{path} was changed by somebody else meanwhile; nothing was written")
+        raise BadInput(f"{path} has changed in the meantime; nothing was written")
     real = Path(os.path.realpath(path))
     try:
         descriptor, name = tempfile.mkstemp(dir=real.parent, prefix=f".{real.name}.")

@@ -13,10 +13,11 @@ from runtime.base.errors import BadInput
 from runtime.commissioning import j1939
 from runtime.commissioning.bus import PAUSE
 
-LISTEN = 0.1  # s before one drive is asked
-SETTLE = 0.08  # s after the last question of a round
+LISTEN_TIME = 0.1  # s before one drive is asked
+SETTLE_TIME = 0.08  # s after the last question of a round
 REMEDY_OF_SILENCE = (
-    "is its supply on, CAN_H to CAN_H, 120 Ω at both ends? At another bitrate nobody is heard: drives have 1 Mbit/s"
+    "is its supply on, CAN_H to CAN_H, 120 Ω at both ends? At another bitrate no node is understood: drives have "
+    "1 Mbit/s"
 )
 
 
@@ -55,8 +56,8 @@ def scan(bus, ids, listen):
         for family in families():
             report.drives += family.reports(before).values()
         report.remarks.append(
-            f"somebody else commands {', '.join(map(str, report.commanded))} here: nothing was asked, since the "
-            "question takes torque away; end that program first"
+            f"another controller commands {', '.join(map(str, report.commanded))} here: nothing was sent, because the "
+            "queries take torque away; end that program first"
         )
     else:
         ask_nodes(bus, nodes)
@@ -71,30 +72,30 @@ def scan(bus, ids, listen):
     return report
 
 
-def commanded(heard, ids):
+def commanded(frames, ids):
     """Return the ids of drives that another controller sends commands to."""
-    frames = [frame for frame in heard if j1939.measured(*frame) is None]
+    frames = [frame for frame in frames if j1939.measured(*frame) is None]
     found = {family.commanded(*frame) for frame in frames for family in families()}
     return sorted(found & set(ids))
 
 
 def refuse_company(bus):
     """BadInput where another controller commands drives on a bus."""
-    others = commanded(bus.listen(LISTEN), range(1, 256))
+    others = commanded(bus.listen(LISTEN_TIME), range(1, 256))
     if others:
         raise BadInput(
-            f"somebody else commands id {', '.join(map(str, others))} on this bus: end that program first, since "
-            "asking would take torque away; nothing was sent"
+            f"another controller commands id {', '.join(map(str, others))} on this bus: end that program first, "
+            "because the queries take torque away; nothing was sent"
         )
 
 
 def ask_nodes(bus, nodes):
     bus.send(j1939.request(j1939.CLAIM), "address claim of J1939 nodes")
-    j1939.learn(nodes, bus.listen(SETTLE))
+    j1939.learn(nodes, bus.listen(SETTLE_TIME))
     for address in sorted(nodes):
         bus.send(j1939.request(j1939.VERSION, address), "software version of J1939 nodes")
     if nodes:
-        j1939.learn(nodes, bus.listen(SETTLE))
+        j1939.learn(nodes, bus.listen(SETTLE_TIME))
 
 
 def merged(queries):
@@ -123,17 +124,17 @@ def merged_stop_queries(can_id, model):
 
 def ask_drives(bus, ids, queries, before):
     """Return the Answers to queries that send the same frames: each id is asked once."""
-    heard = []
+    received = []
     for can_id in ids:
         if (frame := queries[0].frame(can_id)) is None:
             continue
         if not bus.send(frame, queries[0].why) and bus.refused > 3:
             break  # no node acknowledges: the rest would only wait
-        heard += bus.listen(PAUSE)
-    heard += bus.listen(SETTLE)
+        received += bus.listen(PAUSE)
+    received += bus.listen(SETTLE_TIME)
     found = {}
     for query in queries:
-        for answer in query.answers(heard, ids, before):
+        for answer in query.answers(received, ids, before):
             if query.details is not None:
                 answer = bus.converse(query.details(answer))
             found.setdefault(answer.can_id, []).append(answer)
@@ -143,11 +144,11 @@ def ask_drives(bus, ids, queries, before):
     return [answer for answers in found.values() for answer in answers]
 
 
-def others(heard, report):
+def others(frames, report):
     """Return identifiers that were received and belong to nothing that was found."""
     nodes = {node.address for node in report.nodes}
     found = []
-    for identifier, extended, data in heard:
+    for identifier, extended, data in frames:
         known = extended and identifier & 0xFF in nodes
         if not known and not any(family.reports([(identifier, extended, data)]) for family in families()):
             found.append(f"{identifier:08X}" if extended else f"{identifier:03X}")
@@ -160,15 +161,15 @@ def troubles(bus, report):
     if bus.wire.trouble:
         return [f"the interface failed: {bus.wire.trouble[1]}"]
     if silent and report.others:
-        return [f"frames are heard, and nobody answers: {', '.join(report.others[:8])}"]
+        return [f"frames are received, and no device answers: {', '.join(report.others[:8])}"]
     if silent and (bus.errors or bus.refused):
         return [
-            f"nobody is understood ({bus.errors} error frames, {bus.refused} frames that nobody took): most likely "
+            f"no node is understood ({bus.errors} error frames, {bus.refused} frames not acknowledged): most likely "
             "the bitrate, which is "
             f"{report.bitrate} bit/s here; {remedy_of_silence()}; {retry(report)}"
         ]
     if silent:
-        return [f"nobody answers: {remedy_of_silence()}; {retry(report)}"]
+        return [f"no device answers: {remedy_of_silence()}; {retry(report)}"]
     return [f"{bus.errors} error frames: wires, 120 Ω at both ends, or two drives with one id"] if bus.errors else []
 
 

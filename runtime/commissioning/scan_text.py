@@ -1,4 +1,4 @@
-"""A scan for people, and as a rig file to begin with."""
+"""The report of a scan as text, and as a rig file to begin with."""
 
 from runtime.commissioning.bus import entry, in_candump
 from runtime.console.styles import count
@@ -13,13 +13,13 @@ def text(report, verbose=False):
     lines += [f"  id {drive.can_id:<4} {drive.family}{state(drive)}" for drive in report.drives]
     for node in report.nodes:
         sends = ", ".join(f"{what} {rate:.0f} Hz" for what, rate in node.sends.items()) or "sends nothing by itself"
-        who = (
+        name = (
             f"  manufacturer {node.manufacturer}, function {node.function}, NAME {node.unique}"
             if node.manufacturer is not None
             else ""
         )
         lines.append(
-            f"  address {node.address:<4} {node.family}  {sends}{who}"
+            f"  address {node.address:<4} {node.family}  {sends}{name}"
             + (f"  firmware {node.firmware}" if node.firmware else "")
         )
     for drive in report.drives:
@@ -29,7 +29,7 @@ def text(report, verbose=False):
         f"  ! {remark}" for remark in [*(remark for node in report.nodes for remark in node.remarks), *report.remarks]
     ]
     if report.others:
-        lines.append(f"  also heard: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
+        lines.append(f"  also received: {', '.join(report.others[:8])}" + (" ..." if len(report.others) > 8 else ""))
     return lines + sent(report, verbose)
 
 
@@ -44,7 +44,7 @@ def chips(report):
 
 
 def state(drive):
-    """What a drive says of itself."""
+    """Return the state of a drive in words."""
 
     def number(value, digits, unit):
         return [] if value is None else [f"{value:.{digits}f} {unit}"]

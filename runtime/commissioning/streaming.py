@@ -17,8 +17,8 @@ from runtime.recorder.plotjuggler import PlotJugglerSender
 from runtime.recording.ascii_units import ascii_name
 
 SIGNALS = {"position": "rad", "velocity": "rad/s", "torque": "N·m", "temperature": "°C"}
-SILENT = 1.0  # s without an answer, then it is told
-REPORTING = 0.15  # s in which a drive that reports by itself is heard
+SILENT = 1.0  # s without an answer, then it is reported
+REPORTING = 0.15  # s in which a drive reports that does so unasked
 REFRESH = 0.1  # s between two lines on a terminal
 SLOW = 1.0  # and where it is none
 FLUSH = 0.5  # s between two flushes of what takes the rows
@@ -52,9 +52,7 @@ class Watched:
             if found is not None:
                 self.family = found.family
                 return
-        raise BadInput(
-            f"nobody answers as id {can_id} on {bus.bus.channel}; the command `scan` tells who is on the bus"
-        )
+        raise BadInput(f"no drive answers as id {can_id} on {bus.bus.channel}; `scan` lists the drives on the bus")
 
     def ask(self, patience):
         """The Answer, None if none came in time."""
@@ -72,7 +70,7 @@ class Watched:
         return [math.nan if (value := getattr(answer, signal)) is None else value for signal in SIGNALS]
 
     def line(self, answer):
-        """For a person."""
+        """Return the line for the terminal."""
         return line(answer)
 
 
@@ -183,8 +181,8 @@ def stream(drive, name, rate, duration, folder=None, plotjuggler=None, rerun=Non
 
 
 def give(sink, tick, now, row, flushes, sinks):
-    """A row; flushes : and all before it. A viewer that has gone is told, and taken out of `sinks`; what a file cannot
-    take ends it all.
+    """Write a row. flushes : with all rows before it. A viewer that has closed is reported and removed from `sinks`; an
+    error of a file is raised.
     """
     try:
         sink.row(tick, now, row)

@@ -26,7 +26,7 @@ class WatchedBlocks:
 
     diagram : of the blocks, whose inputs stay as they are; channels(block) : names of the outputs that are shown.
         DiagramError
-    shown : of many, those that stand in the line for a person; None for all
+    shown : names of the outputs in the line on the terminal, where there are many; None for all
     """
 
     shown = None
@@ -42,7 +42,7 @@ class WatchedBlocks:
             self.fed.append(Fed(block, steps.table, slots, tuple(channels(block))))
 
     def feed(self, fed, data, when, identifier):
-        """Offer a frame to a block. Returns what its decode says to it: {answer of cext.abi: how often}."""
+        """Offer a frame to a block. Return {value that its decode returned (cext.abi): how often}."""
         return feed(fed.block.decode, self.arena, fed.table, data, FRAME, when, identifier)
 
     def told(self, fed, name):

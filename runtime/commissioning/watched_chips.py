@@ -104,7 +104,7 @@ def recognised(bus, places):
             found = [(chip.block, place) for place, name in there if (chip := chip_of(name)) is not None]
             if not found:
                 raise BadInput(
-                    f"{bus.channel}: no sensor that is known here answers; `scan --interface i2c` tells who does"
+                    f"{bus.channel}: no known sensor answers; `scan --interface i2c` lists the chips that do"
                 )
             return found
         return [(recognise(bus, chips, known, place), place) for place in places]
@@ -124,7 +124,7 @@ def recognise(bus, chips, known, place):
     except NoAnswer as error:
         who = in_hex(chips.answering(outside=error.mux))
         raise BadInput(
-            f"{bus.channel}: nobody answers at "
+            f"{bus.channel}: no chip answers at "
             f"{in_words(place) if not error.mux else f'{mux:#04x}, the multiplexer'}; {who} "
             f"answer{'s' if who.count('0x') == 1 else ''} there"
         ) from None

@@ -31,16 +31,16 @@ class WatchedNode(WatchedBlocks):
             if time.monotonic() > deadline:
                 where = f"address {address} on {bus.bus.channel}"
                 raise BadInput(
-                    f"{where} speaks, and does not tell its settings: is it a {self.block.model}? {kind.silent}"
+                    f"{where} sends, but does not return its settings: is it a {self.block.model}? {kind.silent}"
                     if heard
-                    else f"nobody has {where}; the command `scan` tells who is there"
+                    else f"no sensor has {where}; `scan` lists those on the bus"
                 )
             for frame in kind.set_up(self.block):
                 bus.send(frame, f"settings of an {kind.name}")
             heard = bool(self.drain(SET_UP)) or heard
 
     def drain(self, patience):
-        """What decode says to each frame of its own that comes."""
+        """Return {value that decode returned: how often} for its own frames received within some time."""
         frames = self.bus.listen(
             patience, lambda frames: any(frame[0] & 0xFF == self.block.address for frame in frames)
         )

@@ -29,4 +29,4 @@ def carry_out(bus, request, yes):
     for family in families():
         if (done := bus.converse(family.set_up(request), yes)) is not None:
             return done
-    raise BadInput(f"nobody answers as id {request.can_id}; the command `scan` tells who is on the bus")
+    raise BadInput(f"no drive answers as id {request.can_id}; `scan` lists the drives on the bus")

@@ -1,9 +1,9 @@
-"""How a motor sits at its joint, found by moving the joint by hand with the motor off: offset, sign and range, for the
-rig file.
+"""Offset, sign and range of a motor at its joint, for the rig file, measured while the joint is moved by hand with the
+motor off.
 
     stand straight      the position there is the offset
-    bend the joint      where it went tells whether the motor turns the other way
-    the full motion     its ends are the range, which every table before arming compares with
+    bend the joint      the direction of its motion is the sign
+    the full motion     its ends are the range, with which the table before arming compares
 """
 
 import sys
@@ -19,7 +19,7 @@ PERIOD = 0.02  # s between two questions
 SILENT = 0.5  # s without an answer
 STILL = 0.05  # rad that a joint that stands still may move in WINDOW
 WINDOW = 0.3  # s
-BENT = 0.2  # rad that tell which way a joint was bent
+BENT = 0.2  # rad, smallest motion with a clear direction
 
 
 class Motor:
@@ -43,7 +43,7 @@ class Motor:
         if found is None:
             raise BadInput(
                 f"{self.block.path}: id {self.block.can_id} does not answer on {self.bus.bus.channel}; "
-                "`scan` tells who does"
+                "`scan` lists the drives that do"
             )
         return found
 
@@ -53,7 +53,7 @@ class Motor:
 
 
 def until_entered(motor, instruction):
-    """(time, angle) of a joint while a person does something, up to the line that says it is done."""
+    """Return [(time, angle)] of a joint until the operator presses Enter."""
     tell([f"{instruction}, then press Enter"])
     seen = []
     live = sys.stdout.isatty()
@@ -92,7 +92,7 @@ def find(motor):
     bent = at_rest(motor, "bent")
     if abs(bent - straight) < BENT:
         raise BadInput(
-            f"the joint went {abs(bent - straight):.2f} rad, and less than {BENT:g} rad tells no sign; "
+            f"the joint went {abs(bent - straight):.2f} rad; at least {BENT:g} rad is needed to find the sign; "
             "nothing was written"
         )
     sign = 1.0 if bent > straight else -1.0

@@ -60,7 +60,7 @@ def test_silence_is_told_with_its_likely_cause(monkeypatch, command_line):
     wires = MemoryI2c()
     monkeypatch.setattr("runtime.commissioning.chips.open_adapter", lambda bus: (Chips(Wires(wires)), wires))
     code, out, _ = command_line(*WORDS)
-    assert code == CHECK_FAILED and "! nobody answers: is the sensors' supply on" in out
+    assert code == CHECK_FAILED and "! no chip answers: is the sensors' supply on" in out
 
 
 def test_a_bus_that_a_run_has_is_not_touched(wires, command_line):

@@ -31,7 +31,7 @@ def test_an_id_is_set_and_confirmed_by_the_same_drive(command_line):
 
 
 @pytest.mark.parametrize("other", [Private(9, unique=5), Mit(9)])
-def test_an_id_that_somebody_has_is_refused(command_line, other):
+def test_an_id_in_use_is_refused(command_line, other):
     drive = Private(127)
     with Nodes(21, drive, other) as nodes:
         code, _, err = configure(command_line, nodes, "127", "--set-id", "9", "--yes")
@@ -82,7 +82,7 @@ def test_a_cubemars_that_runs_keeps_its_zero(command_line, drive, words, said):
     assert not [frame for frame in drive.heard if frame[2] == ZERO or frame[1] and frame[0] >> 8 == 5]
 
 
-def test_two_drives_with_that_id_nobody_and_other_kinds_are_told(command_line):
+def test_shared_absent_and_foreign_ids_are_reported(command_line):
     with Nodes(22, Private(9), Private(9, unique=5), Mit(3), Mit(12, host=0xFD)) as nodes:
         said = [
             configure(command_line, nodes, can_id, "--protocol", "canopen", "--yes")[2]
@@ -94,7 +94,7 @@ def test_two_drives_with_that_id_nobody_and_other_kinds_are_told(command_line):
     assert "2 drives have id 9" in said[0] and "take all but one off the bus" in said[0]
     assert "id 3: it is a CubeMars, whose id" in said[1] and "CubeMars' own program" in said[1]
     assert "id 12 speaks RobStride's MIT protocol" in said[2] and "--protocol private" in said[2]
-    assert "nobody answers as id 77; the command `scan`" in said[3]
+    assert "no drive answers as id 77; `scan`" in said[3]
 
 
 @pytest.mark.parametrize("running", [{"velocity": 1.5}, {"current": 2.0}])
@@ -104,7 +104,7 @@ def test_a_drive_that_runs_is_left_alone(command_line, running):
         code, _, err = configure(command_line, nodes, "9", "--zero", "--yes")
         assert code == BAD_INPUT and "id 9 runs (" in err and "nothing was changed" in err
         assert kinds(drive) == {0, 17} and drive.values[0x7019] == 0.25
-        assert configure(command_line, nodes, "9", "--read", "mechPos")[0] == OK  # reading disturbs nobody
+        assert configure(command_line, nodes, "9", "--read", "mechPos")[0] == OK  # reading disturbs no drive
     assert kinds(drive) == {0, 17}
 
 
@@ -162,7 +162,7 @@ def test_parameters_are_written_by_name_and_read_back(command_line):
         assert code == 1 and "NOT done: limit_torque is" in out
 
 
-def test_nothing_is_changed_where_nobody_can_be_asked(command_line, monkeypatch):
+def test_nothing_is_changed_without_confirmation(command_line, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO("yes\n"))
     drive = Private(9)
     with Nodes(28, drive) as nodes:

@@ -128,19 +128,19 @@ def test_a_joint_that_does_not_move_tells_no_sign_and_nothing_is_written(tmp_pat
         code, _, err = person.end()
     assert (
         code == 2
-        and "tells no sign; nothing was written" in err
+        and "is needed to find the sign; nothing was written" in err
         and rig.read_text() == RIG.format(channel=nodes.channel)
     )
 
 
-def test_a_joint_that_somebody_else_drives_is_left_alone(command_line):
+def test_a_joint_under_another_controller_is_left_alone(command_line):
     drive = Mit(1)
     with Nodes(42, drive, Commander(1)) as nodes:
         rig = write(command_line.folder, RIG.format(channel=nodes.channel), "lab.toml")
         code, _, err = command_line("configure", "--joint", "knee", "--rig", rig, knee(command_line.folder))
     assert (
         code == 2
-        and "somebody else commands id 1 on this bus" in err
+        and "another controller commands id 1 on this bus" in err
         and DISABLE not in [data for _, _, data in drive.heard]
     )
 
@@ -184,8 +184,8 @@ def test_a_device_that_the_file_does_not_have_is_added_at_its_end():
     assert after == '# hers\n\n[device."left/knee"]\noffset = 0.5\ninvert = true\n'
 
 
-def test_a_file_that_somebody_else_has_changed_is_not_overwritten(tmp_path):
+def test_a_file_that_has_changed_is_not_overwritten(tmp_path):
     path = write(tmp_path, "# new\n", "lab.toml")
-    with pytest.raises(BadInput, match="was changed by somebody else meanwhile"):
+    with pytest.raises(BadInput, match="has changed in the meantime"):
         rig_edit.write(path, "# old\n", "# mine\n")
     assert path.read_text() == "# new\n"

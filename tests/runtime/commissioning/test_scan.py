@@ -135,12 +135,12 @@ def test_two_drives_with_one_id_are_told(command_line):
 @pytest.mark.parametrize(
     "identifier, extended", [(3, False), (0x01FFFF03, True), (0x0300FD03, True), (0x00000103, True), (0x00000803, True)]
 )
-def test_where_somebody_else_commands_a_drive_nothing_is_asked(command_line, identifier, extended):
+def test_nothing_is_sent_where_another_controller_commands_a_drive(command_line, identifier, extended):
     drive = Mit(3)
     with Nodes(4, drive, Commander(identifier, extended)) as nodes:
         code, report = found(command_line, nodes)
     assert code == CHECK_FAILED and report["commanded"] == [3] and report["sent"] == []
-    assert report["remarks"][0].startswith("somebody else commands 3 here: nothing was asked")
+    assert report["remarks"][0].startswith("another controller commands 3 here: nothing was sent")
     assert {data for _, _, data in drive.heard} == {bytes.fromhex("7fff7ff000000900")}
 
 
@@ -167,7 +167,7 @@ def test_silence_is_told_with_the_likely_cure(command_line):
         code, out, _ = command_line("scan", *nodes.words, *QUICK, "--ids", "1-3")
     assert (
         code == CHECK_FAILED
-        and "! nobody answers: is its supply on" in out
+        and "! no device answers: is its supply on" in out
         and ("OpenIMU as it is sold has 250 kbit/s") in out
     )
     assert "try --bitrate 250000" in out

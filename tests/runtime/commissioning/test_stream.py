@@ -85,19 +85,21 @@ def test_a_board_that_reports_when_it_is_asked_is_asked(command_line):
     assert code == OK and "CubeMars with a V3.0 board" in out and "   1.571 rad" in out
 
 
-def test_nobody_and_somebody_elses_drive_are_told(command_line):
+def test_an_absent_drive_and_another_controller_are_reported(command_line):
     with Nodes(82, Mit(3), Commander(3)) as nodes:
         code, _, err = command_line("stream", "actuator", "3", *nodes.words)
     assert (
         code == BAD_INPUT
         and (
-            "somebody else commands id 3 on this bus: end that program first, since asking "
-            "would take torque away; nothing was sent"
+            "another controller commands id 3 on this bus: end that program first, because "
+            "the queries take torque away; nothing was sent"
         )
         in err
     )
     with Nodes(83) as nodes:
-        assert f"nobody answers as id 3 on {nodes.channel}" in command_line("stream", "actuator", "3", *nodes.words)[2]
+        assert (
+            f"no drive answers as id 3 on {nodes.channel}" in command_line("stream", "actuator", "3", *nodes.words)[2]
+        )
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ def test_without_a_name_every_sensor_that_is_known_is_shown(wires, command_line)
 @pytest.mark.parametrize(
     "words, said",
     [
-        (["0x4a"], "nobody answers at 0x4a; 0x0c, 0x48, 0x69, 0x70 answer there"),
-        (["0x71.2:0x68"], "nobody answers at 0x71, the multiplexer"),
+        (["0x4a"], "no chip answers at 0x4a; 0x0c, 0x48, 0x69, 0x70 answer there"),
+        (["0x71.2:0x68"], "no chip answers at 0x71, the multiplexer"),
         (
             ["0x70"],
             "the chip at 0x70 is TCA9548A multiplexer; shown are MPU-9250, MPU-9255, ICM-20948, NAU7802, ADS1115 "
