@@ -1,7 +1,7 @@
 """The command line, called in this process: quick, for everything that ends before a robot would be armed."""
 
+import os
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,11 +12,12 @@ from tests.runtime.runs import environment
 
 @pytest.fixture(autouse=True)
 def fresh_imports(tmp_path, monkeypatch):
-    """What one test's diagram file has imported is not there for the next."""
+    """Forget the modules that a test has imported from its own folder."""
     monkeypatch.setattr(sys, "path", list(sys.path))
     yield
+    folder = f"{tmp_path}{os.sep}"
     for name, module in list(sys.modules.items()):
-        if Path(getattr(module, "__file__", None) or "/").is_relative_to(tmp_path):
+        if (getattr(module, "__file__", None) or "").startswith(folder):
             del sys.modules[name]
 
 
