@@ -39,16 +39,13 @@ def draw(file, kind, here, there, comparison):
 
     file : open for writing bytes; kind : "png" or "svg"
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from runtime.analysis.stride_picture import plain, save
+    from runtime.analysis import picture
+    from runtime.analysis.picture import plain
 
     _, mine, others = np.intersect1d(here.tick, there.tick, assume_unique=True, return_indices=True)
     time = here.time[mine]
     chosen = rank(comparison)[:DRAWN]
-    figure = Figure(figsize=(12, 1.2 + 1.8 * len(chosen)), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = picture.figure(12.0, 1.2 + 1.8 * len(chosen), dpi=120)
     rows = figure.subplots(len(chosen), 2, squeeze=False, width_ratios=(3, 2))
     for (near, far), d in zip(rows, chosen):
         a, b = here[d.path][mine].astype(float), there[d.path][others].astype(float)
@@ -71,4 +68,4 @@ def draw(file, kind, here, there, comparison):
     figure.legend(
         *rows[0][0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
     )
-    save(figure, file, kind)
+    picture.save(figure, file, kind)

@@ -5,13 +5,11 @@ dashed.
 """
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from runtime.analysis import stride_picture
+from runtime.analysis import picture, stride_picture
 from runtime.analysis.average_stride import INPUTS, AverageStride
-from runtime.analysis.stride_picture import FAINT, GREY, INK, plain, short
+from runtime.analysis.picture import GREY, INK, plain, short
 from runtime.analysis.strides import beginnings, bounds, over, phase_of
 from runtime.base.errors import BadInput
 from runtime.recording.grouping import CURVES, PLAIN, by_unit
@@ -140,7 +138,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         axes[-1].set_xlim(first, last + 0.005 * (last - first))  # a fault stands behind the last tick
     name_troubles(axes[0], trial)
     figure.align_ylabels(axes)
-    stride_picture.save(figure, file, kind)
+    picture.save(figure, file, kind)
 
 
 def troubles(axis, trial):
@@ -363,7 +361,7 @@ def over_the_stride(trial, paths, events, file, kind):
         )
         legend.get_texts()[0].set_text(plain(f"{path}, {len(values)} stride{'s' * (len(values) > 1)}"))
     axes[-1].set_xlabel("gait cycle [%]", color=INK)
-    stride_picture.save(figure, file, kind)
+    picture.save(figure, file, kind)
 
 
 def elements(trial, path):
@@ -394,16 +392,11 @@ def unit_label(unit):
 
 
 def sheet(rows, title):
-    figure = Figure(figsize=(WIDTH, 0.9 + ROW * rows), dpi=130, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = picture.figure(WIDTH, 0.9 + ROW * rows, dpi=130)
     figure.suptitle(plain(title), fontsize=12, fontweight="bold", color=INK)
     return figure, figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
 
 
 def dress(axis):
-    axis.grid(color=FAINT, linewidth=0.7)
-    axis.set_axisbelow(True)
+    picture.frame(axis)
     axis.tick_params(colors=INK, labelsize=8.5, length=3)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#888888")

@@ -1,24 +1,21 @@
 """The picture of the average stride: a column a leg, angle, torque and power over the gait cycle."""
 
-import warnings
 from math import degrees
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from runtime.analysis import picture
 from runtime.analysis.average_stride import left_out_text, signals_texts
+from runtime.analysis.picture import BLUE, GREEN, GREY, INK, ORANGE, plain, short
 
-# Blue for the leg, orange for the actuator, green for the power between them: told apart by colour-blind readers too.
-# (Okabe and Ito 2008)
+# {curve of a leg: label, colour, conversion from SI}: blue for the leg, orange for the actuator, green for the power
 ROWS = (
-    ("angle", "angle [deg]", "#0072B2", degrees),
-    ("torque", "torque [N·m]", "#D55E00", float),
-    ("power", "power [W]", "#009E73", float),
+    ("angle", "angle [deg]", BLUE, degrees),
+    ("torque", "torque [N·m]", ORANGE, float),
+    ("power", "power [W]", GREEN, float),
 )
-WIDEST, WIDEST_LINE = 38, 76  # letters of a title, and of a line of the small print below it
-INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
+TITLE_WIDTH, NOTE_WIDTH = 38, 76  # characters of a title, and of a line of the small print above the plots
 
 
 def draw(name, legs, file, kind="png"):
@@ -29,9 +26,8 @@ def draw(name, legs, file, kind="png"):
     file : open for writing bytes
     kind : "png" or "svg"
     """
-    figure = Figure(figsize=(4.2 * len(legs) + 1.0, 7.6), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(len(ROWS), len(legs), sharex=True, sharey="row", squeeze=False)
+    made = picture.figure(4.2 * len(legs) + 1.0, 7.6)
+    axes = made.subplots(len(ROWS), len(legs), sharex=True, sharey="row", squeeze=False)
     for column, leg in enumerate(legs):
         for row, (curve, label, colour, convert) in enumerate(ROWS):
             axis = axes[row][column]
@@ -41,35 +37,14 @@ def draw(name, legs, file, kind="png"):
             if row == 0:
                 title(axis, leg)
         axes[-1][column].set_xlabel("gait cycle [%]", color=INK)
-    figure.align_ylabels(axes[:, 0])
-    figure.suptitle(plain(f"{name}: the average stride"), fontsize=13, fontweight="bold", color=INK)
+    made.align_ylabels(axes[:, 0])
+    made.suptitle(plain(f"{name}: the average stride"), fontsize=13, fontweight="bold", color=INK)
     marks = [
         Line2D([], [], color=GREY, linewidth=2.0, label="mean"),
         Patch(color=GREY, alpha=0.25, label="± 1 standard deviation"),
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
-    save(figure, file, kind)
-
-
-def plain(text):
-    """A text of a picture in which a dollar is one, and begins no formula: names may have any letters."""
-    return text.replace("$", r"\$")
-
-
-def short(name, widest):
-    """A name of so many letters at most: the end tells more than the beginning."""
-    return name if len(name) <= widest else f"{name[: widest // 3]}…{name[1 + widest // 3 - widest :]}"
-
-
-def save(figure, file, kind):
-    """file : open for writing bytes; kind : "png" or "svg" """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing")  # a letter that the font has not got is drawn as a box
-        figure.savefig(
-            file,
-            format=kind,
-            metadata={"Software": "Tickwork"} if kind == "png" else {"Creator": "Tickwork", "Date": None},
-        )
+    made.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
+    picture.save(made, file, kind)
 
 
 def plot(axis, curve, colour, convert):
@@ -91,12 +66,8 @@ def plot(axis, curve, colour, convert):
     axis.set_xlim(0, len(mean) - 1)
     axis.set_xticks(range(0, 101, 20))
     axis.margins(y=0.12)
-    axis.grid(color=FAINT, linewidth=0.7)
-    axis.set_axisbelow(True)
+    picture.frame(axis)
     axis.tick_params(colors=INK, labelsize=9, length=3)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#888888")
 
 
 def title(axis, leg):
@@ -108,7 +79,7 @@ def title(axis, leg):
         f"work a stride {leg['positive_work']:+.2f} J and {leg['negative_work']:+.2f} J".replace("-", "−")
     )
     axis.annotate(
-        plain("\n".join(short(line, WIDEST_LINE) for line in lines)),
+        plain("\n".join(short(line, NOTE_WIDTH) for line in lines)),
         xy=(0.5, 1.04),
         xycoords="axes fraction",
         ha="center",
@@ -130,4 +101,4 @@ def title(axis, leg):
         color=GREY,
         linespacing=1.4,
     )
-    axis.set_title(plain(short(leg["title"], WIDEST)), fontsize=11, fontweight="bold", color=INK, pad=40 + raised)
+    axis.set_title(plain(short(leg["title"], TITLE_WIDTH)), fontsize=11, fontweight="bold", color=INK, pad=40 + raised)

@@ -1,41 +1,30 @@
-"""The picture of the search: the highest rate over the number of actuators, the bus's own limit, and what the paper
-found.
-"""
+"""Picture of the highest rate over the number of actuators, beside the limit of the bus and the results of a paper."""
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from runtime.analysis.stride_picture import FAINT, INK
+from runtime.analysis import picture
+from runtime.analysis.picture import BLUE, INK, ORANGE
 
 PAPER = {"Jetson": 470.0, "Raspberry Pi 3B+": 260.0}  # Hz, with eight actuators (Leestma et al. 2025)
 PAPER_COUNT = 8
 
 
 def draw(rows, title, file):
-    """Write a PNG.
+    """Draw the picture as a PNG.
 
-    rows : (actuators, Hz found, Hz at which the bus is full, Hz at which it would be full with the worst stuffing),
-        None where unknown
+    rows : (actuators, measured rate, rate at which the bus is full, the same with the worst stuffing), in Hz, None
+        where unknown
     file : open for writing bytes
     """
-    figure = Figure(figsize=(7.6, 5.0), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = picture.figure(7.6, 5.0)
     axis = figure.subplots()
     counts = [count for count, *_ in rows]
     limits = [(count, limit, worst) for count, _, limit, worst in rows if limit is not None]
     if limits:
         x, top, bottom = zip(*limits)
-        axis.fill_between(x, bottom, top, color="#0072B2", alpha=0.12, linewidth=0)
-        axis.plot(x, top, color="#0072B2", linewidth=1.2, label="bus full, with the bits that were sent")
-        axis.plot(x, bottom, color="#0072B2", linewidth=1.2, linestyle=":", label="bus full, with the worst stuffing")
+        axis.fill_between(x, bottom, top, color=BLUE, alpha=0.12, linewidth=0)
+        axis.plot(x, top, color=BLUE, linewidth=1.2, label="bus full, with the bits that were sent")
+        axis.plot(x, bottom, color=BLUE, linewidth=1.2, linestyle=":", label="bus full, with the worst stuffing")
     axis.plot(
-        counts,
-        [found for _, found, _, _ in rows],
-        "o",
-        color="#D55E00",
-        markersize=7,
-        label="no answer missed",
-        zorder=4,
+        counts, [found for _, found, _, _ in rows], "o", color=ORANGE, markersize=7, label="no answer missed", zorder=4
     )
     for (name, rate), marker in zip(PAPER.items(), "sD"):
         axis.plot(
@@ -60,10 +49,6 @@ def draw(rows, title, file):
     axis.set_xlabel("actuators on one bus", color=INK)
     axis.set_ylabel("rate [Hz]", color=INK)
     axis.set_title(title, fontsize=11, fontweight="bold", color=INK)
-    axis.grid(color=FAINT, linewidth=0.7)
-    axis.set_axisbelow(True)
+    picture.frame(axis)
     axis.legend(fontsize=8, frameon=False, labelcolor=INK)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#888888")
-    figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
+    picture.save(figure, file)

@@ -1,15 +1,14 @@
 """Before and after: rates and gravity at rest, and the magnetic field seen along the three axes."""
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-# Told apart by colour-blind readers too. (Okabe and Ito 2008)
-BEFORE, AFTER = "#D55E00", "#0072B2"
-INK, GREY, FAINT = "#333333", "#666666", "#DDDDDD"
+from runtime.analysis import picture
+from runtime.analysis.picture import BLUE, GREY, INK, ORANGE
+
+BEFORE, AFTER = ORANGE, BLUE
 PLANES = ((0, 1), (0, 2), (1, 2))
-MOST = 4000  # points of a plane
+PLANE_POINTS_LIMIT = 4000
 
 
 def draw(name, found, file):
@@ -19,8 +18,7 @@ def draw(name, found, file):
     found : runtime.commissioning.calibration.result.Found
     file : binary file, open for writing
     """
-    figure = Figure(figsize=(11.0, 7.4), dpi=150, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = picture.figure(11.0, 7.4)
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.0, 1.15))
     rest, gravity = top.subplots(1, 2)
     gyroscope(rest, found)
@@ -33,19 +31,15 @@ def draw(name, found, file):
         rest.scatter([], [], color=AFTER, label="after", s=24),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=2, fontsize=9, frameon=False, labelcolor=INK)
-    figure.savefig(file, format="png", metadata={"Software": "Tickwork"})
+    picture.save(figure, file)
 
 
 def dress(axis, title, x, y):
     axis.set_title(title, fontsize=10, color=INK)
     axis.set_xlabel(x, color=INK, fontsize=9)
     axis.set_ylabel(y, color=INK, fontsize=9)
-    axis.grid(color=FAINT, linewidth=0.7)
-    axis.set_axisbelow(True)
+    picture.frame(axis)
     axis.tick_params(colors=INK, labelsize=8, length=3)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color("#888888")
 
 
 def nothing(axis, why):
@@ -84,7 +78,7 @@ def magnetometer(axis, found, plane):
     axis.set_aspect("equal", adjustable="datalim")
     for field, colour in ((found.field, BEFORE), (found.field_after, AFTER)):
         if field is not None and len(field):
-            step = max(1, len(field) // MOST)
+            step = max(1, len(field) // PLANE_POINTS_LIMIT)
             axis.scatter(
                 field[::step, plane[0]], field[::step, plane[1]], color=colour, s=2, alpha=0.5, linewidths=0, zorder=3
             )

@@ -13,7 +13,7 @@ import pytest
 import runtime
 from cext.safety.shared_state import RECORD_EVENT
 from runtime.analysis import plots
-from runtime.analysis.stride_picture import short
+from runtime.analysis.picture import short
 from runtime.base.errors import FAULT, OK, BadInput
 from tests.runtime.analysis.test_recorded_trial import walk
 from tests.runtime.recorder.running import CSV, columns, plan, record, row, sink
