@@ -9,21 +9,22 @@ import re
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
+from runtime.base.unique_name import unique
 from runtime.recording.ascii_units import ascii_name
 
 VARIABLE = "trial"
 OWN = ("time", "tick", "units", "paths", "fields", "rate")
-LONGEST = 63  # characters of a name
+NAME_LENGTH_LIMIT = 63  # characters
 KEYWORDS = frozenset(
     "break case catch classdef continue else elseif end for function global if otherwise parfor persistent return "
     "spmd switch try while".split()
 )
-LARGEST = 2**31 - 1  # bytes of a variable in this format
+VARIABLE_SIZE_LIMIT = 2**31 - 1  # bytes
 
 
 def check(trial, kind):
     need("scipy.io", "a MATLAB file")
-    if trial.rows.nbytes > LARGEST:
+    if trial.rows.nbytes > VARIABLE_SIZE_LIMIT:
         raise BadInput(
             f"{trial.path} has {trial.rows.nbytes} bytes of samples, and a .mat file of this kind holds 2 "
             "GiB: convert it to Parquet, which MATLAB reads"
@@ -75,15 +76,11 @@ class Struct:
 
 
 def legal(name, taken):
-    """A name that MATLAB takes and that is free."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:LONGEST]
+    """Return a name that MATLAB accepts and that is not taken."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", name)[:NAME_LENGTH_LIMIT]
     if not name or not name[0].isalpha() or name in KEYWORDS:
-        name = f"x{name}"[:LONGEST]
-    chosen, number = name, 1
-    while chosen in taken:
-        number += 1
-        chosen = f"{name[: LONGEST - len(str(number)) - 1]}_{number}"
-    return chosen
+        name = f"x{name}"
+    return unique(name, taken.__contains__, NAME_LENGTH_LIMIT)
 
 
 def filled(content):

@@ -13,6 +13,7 @@ import numpy as np
 
 from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
+from runtime.base.unique_name import unique
 
 try:
     import tomllib
@@ -120,15 +121,10 @@ def write(trial, path, progress):
 
 
 def labels(names):
-    """Names of columns: without a space, each once."""
-    made = {}
-    for given in names:
-        name = chosen = re.sub(r"\s", "_", given)
-        number = 1
-        while chosen in made:
-            number += 1
-            chosen = f"{name}_{number}"
-        made[chosen] = given
+    """Return the names of columns, without spaces, each once."""
+    made = {}  # ordered
+    for name in names:
+        made[unique(re.sub(r"\s", "_", name), made.__contains__)] = None
     return list(made)
 
 

@@ -6,8 +6,10 @@ elements. All of it has a fixed size, so that one call of struct.pack makes the 
 """
 
 import re
-from itertools import count, groupby
+from itertools import groupby
 from struct import Struct
+
+from runtime.base.unique_name import unique
 
 PACKAGE = "tickwork"
 # topics besides those of subsystems
@@ -195,14 +197,9 @@ class Names:
         """beside : a function of the name, whose result is taken with it: names of fields and of the messages in them
         have one room
         """
-        name = identifier(text)
-        chosen = next(
-            candidate
-            for number in count(1)
-            if not {candidate := name if number == 1 else f"{name}_{number}", beside(candidate)} & self.taken
-        )
-        self.taken |= {chosen, beside(chosen)}
-        return chosen
+        name = unique(identifier(text), lambda candidate: {candidate, beside(candidate)} & self.taken)
+        self.taken |= {name, beside(name)}
+        return name
 
 
 def identifier(text):

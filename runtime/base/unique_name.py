@@ -1,0 +1,16 @@
+"""Unique names in a format that cannot carry two of the same."""
+
+from itertools import count
+
+
+def unique(name, is_taken, length_limit=None):
+    """Return the name, or else the first of name_2, name_3, ... that is not taken.
+
+    is_taken : function of a name
+    length_limit : most characters of the result, None for any
+    """
+    for number in count(1):
+        suffix = f"_{number}" if number > 1 else ""
+        candidate = name if length_limit is None else name[: length_limit - len(suffix)]
+        if not is_taken(candidate + suffix):
+            return candidate + suffix
