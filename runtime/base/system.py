@@ -16,6 +16,17 @@ def end_with_parent():
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
+def maps(pid, descriptor):
+    """Whether a process has the file behind a descriptor of this process in its memory. It has not any more once it
+    runs another program, although it goes on under its number.
+    """
+    inode = str(os.fstat(descriptor).st_ino)
+    with suppress(OSError):  # it has ended, or runs as another user
+        with open(f"/proc/{pid}/maps") as file:
+            return any(line.split()[4:5] == [inode] for line in file)
+    return False
+
+
 def user():
     try:
         return pwd.getpwuid(os.getuid()).pw_name

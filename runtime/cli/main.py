@@ -1,5 +1,6 @@
 """The command line: `python -m runtime FILE` runs a diagram; the other commands are listed in GROUPS."""
 
+import errno
 import signal
 import sys
 from importlib import import_module
@@ -42,6 +43,8 @@ GROUPS = {
     },
 }
 COMMANDS = {name: text for group in GROUPS.values() for name, text in group.items()}
+UNUSABLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)  # of files; every command takes some, and looks at them first
+SHOWN = 80  # characters of such a name
 MODULES = {"bench": "bench.command"}  # of commands that are not one module of the same name
 
 
@@ -63,6 +66,11 @@ def main(arguments=None, folder=None):
         count = len(error.diagnostics)
         complain([*map(str, error.diagnostics), f"tickwork: {count} error{'s' * (count > 1)}; nothing was armed"])
         code = CHECK_FAILED
+    except OSError as error:
+        if error.errno not in UNUSABLE_NAMES:
+            raise
+        complain([f"tickwork: {str(error.filename)[:SHOWN]}: {error.strerror}"])
+        code = BAD_INPUT
     except KeyboardInterrupt as interrupt:
         number = getattr(interrupt, "number", signal.SIGINT)
         complain([f"tickwork: stopped by {signal_name(number)}; nothing is armed"])

@@ -5,7 +5,7 @@ from pathlib import Path
 from runtime.base.errors import CHECK_FAILED, OK
 from runtime.base.options import folder
 from runtime.cli.parsing import Parser
-from runtime.console.terminal import tell
+from runtime.console.terminal import one_line, tell
 from runtime.session.replay import opened, replay, source_of, told
 
 
@@ -27,7 +27,7 @@ def main(arguments):
     trial = opened(options.recording)
     source = source_of(trial, options.diagram)
     if source.sha256 is not None:  # named by the recording alone, and not by the operator
-        tell([f"running {source.file}: its content is the recorded one"])
+        tell([one_line(f"running {source.file}: its content is the recorded one")])
     result = replay(trial, source, options.record)
-    tell(told(result))
+    tell(map(one_line, told(result)))
     return OK if result.same else CHECK_FAILED

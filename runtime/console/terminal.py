@@ -76,6 +76,13 @@ def harmless(text, coloured):
     )
 
 
+def one_line(text, coloured=False):
+    """Return a text of a recording as `harmless` does, with the ends of lines and tabs written out, too: they could
+    otherwise show a line that Tickwork has not written.
+    """
+    return harmless(text, coloured).replace("\n", "\\n").replace("\t", "\\t")
+
+
 def tell(lines):
     """Write lines to standard output."""
     write(lines, sys.stdout)

@@ -98,7 +98,7 @@ def build(file, settings=(), rig=None, before=None):
     if build is not None:
         diagram = call(file, build, **file.build_parameters)
         if not isinstance(diagram, Diagram):
-            raise BadInput(f"{path}: build() returned {diagram!r}, and must return a Diagram")
+            raise BadInput(f"{path}: build() returned {shown(diagram)}, and must return a Diagram")
     if not len(diagram):
         raise BadInput(f"{path}: the diagram {diagram.name!r} has no blocks: make them inside `with Diagram(...)`")
     if rig is not None:
@@ -111,11 +111,16 @@ def build(file, settings=(), rig=None, before=None):
     return diagram
 
 
+def shown(value):
+    """Return the repr of what user code has returned."""
+    return bounded(lambda: repr(value), TEXT_LIMIT)
+
+
 def build_plant(file, robot):
     """The plant of a diagram file: a Diagram. Raises BadInput."""
     plant = call(file, file.function("plant"), robot, **file.plant_parameters)
     if not isinstance(plant, Diagram):
-        raise BadInput(f"{file.path}: plant() returned {plant!r}, and must return a Diagram")
+        raise BadInput(f"{file.path}: plant() returned {shown(plant)}, and must return a Diagram")
     return plant
 
 

@@ -26,7 +26,8 @@ from cext.safety.owner_death import Mourner
 from cext.safety.shared_state import RECORD_EVENT, Page
 from cext.safety.thresholds import GUARDIAN_LOOK_PERIOD, HANG_REPORT_DELAY
 from runtime.base.ending import ignore_signals
-from runtime.base.system import CAP_IPC_LOCK, capable
+from runtime.base.system import CAP_IPC_LOCK, capable, maps
+from runtime.console.terminal import one_line
 from runtime.guardian import control_group
 from runtime.guardian.relay import Relay
 from runtime.guardian.stop import SafeStop, decoded, frames_of_stop
@@ -159,6 +160,8 @@ class Guardian:
                 self.released = self.released or self.heard.endswith(b"release\n")
                 if not data:
                     self.poll.unregister(ORDERS)
+                    if not maps(self.page.control, self.page.fd):  # it runs another program, under its number
+                        self.dead = self.gone = True
 
     def judge(self, now):
         """Check the loop, and begin the safe stop if it has died or stalled."""
@@ -253,14 +256,14 @@ class Guardian:
             return
         self.told = True
         self.verdict |= self.stop.report()
-        print(in_words(self.verdict), file=sys.stderr, flush=True)
+        complain(in_words(self.verdict))
 
     def tell_stuck(self):
         """Report a block that the watchdog could not interrupt, so that the operator can end the run."""
         self.stuck_at = None
         if self.page.state in ("arming", "running") and not self.gone:
             words = f"tickwork guardian: {self.block()} still hangs, with the motors stopped; Ctrl-C ends the run"
-            print(words, file=sys.stderr, flush=True)
+            complain(words)
 
     def leave(self):
         if self.verdict is not None and self.gone:
@@ -285,6 +288,11 @@ class Guardian:
         """Send a line of JSON to the control process, if it still reads."""
         with suppress(BrokenPipeError):
             os.write(self.answers, json.dumps(message).encode() + b"\n")
+
+
+def complain(words):
+    """One line on standard error. Names of devices and interfaces are not ours."""
+    print(one_line(words), file=sys.stderr, flush=True)
 
 
 def in_words(verdict):

@@ -21,6 +21,7 @@ from cext.clock import realtime
 from cext.safety.shared_state import Page
 from runtime.base.ending import ignore_signals
 from runtime.base.exception_text import name_and_text
+from runtime.base.system import maps
 from runtime.console.stderr import Terminal
 from runtime.recorder.checkpoint import Checkpoint
 from runtime.recorder.recording import RecordingFailed
@@ -35,13 +36,13 @@ CANNOT_RECORD = 2  # exit code of a writer whose files cannot be created
 class Control:
     """The control process as its recorder sees it: whether it lives, and its orders on standard input.
 
-    gone : it has ended
+    gone : it has ended, or runs another program
     abandoned : it wants no recording
     """
 
-    def __init__(self, pidfd):
-        self.pidfd = pidfd
-        self.gone = self.abandoned = False
+    def __init__(self, pidfd, page):
+        self.pidfd, self.page = pidfd, page
+        self.gone = self.abandoned = self.hung_up = False
         self.heard = b""
         self.poll = select.poll()
         self.poll.register(pidfd, select.POLLIN)
@@ -58,7 +59,10 @@ class Control:
             self.heard += data
             if not data:
                 self.poll.unregister(ORDERS)
+                self.hung_up = True
             self.abandoned = self.abandoned or self.heard.endswith(b"abandon\n")
+        if self.hung_up and not self.gone:  # at the end of a run, or where a block has closed descriptors, it goes on
+            self.gone = not maps(self.page.control, self.page.fd)
 
     def plan(self):
         """The first order, or None if there will be none."""
@@ -74,7 +78,8 @@ def main(answers, control, page, keys):
     """
     ignore_signals()
     be_ordinary()
-    page, orders = Page(fd=page), Control(control)
+    page = Page(fd=page)
+    orders = Control(control, page)
     plan = orders.plan()
     if plan is None:
         return

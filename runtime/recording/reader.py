@@ -7,6 +7,7 @@ is instead.
 import difflib
 import json
 import os
+import re
 import struct
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from runtime.recording import messages
 from runtime.recording.chunks import Expander, TooLarge, compressed, parsed
 
 FORMATS = ("1",)
+SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal
 DEEPEST = 64  # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
 MAGIC = b"\x89MCAP0\r\n"
@@ -261,7 +263,11 @@ def sound(about):
             *about["buses"],
             *(signal[word] for signal in about["signals"] for word in ("path", "unit", "dtype")),
         ]
-        return all(isinstance(word, str) for word in said) and about["rate"] > 0 and isinstance(about["metadata"], dict)
+        return (
+            all(isinstance(word, str) and not SPLITTING.search(word) for word in said)
+            and about["rate"] > 0
+            and isinstance(about["metadata"], dict)
+        )
     except (LookupError, TypeError):
         return False
 

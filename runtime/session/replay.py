@@ -29,9 +29,10 @@ from runtime.analysis.trial import Trial
 from runtime.base.ending import uninterrupted
 from runtime.base.errors import BadInput
 from runtime.console.progress import Progress
+from runtime.console.terminal import one_line
 from runtime.diagrams.file import compiled, load
 from runtime.live.table import describe
-from runtime.recorder import RecorderProcess
+from runtime.recorder import RecorderError, RecorderProcess
 from runtime.rig.file import parse
 
 RING = 1 << 22  # bytes
@@ -320,7 +321,7 @@ def live_changes(trial, schedule):
         if event["event"] != "set":
             continue
         path, value = event["path"], event["value"]
-        what = f"{trial.path}: {path} was set to {value} at tick {event['tick']}"
+        what = one_line(f"{trial.path}: {path} was set to {value} at tick {event['tick']}")
         if path not in index:
             raise BadInput(f"{what}, and the diagram has no live parameter of that name")
         live = schedule.live[index[path]]
@@ -350,6 +351,8 @@ def run(trial, diagram, schedule, ends, changes, folder, origin):
         while not page.push(RECORD_EVENT, json.dumps(end).encode()) and recorder.alive:
             pass
         page.close()
+    except RecorderError as error:
+        raise BadInput(str(error)) from None
     except BaseException:
         recorder.abandon()
         raise

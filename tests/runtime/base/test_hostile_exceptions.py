@@ -131,3 +131,14 @@ def test_a_file_whose_exception_has_no_text_is_refused_at_its_line(tmp_path):
     process = finished(path, cwd=tmp_path, timeout=20)
     assert process.returncode == 2 and "Traceback" not in process.stderr
     assert process.stderr.splitlines()[0] == "tickwork: robot.py:6: Broken: (no text: it raised ValueError)"
+
+
+@pytest.mark.parametrize("text", [RAISES, HANGS], ids=["raises", "hangs"])
+@pytest.mark.parametrize("function", ["build", "plant"])
+def test_what_build_or_plant_returns_is_named_in_time(tmp_path, text, function):
+    more = "class Other:\n    def __repr__(self):\n        {text}\n\n\ndef {function}(*robot):\n    return Other()\n"
+    body = ROBOT.format(text="pass", when="False", options="", more="pass")
+    path = write(tmp_path, body + "\n" + more.format(text=text, function=function))
+    process = finished(path, "--fast", "--duration", "1", "--no-record", cwd=tmp_path)
+    assert process.returncode == 2 and "Traceback" not in process.stderr
+    assert f"{function}() returned (no text" in process.stderr and "must return a Diagram" in process.stderr

@@ -468,3 +468,10 @@ def test_a_seed_gives_the_same_noise_as_in_a_script(command_line):
     assert recorded["a.y"].tolist() == runtime.run("robot.py", 1, seed=5)["a.y"].tolist()
     assert recorded["a.y"].tolist() != runtime.run("robot.py", 1)["a.y"].tolist()
     assert command_line.refused("robot.py", "--seed", "x") == "--seed x: expected a whole number, 0 or more"
+
+
+@pytest.mark.parametrize("command", ["run", "check", "draw", "replay", "plot", "convert", "diff", "profile"])
+def test_a_name_that_is_too_long_for_a_file_is_refused_in_a_line(command_line, command):
+    more = ["y"] if command == "diff" else []
+    said = command_line.refused(command, "x" * 300, *more)
+    assert "Traceback" not in said and len(said.splitlines()) == 1

@@ -11,7 +11,7 @@ import pytest
 from runtime.console.status_layout import COLOURS, RESET
 from runtime.console.stderr import Terminal
 from runtime.console.styles import Console
-from runtime.console.terminal import complain, harmless, tell, write
+from runtime.console.terminal import complain, harmless, one_line, tell, write
 
 LINE = "late by 61 µs at −4.5 N·m, 30° … ━╌ 漢"
 
@@ -72,3 +72,7 @@ def test_neither_a_status_line_nor_a_line_that_stays_holds_one():
     os.close(master)
     os.close(slave)
     assert seen == expected
+
+
+def test_the_end_of_a_line_in_a_name_cannot_begin_another_line():
+    assert one_line("left/knee\nFAULT at right/knee\t\x1b[31m") == "left/knee\\nFAULT at right/knee\\t\\x1b[31m"

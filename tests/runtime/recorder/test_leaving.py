@@ -1,11 +1,15 @@
 """A block that ends the control process behind the back of the run: what the recorder prints, and what it leaves."""
 
+import time
+from contextlib import nullcontext
 from types import SimpleNamespace
 
+import psutil
 import pytest
 
 from runtime.recorder.writer import cause_of_death
-from tests.runtime.runs import Files, finished, knee
+from tests.runtime.guardian.bus import Bus
+from tests.runtime.runs import Files, finished, knee, started
 
 pytestmark = pytest.mark.timing
 
@@ -40,3 +44,37 @@ def test_a_block_that_leaves_the_process_is_reported_with_its_tick_and_the_exit_
 def test_the_cause_names_the_state_or_the_signal_that_the_page_shows(state, tick, crashed, said):
     page = SimpleNamespace(state=state, crashed=crashed, statistics=lambda: {"last_tick": tick})
     assert cause_of_death(page).startswith(said)
+
+
+@pytest.mark.parametrize("rig", [False, True], ids=["simulated", "on a rig"])
+def test_a_block_that_executes_a_program_that_goes_on_leaves_no_recorder_and_no_guardian(tmp_path, rig):
+    """The process lives on under its number, so that its end is none to wait for."""
+    call = "__import__('os').execv('/bin/sleep', ['sleep', '30'])"
+    with Bus(tmp_path, number=7) if rig else nullcontext() as bus:
+        if rig:
+            process = bus.start("--record", "out", law=f"tick == 20 and {call}")
+        else:
+            path = knee(tmp_path, f"tick == 20 and {call}; return 1.0")
+            process = started(path, "--record", "out", "--fast", "--duration", "5", cwd=tmp_path)
+        await_end_of_children(process)
+        assert process.poll() is None
+        process.kill()
+        _, err = process.communicate()
+        if rig:
+            bus.listen(0.2)
+            bus.stopped_after(0.0)  # the motors were stopped, and not commanded again
+    assert "os._exit or exec; " in err and " ticks were recorded, the last is 19: " in err and "Traceback" not in err
+    sidecar = Files(tmp_path / "out").sidecar
+    assert sidecar["ended"] == "the control process died" and sidecar["last_tick"] == 19
+
+
+def await_end_of_children(process):
+    """Until a run has had children and has none any more."""
+    run, seen, deadline = psutil.Process(process.pid), False, time.monotonic() + 60.0
+    while time.monotonic() < deadline:
+        here = [child for child in run.children(recursive=True) if child.status() != psutil.STATUS_ZOMBIE]
+        if seen and not here:
+            return
+        seen = seen or run.name() == "sleep"
+        time.sleep(0.01)
+    raise AssertionError(f"still there: {here}")

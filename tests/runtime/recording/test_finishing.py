@@ -211,6 +211,7 @@ def test_a_recording_that_does_not_say_what_its_signals_are_is_told(command_line
     data = path.read_bytes()
     for old, new, told in (
         (b'"path"', b'"pith"', "its about.json does not say which signals it has"),
+        (b"left/knee", b"left\\nkne", "its about.json does not say which signals it has"),  # another line, of JSON
         (b"left/knee", b"lift/knee", "its rows are not of the signals that its about.json tells of"),
     ):
         path.write_bytes(data.replace(old, new, 1))

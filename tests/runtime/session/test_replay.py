@@ -21,7 +21,7 @@ from runtime.base.errors import BAD_INPUT, CHECK_FAILED, FAULT, OK, BadInput
 from runtime.diagrams.file import load
 from runtime.recording.reader import LIBRARY as LIBRARY_NAME
 from tests.runtime.guardian.bus import Bus
-from tests.runtime.runs import KNEE_EXO, started, write, writer_of
+from tests.runtime.runs import KNEE_EXO, finished, knee, started, write, writer_of
 from tests.runtime.terminals import patient
 
 ROOT = Path(__file__).parents[3]
@@ -438,3 +438,12 @@ def test_settings_of_the_recorded_run_are_used_again(recorded, command_line):
     )
     code, out, err = command_line("replay", file)
     assert (code, err) == (OK, "") and "100 ticks" in out and "as it was recorded" in out
+
+
+@pytest.mark.parametrize("folder", ["/proc/self/mem", "9" * 300, "/dev/null"])
+def test_a_folder_that_cannot_be_recorded_into_is_refused_in_a_line(tmp_path, folder):
+    assert finished(knee(tmp_path), "--fast", "--duration", "0.5", cwd=tmp_path).returncode == 0
+    [recording] = (tmp_path / "recordings").glob("*.mcap")
+    process = finished("replay", recording, "--record", folder, cwd=tmp_path)
+    assert process.returncode == 2 and process.stderr.startswith("tickwork: cannot record into "), process.stderr
+    assert len(process.stderr.splitlines()) == 1
