@@ -5,16 +5,17 @@ import importlib.metadata
 import pkgutil
 import warnings
 from functools import cache
+from typing import Any
 
 import blocks
-from graph.family import ENTRY_POINTS, Family
+from graph.family import ENTRY_POINTS, Benchmark, Drive, Family
 from graph.names import suggestion
 
 OBJECT = "FAMILY"  # of a `family` module of this library
 
 
 @cache
-def families():
+def families() -> tuple[Family, ...]:
     """Return every Family, in the order in which commands ask them. One that cannot be loaded gives a warning."""
     modules = [info.name for info in pkgutil.walk_packages(blocks.__path__, f"{blocks.__name__}.")]
     own = [name for name in modules if name.endswith(".family")]
@@ -33,33 +34,28 @@ def families():
     return tuple(sorted(found, key=lambda family: -family.precedence))
 
 
-def family_of(block):
+def family_of(block: Any) -> Family | None:
     """Return the Family that has the class of an actuator block, None without one."""
     return next((family for family in families() if drive_of(block, family)), None)
 
 
-def drive_of(block, family):
+def drive_of(block: Any, family: Family) -> Drive | None:
     return next((drive for drive in family.drives if isinstance(block, drive.block)), None)
 
 
-def drives(option=""):
-    """Return every Drive that an option of the command line selects."""
-    return [drive for family in families() for drive in family.drives if drive.option == option]
-
-
-def example_models():
+def example_models() -> list[str]:
     """Return the names of two models, for help texts: of two families where there are."""
     models = [next(iter(table.models), "MODEL") for family in families() for table in family.tables[:1]]
     return (models[::-1] * 2)[:2]
 
 
-def benchmark(medium):
+def benchmark(medium: str) -> Benchmark:
     """Return the graph.family.Benchmark of the first family with one on a medium: can, stream or i2c."""
     found = [family.benchmark for family in families() if family.benchmark is not None]
     return next(device for device in found if device.block.medium == medium)
 
 
-def find_model(name, option=""):
+def find_model(name: str, option: str = "") -> tuple[Drive, Any]:
     """Return (Drive, model) of a model's name. Raises ValueError, with the cause or a suggestion."""
     causes = {}
     for family in families():

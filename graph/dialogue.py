@@ -9,13 +9,19 @@ The runtime carries a dialogue out on a bus or a port; a test sends it the answe
 (arbitration id, is extended, data).
 """
 
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
+from typing import Any
+
+Frame = tuple[int, bool, bytes]  # arbitration id, is extended, data
+Reader = Callable[[int, bool, bytes], Any]  # answer that a frame is, or None
+Dialogue = Generator[Any, Any, Any]
 
 
 class Rejected(ValueError):
     """A dialogue that cannot be completed: the message states the cause, `hint` the remedy."""
 
-    def __init__(self, message, hint=""):
+    def __init__(self, message: str, hint: str = ""):
         super().__init__(message)
         self.hint = hint
 
@@ -28,7 +34,7 @@ class NoReply(Exception):
 class Send:
     """Send one CAN frame. why : purpose, for the report. Yields whether the frame was sent."""
 
-    frame: tuple
+    frame: Frame
     why: str
 
 
@@ -37,7 +43,7 @@ class Listen:
     """Receive CAN frames for `seconds`, or until `until(frames)` is true. Yields the list of frames."""
 
     seconds: float
-    until: object = None
+    until: Callable[[list[Frame]], bool] | None = None
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ class Exchange:
 class Tell:
     """Show lines to the operator. Yields None."""
 
-    lines: tuple
+    lines: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -64,7 +70,7 @@ class Confirm:
     what: str
 
 
-def ask(frame, why, read, patience=0.1, attempts=2):
+def ask(frame: Frame, why: str, read: Reader, patience: float = 0.1, attempts: int = 2) -> Dialogue:
     """Send a frame until it is answered; return read(identifier, is extended, data) of the first answer, or None.
 
     read : returns None for a frame that is no answer; patience : s to wait after each attempt

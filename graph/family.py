@@ -6,9 +6,11 @@ Family objects alone. Whatever talks to a device is a dialogue (graph.dialogue) 
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
-from graph.dialogue import Rejected
+from graph.dialogue import Dialogue, Frame, Reader, Rejected
 
 ENTRY_POINTS = "tickwork.families"
 
@@ -56,10 +58,10 @@ class Query:
     details : dialogue(answer) that asks one drive for more, and returns the Answer to report; None for nothing more
     """
 
-    frame: object
+    frame: Callable[[int], Frame | None]
     why: str
-    answers: object
-    details: object = None
+    answers: Callable[[list[Frame], list[int], list[Frame]], list[Answer]]
+    details: Callable[[Answer], Dialogue] | None = None
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,8 @@ class StopQuery:
         None for another frame
     """
 
-    frame: tuple | None
-    read: object
+    frame: Frame | None
+    read: Reader
 
 
 @dataclass(frozen=True)
@@ -92,13 +94,13 @@ class Drive:
     """
 
     block: type
-    find: object
+    find: Callable[[str], Any]
     option: str = ""
     help: str = ""
     movements: tuple = ("torque", "position", "velocity")
     bounded: tuple = ("torque", "position", "velocity")
-    settings: object = None
-    wire: object = None
+    settings: Callable[[str, float, float, float], dict] | None = None
+    wire: Callable[[Any, str, float, dict], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -125,8 +127,8 @@ class Node:
     manufacturer: int
     groups: dict
     options: dict
-    channels: object
-    set_up: object
+    channels: Callable[[Any], list[str]]
+    set_up: Callable[[Any], list[Frame]]
     silent: str = ""
 
 
@@ -160,8 +162,8 @@ class Benchmark:
     block: type
     emulator: type
     parameters: dict = field(default_factory=dict)
-    stream: object = None
-    parse: object = None
+    stream: Callable[[int, float], bytes] | None = None
+    parse: Callable[[bytes], Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,7 @@ class Request:
     new_id: int | None = None
     save: bool = False
 
-    def other_than(self, *allowed):
+    def other_than(self, *allowed: str) -> list[str]:
         """Return the options of this request that are not among `allowed`."""
         asked = {
             "--read": self.reads,
@@ -205,49 +207,50 @@ class Family:
     benchmark : Benchmark, or None
     """
 
-    name = ""
-    precedence = 0
-    drives = ()
-    tables = ()
-    table_note = ""
-    queries = ()
-    nodes = ()
-    chips = ()
-    sensors = ()
-    bus_hint = ""
-    vendor_program = ""
-    configure_note = ""
-    benchmark = None
+    name: str = ""
+    precedence: int = 0
+    drives: tuple[Drive, ...] = ()
+    tables: tuple[Table, ...] = ()
+    table_note: str = ""
+    queries: tuple[Query, ...] = ()
+    nodes: tuple[Node, ...] = ()
+    chips: tuple[Chip, ...] = ()
+    sensors: tuple[type, ...] = ()
+    bus_hint: str = ""
+    vendor_program: str = ""
+    configure_note: str = ""
+    benchmark: Benchmark | None = None
 
-    def recognises(self, text):
+    def recognises(self, text: str) -> bool:
         """Return whether a text begins as the name of this family does, or as one of its models: AK, RS."""
-        names = [self.name, *(re.match(r"[^\W\d]*", model)[0] for table in self.tables for model in table.models)]
+        models = [model for table in self.tables for model in table.models]
+        names = [self.name, *(re.split(r"[\W\d]", model)[0] for model in models)]
         plain = re.sub(r"\W", "", str(text)).upper()
         return any(name and plain.startswith(name.upper()) for name in names)
 
-    def reports(self, frames):
+    def reports(self, frames: list[Frame]) -> dict[int, Answer]:
         """Return {id: newest Answer} of the drives that report without being asked."""
         return {}
 
-    def commanded(self, identifier, extended, data):
+    def commanded(self, identifier: int, extended: bool, data: bytes) -> int | None:
         """Return the id of the drive that a frame of another controller commands; None for another frame."""
         return None
 
-    def stop_queries(self, can_id, model=None):
+    def stop_queries(self, can_id: int, model: Any = None) -> tuple[StopQuery, ...]:
         """Return every StopQuery for an id, in the order to try them. model : None where it is not known"""
         return ()
 
-    def stop_query(self, block):
+    def stop_query(self, block: Any) -> StopQuery:
         """Return the StopQuery of a block of this family."""
         raise NotImplementedError
 
-    def check(self, request):
+    def check(self, request: Request) -> None:
         """Raise Rejected for a Request that no drive of this family can carry out, before anything is sent."""
         refused = request.other_than("--zero")
         if refused:
             raise Rejected(f"{refused[0]}: a {self.name} drive cannot do that")
 
-    def set_up(self, request):
+    def set_up(self, request: Request) -> Dialogue:
         """Dialogue that carries a Request out.
 
         Returns whether everything was confirmed, None where the id is no drive of this family. Raises Rejected.

@@ -72,7 +72,7 @@ class CubeMarsFamily(Family):
         read = queries.status_of(can_id, model)
         return (
             StopQuery(None, read),
-            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state(*frame, can_id, model)),
+            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state(*frame, can_id=can_id, model=model)),
             StopQuery(queries.disable_v3(can_id), read),
         )
 
@@ -89,7 +89,8 @@ class CubeMarsFamily(Family):
         if refused:
             raise Rejected(f"{refused[0]}: {set_up.VENDOR_PROGRAM}")
 
-    set_up = staticmethod(set_up.set_up)
+    def set_up(self, request):
+        return set_up.set_up(request)
 
 
 FAMILY = CubeMarsFamily()

@@ -46,9 +46,9 @@ def states(heard, can_ids, before):
     """Return the Answers to the query of MIT mode, one for each id."""
     found = []
     for can_id in can_ids:
-        answers = [answer for frame in heard if (answer := state(*frame, can_id)) is not None]
-        found += one_of(answers, can_id, any(state(*frame, can_id) for frame in before))
-        named = {name for frame in heard if (name := other_id(*frame, can_id)) is not None}
+        answers = [answer for frame in heard if (answer := state(*frame, can_id=can_id)) is not None]
+        found += one_of(answers, can_id, any(state(*frame, can_id=can_id) for frame in before))
+        named = {name for frame in heard if (name := other_id(*frame, can_id=can_id)) is not None}
         if named and not answers:
             remark = (
                 f"replies with id {' and '.join(map(str, sorted(named)))} in byte 0: the drive is configured to answer "
@@ -105,7 +105,7 @@ def status_of(can_id, model=None):
     """Return a reader of the reports of one drive."""
 
     def read(*frame):
-        found = status(*frame, model)
+        found = status(*frame, model=model)
         return found if found is not None and found.can_id == can_id else None
 
     return read

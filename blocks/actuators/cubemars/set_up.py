@@ -7,12 +7,14 @@
 A drive that carries current or moves is left alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from blocks.actuators.cubemars import frames, queries
 from blocks.actuators.mit_frames import SET_ZERO
 from blocks.actuators.queries import disable_in_mit_mode
-from graph.dialogue import Confirm, Listen, Rejected, Send, Tell, ask
+from graph.dialogue import Confirm, Dialogue, Listen, Rejected, Send, Tell, ask
+from graph.family import Answer
 
 STILL_TOLERANCE = 0.02  # rad between two queries
 ZERO_TOLERANCE = 0.02  # rad
@@ -30,8 +32,8 @@ VENDOR_PROGRAM = (
 class Found:
     """A drive whose zero can be set. query : dialogue that returns the next Answer, or None; frame : sets the zero"""
 
-    answer: object
-    query: object
+    answer: Answer
+    query: Callable[[], Dialogue]
     frame: tuple
 
 
@@ -71,7 +73,7 @@ def set_up(request):
 
 
 def reader(can_id):
-    return lambda *frame: queries.state(*frame, can_id)
+    return lambda *frame: queries.state(*frame, can_id=can_id)
 
 
 def find(can_id, permanent):

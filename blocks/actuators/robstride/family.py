@@ -34,7 +34,10 @@ class RobStrideFamily(Family):
     def stop_queries(self, can_id, model=None):
         return (
             StopQuery(queries.stop(can_id), queries.feedback_of(can_id, model)),
-            StopQuery(disable_in_mit_mode(can_id), lambda *frame: queries.state_in_mit_mode(*frame, can_id, model)),
+            StopQuery(
+                disable_in_mit_mode(can_id),
+                lambda *frame: queries.state_in_mit_mode(*frame, can_id=can_id, model=model),
+            ),
         )
 
     def stop_query(self, block):
@@ -44,8 +47,11 @@ class RobStrideFamily(Family):
             return StopQuery(queries.stop(can_id, host), queries.feedback_of(can_id, model, host))
         return self.stop_queries(can_id, model)[1]
 
-    check = staticmethod(set_up.check)
-    set_up = staticmethod(set_up.set_up)
+    def check(self, request):
+        set_up.check(request)
+
+    def set_up(self, request):
+        return set_up.set_up(request)
 
 
 FAMILY = RobStrideFamily()

@@ -127,7 +127,7 @@ def is_feedback(identifier, extended, can_id, host=HOST):
 
 def feedback_of(can_id, model=None, host=HOST):
     """Return a reader of the feedback of one drive."""
-    return lambda *frame: feedback(*frame, can_id, model, host)
+    return lambda *frame: feedback(*frame, can_id=can_id, model=model, host=host)
 
 
 def state_in_mit_mode(identifier, extended, data, can_id, model=None):
@@ -145,8 +145,8 @@ def states_in_mit_mode(heard, can_ids, before):
     """Return the Answers to the query of MIT mode, one for each id."""
     found = []
     for can_id in can_ids:
-        answers = [answer for frame in heard if (answer := state_in_mit_mode(*frame, can_id)) is not None]
-        found += one_of(answers, can_id, any(state_in_mit_mode(*frame, can_id) for frame in before))
+        answers = [answer for frame in heard if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
+        found += one_of(answers, can_id, any(state_in_mit_mode(*frame, can_id=can_id) for frame in before))
     return found
 
 
@@ -159,7 +159,7 @@ def drives(heard, can_ids, before):
     """Return an Answer for each id with an identity."""
     found = []
     for can_id in can_ids:
-        unique = [number for frame in heard if (number := identity(*frame, can_id)) is not None]
+        unique = [number for frame in heard if (number := identity(*frame, can_id=can_id)) is not None]
         if unique:
             remarks = [same_id(len(unique), can_id)] if len(unique) > 1 else []
             found.append(Answer(EITHER, can_id, unique=" and ".join(unique), remarks=remarks, block="RobStride"))
@@ -178,7 +178,7 @@ def details(answer):
     found.unique = answer.unique
 
     def read_firmware(*frame):
-        return firmware(*frame, can_id)
+        return firmware(*frame, can_id=can_id)
 
     found.firmware = (yield from ask(version(can_id), "stop and version of RobStride drives", read_firmware)) or ""
     found.family = ROBSTRIDE if found.firmware else EITHER
@@ -193,7 +193,7 @@ def value(can_id, parameter, is_cybergear=False):
     """Dialogue that returns the value of a parameter, None where the drive does not give it."""
 
     def read_value(*frame):
-        return reading(*frame, parameter.index, can_id)
+        return reading(*frame, index=parameter.index, can_id=can_id)
 
     answer = yield from ask(read(parameter.index, can_id), "readings of RobStride drives", read_value)
     return parameter.value_of(answer[1], is_cybergear) if answer and answer[0] else None

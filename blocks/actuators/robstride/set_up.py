@@ -99,7 +99,7 @@ def switch_back(can_id):
 
 def in_mit_mode(can_id, attempts=2):
     def read(*frame):
-        return queries.state_in_mit_mode(*frame, can_id)
+        return queries.state_in_mit_mode(*frame, can_id=can_id)
 
     return (yield from ask(disable_in_mit_mode(can_id), "disable", read, attempts=attempts))
 
@@ -114,7 +114,7 @@ class Drive:
     def identities(self, can_id):
         yield Send(queries.get_id(can_id), "get id")
         heard = yield Listen(IDENTITY_TIME)
-        return [unique for frame in heard if (unique := queries.identity(*frame, can_id)) is not None]
+        return [unique for frame in heard if (unique := queries.identity(*frame, can_id=can_id)) is not None]
 
     def absent(self):
         """Return None where no drive in the MIT protocol answers instead, raise Rejected where one does."""
@@ -180,7 +180,7 @@ class Drive:
             raise Rejected(f"id {self.can_id} does not confirm that it has stopped; nothing was changed")
 
         def read(*frame):
-            return queries.firmware(*frame, self.can_id)
+            return queries.firmware(*frame, can_id=self.can_id)
 
         self.is_robstride = bool((yield from ask(queries.version(self.can_id), "stop and version", read)))
 

@@ -41,6 +41,7 @@ class _Emulated(I2cDevice):
 
     decode = no_io.ignore_all
     scales_of, mag_rate = InvenSense.scales_of, InvenSense.mag_rate
+    bypass = True
     known_addresses, mag_address, chips = InvenSense.known_addresses, InvenSense.mag_address, InvenSense.chips
 
     @classmethod
@@ -67,7 +68,7 @@ class EmulatedMPU9250(_Emulated):
         tuple(UNADJUSTED), "1", "the three bytes of its magnetometer's fuses, ASA", dtype=tuple, fixed=True
     )
 
-    bypass, chips = Bypass.bypass, Bypass.chips
+    bypass = Bypass.bypass
 
     encode = kernels.mpu_answers
     mag_scale = AK8963_SCALE

@@ -31,6 +31,7 @@ class _Emulated(I2cDevice):
     state: Memory
     scales_of: Any
     mag_rate: Any
+    bypass: Any
     mag_address: Any
     def __init__(
         self,

@@ -39,7 +39,7 @@ class MPU9250(InvenSense):
 
     low_pass = Param(41, "Hz", "of gyroscope and accelerometer", choices=tuple(LOW_PASSES), fixed=True, kernel=False)
 
-    bypass, chips = Bypass.bypass, Bypass.chips
+    bypass = Bypass.bypass
 
     kind = "MPU-9250"
     decode = kernels.mpu_decode

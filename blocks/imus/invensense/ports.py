@@ -64,6 +64,7 @@ class InvenSense(I2cDevice):
     known_addresses = (0x68, 0x69)
     mag_address = 0x0C
     mag_scale = 0.0  # µT of a code
+    bypass = True  # whether the bus reads the magnetometer directly
 
     def configure(self):
         super().configure()
@@ -78,7 +79,7 @@ class InvenSense(I2cDevice):
         return self.accel_range * GRAVITY / FULL, math.radians(self.gyro_range) / FULL, self.mag_scale
 
     def chips(self):
-        return (self.address, self.mag_address) if self.magnetometer else (self.address,)
+        return (self.address, self.mag_address) if self.magnetometer and self.bypass else (self.address,)
 
     @property
     def mag_rate(self):
@@ -106,7 +107,7 @@ class InvenSense(I2cDevice):
 
 
 class Bypass:
-    """Whether the bus reaches the magnetometer of an MPU-9250 directly. Taken over by its block and its emulator."""
+    """Parameter of an MPU-9250 that its block and its emulator take over."""
 
     bypass = Param(
         True,
@@ -115,6 +116,3 @@ class Bypass:
         fixed=True,
         kernel=False,
     )
-
-    def chips(self):
-        return InvenSense.chips(self) if self.bypass else (self.address,)

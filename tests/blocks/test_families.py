@@ -1,0 +1,168 @@
+"""Device families: how they are found, and that their dialogues work without a bus."""
+
+import importlib.metadata
+import struct
+
+import pytest
+
+from blocks.actuators.robstride import frames
+from blocks.families import families, family_of, find_model
+from graph import Diagram
+from graph.dialogue import Confirm, Listen, Rejected, Send, Tell
+from graph.family import Request
+from tests.house import copy_rooms, python
+
+NAMES = {"RobStride", "CubeMars", "InvenSense", "MicroStrain", "OpenIMU", "analogue-to-digital converters"}
+
+
+class Point:
+    """An entry point."""
+
+    def __init__(self, value, load):
+        self.value, self.load = value, load
+
+
+@pytest.fixture
+def plugged(monkeypatch):
+    """Replaces the entry points: plugged(Point, ...)."""
+
+    def plug(*points):
+        monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: points)
+        families.cache_clear()
+
+    yield plug
+    monkeypatch.undo()
+    families.cache_clear()
+
+
+def test_our_families_are_found_in_a_clone_that_is_not_installed(tmp_path):
+    copy_rooms(tmp_path)
+    code = "import importlib.metadata as m; m.entry_points = lambda group: (); "
+    code += "from blocks.families import families; print([family.name for family in families()])"
+    done = python("-c", code, cwd=tmp_path)
+    assert set(eval(done.stdout)) == NAMES, done.stderr
+
+
+def test_a_family_that_cannot_be_loaded_is_reported_and_the_others_work(plugged):
+    def broken():
+        raise ImportError("no module named lab")
+
+    plugged(Point("lab.family:FAMILY", broken), Point("lab.other:FAMILY", lambda: 3))
+    with pytest.warns(UserWarning) as warnings:
+        assert {family.name for family in families()} == NAMES
+    assert [str(warning.message).partition(" cannot be loaded: ")[::2] for warning in warnings] == [
+        ("device family lab.family:FAMILY", "ImportError: no module named lab"),
+        ("device family lab.other:FAMILY", "TypeError: expected an instance of graph.family.Family, got 3"),
+    ]
+
+
+def test_a_model_is_found_by_its_name_and_an_option(plugged):
+    plugged()
+    assert [find_model(name)[0].block.__name__ for name in ("AK80-9", "AKE60-8", "rs02")] == [
+        "CubeMars",
+        "CubeMarsV3",
+        "RobStride",
+    ]
+    assert find_model("AK80-9", "servo")[0].block.__name__ == "CubeMarsServo"
+
+
+@pytest.mark.parametrize(
+    "name, cause",
+    [
+        ("AK80", "'AK80' is not a CubeMars model"),
+        ("RS2", "'RS2' is not a RobStride model: did you mean 'RS02'?"),
+        ("GL40", "no device family that is installed has a model 'GL40'; blocks --actuators lists them"),
+    ],
+)
+def test_the_family_that_a_name_resembles_states_the_cause(name, cause):
+    with pytest.raises(ValueError) as refused:
+        find_model(name)
+    assert str(refused.value).startswith(cause)
+
+
+def test_every_actuator_block_has_a_family_that_can_query_it():
+    for family in families():
+        for drive in family.drives:
+            model = next(iter(family.tables[-1 if drive.block.__name__.endswith("V3") else 0].models))
+            with Diagram("one", rate=200):
+                block = drive.block(model, can_id=3)
+            assert family_of(block) is family
+            frame, read = family.stop_query(block).frame, family.stop_query(block).read
+            assert frame is not None and read(0x7FF, False, b"") is None
+
+
+def carried_out(dialogue, answers, permission=True):
+    """Carry a dialogue out with a device in place of a bus. Returns (result, frames sent, lines shown).
+
+    answers : frame -> frames that the device answers with
+    """
+    reply, pending, sent, lines = None, [], [], []
+    while True:
+        try:
+            step = dialogue.send(reply)
+        except StopIteration as end:
+            return end.value, sent, lines
+        reply = None
+        if isinstance(step, Send):
+            sent.append(step.frame)
+            pending += answers(step.frame)
+        elif isinstance(step, Listen):
+            reply, pending = pending, []
+        elif isinstance(step, Tell):
+            lines += step.lines
+        else:
+            assert step == Confirm("change that")
+            reply = permission
+
+
+def robstride(values):
+    """A drive with id 9 in the private protocol; values : {index of a parameter: number}"""
+
+    def answers(frame):
+        identifier, extended, data = frame
+        kind, target = identifier >> 24, identifier & 0xFF
+        state = (frames.FEEDBACK << 24 | 9 << 8 | 0xFD, True, bytes.fromhex("8000800080000140"))
+        if not extended or target != 9:
+            return []
+        if kind == frames.GET_ID:
+            return [(9 << 8 | 0xFE, True, bytes(range(8)))]
+        if kind == frames.STOP and data[1] == 0xC4:
+            return [(state[0], True, bytes([0x00, 0xC4, 0x56, 0, 3, 1, 7, 0]))]
+        if kind == frames.SET_ZERO:
+            values[0x7019] = 0.0
+        if kind == frames.READ:
+            index = struct.unpack_from("<H", data)[0]
+            value = struct.pack("<HHf", index, 0, values.get(index, 0.0))
+            return [(frames.READ << 24 | 9 << 8 | 0xFD, True, value)]
+        return [state]
+
+    return answers
+
+
+def test_a_zero_is_set_after_a_stop_and_read_back():
+    [family] = [family for family in families() if family.name == "RobStride"]
+    done, sent, lines = carried_out(family.set_up(Request(9, zero=True)), robstride({0x7019: 0.25}))
+    kinds = [identifier >> 24 for identifier, _, _ in sent]
+    assert done is True and kinds.count(frames.SET_ZERO) == 1
+    assert kinds.index(frames.STOP) < kinds.index(frames.SET_ZERO) and frames.ENABLE not in kinds
+    assert lines[-2:] == ["  position: 0.25 rad -> 0 rad", "done: position is 0.0000 rad"]
+
+
+def test_nothing_is_changed_without_permission():
+    [family] = [family for family in families() if family.name == "RobStride"]
+    done, sent, _ = carried_out(family.set_up(Request(9, zero=True)), robstride({}), permission=False)
+    assert done is True and frames.SET_ZERO not in [identifier >> 24 for identifier, _, _ in sent]
+
+
+def test_an_id_without_a_drive_of_the_family_is_left_to_the_next():
+    for family in families():
+        if family.drives:
+            done, sent, lines = carried_out(family.set_up(Request(7, zero=True)), robstride({}))
+            assert (done, lines) == (None, []) and all(identifier & 0xFF == 7 for identifier, _, _ in sent)
+
+
+@pytest.mark.parametrize("request_", [Request(3, new_id=4), Request(3, reads=("all",)), Request(3, protocol="mit")])
+def test_what_a_family_cannot_do_is_rejected_before_anything_is_sent(request_):
+    [family] = [family for family in families() if family.name == "CubeMars"]
+    with pytest.raises(Rejected, match="CubeMars' own program"):
+        family.check(request_)
