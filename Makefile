@@ -36,7 +36,7 @@ SOURCES := $(shell find cext -name '*.pyx' -o -name '*.pxd' | LC_ALL=C sort)
 help:
 	echo "make run            set up .venv, build, and run: RUN='$(RUN)'"
 	echo "make test           set up .venv, build, lint, and run the tests; TESTS='tests/graph -k units' chooses"
-	echo "make lint           check style and format with ruff"
+	echo "make lint           check style and format with ruff, and types with pyright"
 	echo "make stubs          write the type stubs of blocks from their declarations"
 	echo "make test-hardware  those of real buses: SocketCAN on vcan0, here or under User Mode Linux, and real processes over UDP"
 	echo "make soak           the long tests"
@@ -59,6 +59,7 @@ test: lint
 lint: $(VENV)/installed-test
 	$(VENV)/bin/ruff check --quiet
 	$(VENV)/bin/ruff format --check --quiet
+	$(VENV)/bin/python -m pyright --pythonpath $(VENV)/bin/python
 
 stubs: $(VENV)/installed-test
 	$(VENV)/bin/python -m graph.stubs blocks graph/arithmetic.py

@@ -273,7 +273,7 @@ class Device(Block):
         """Whether another device loses its power by itself soon after the frames of this one end."""
         return False
 
-    def emulator(self, **parameters: Any) -> Block:
+    def emulator(self, **parameters: Any) -> Any:
         """The block that plays this device in a simulation: called inside the plant's diagram, wired by the caller."""
         raise TypeError(f"{type(self).__name__} has no emulator")
 

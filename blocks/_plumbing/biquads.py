@@ -7,6 +7,8 @@ The bilinear transform with prewarping keeps the frequencies that are asked for;
 
 import cmath
 import math
+from collections.abc import Callable
+from typing import Any
 
 from blocks._plumbing.filter_bounds import designed, reach_of_cascade
 from cext.kernels import linear as kernels
@@ -22,6 +24,7 @@ class Biquads(Block):
     sections = Memory(0.0, "b0 b1 b2 a1 a2 of each biquad")
     delays = Memory(0.0, "two for each biquad and element")
     rest = Memory(0.0, "gain and two delays of each biquad after a constant input of 1")
+    design: Callable[[float], Any]
 
     abstract = True
     kernel = kernels.biquads

@@ -1,4 +1,5 @@
 # Generated from the declarations by `python -m graph.stubs`. Do not edit.
+from typing import Any
 from graph import Block, Input, Memory, Output
 
 class Biquads(Block):
@@ -7,6 +8,7 @@ class Biquads(Block):
     sections: Memory
     delays: Memory
     rest: Memory
+    design: Any
 def butterworth(order, cutoff, btype, dt): ...
 def dampings(order): ...
 def lowpass(damping, K): ...

@@ -4,7 +4,11 @@ drawing = draw(diagram)
 svg(drawing)                    '<svg ...'
 """
 
+from collections.abc import Callable
+from typing import Any
+
 from graph.compiler import examine
+from graph.diagram import Diagram
 from graph.drawing.cards import block_card, signal_text
 from graph.drawing.compose import collect, lay_out
 from graph.drawing.mermaid import mermaid
@@ -18,11 +22,11 @@ from graph.signal import Signal
 __all__ = ["Drawing", "draw", "mermaid", "page", "svg"]
 
 
-def draw(diagram, *, all_ports=False, place=str):
-    """The Drawing of a diagram, of one with mistakes too.
+def draw(diagram: Diagram, *, all_ports: bool = False, place: Callable[[Any], str] = str) -> Drawing:
+    """Lay out the Drawing of a diagram, which may have errors.
 
-    all_ports : with the ports that nothing is wired to
-    place : how to write the Location of a block
+    all_ports : include the ports that are not wired
+    place : converts the Location of a block to text
     """
     found = examine(diagram)
     root = outline(diagram, found.taps)

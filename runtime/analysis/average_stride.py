@@ -8,6 +8,7 @@ duration is left out and counted.
 """
 
 from math import isfinite, sqrt
+from typing import Any
 
 POINTS = 101  # 0, 1, ... 100 % of the stride
 WRAP = 0.5  # the phase falls by more than this where a stride ends
@@ -21,9 +22,12 @@ class AverageStride:
 
     def __init__(self, rate):
         self.rate = rate
-        self.stride = None  # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
+        self.stride: Any = (
+            None  # samples (phase, angle, velocity, torque) since the last wrap, None while there was none
+        )
         self.longest = LONGEST * rate + 1
-        self.before = self.previous = None  # the sample before the stride, one stride back in phase; and the newest
+        self.before: Any = None
+        self.previous: Any = None  # the sample before the stride, one stride back in phase; and the newest
         self.last_tick = self.last_phase = None
         self.strides = 0
         self.left_out = {}  # {reason: strides}

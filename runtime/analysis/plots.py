@@ -101,7 +101,7 @@ def over_time(trial, rows, title, file, kind, told=""):
         whole(axis, {trial.dtype(path) for path in paths})
         limits = {tuple(ends) for path, ends in trial.about.get("limits", {}).items() if path in paths}
         if len(limits) == 1:  # several would need a legend of their own
-            for place, end in enumerate(*limits):
+            for place, end in enumerate(limits.pop()):
                 axis.axhline(
                     end,
                     color=GREY,

@@ -24,6 +24,12 @@ DTYPES = {"int": np.int64, "bool": np.bool_}
 ELEMENT = re.compile(r"(.*?)((?:\[[\d, ]+\])*)")
 
 
+def split(path: str) -> tuple[str, str]:
+    """Split the path of an element into that of its signal and its index: "imu.gyro[2]" into "imu.gyro" and "[2]"."""
+    match = ELEMENT.fullmatch(path)
+    return (match[1], match[2]) if match else (path, "")
+
+
 class Trial:
     """
     signals : {path: {"index", "path", "dtype", "unit", "circle"}}, in the order of the row
@@ -127,9 +133,7 @@ class Trial:
         """(places in the row, shape of a sample) of a signal, or of one element of it. KeyError"""
         if path in self.places:
             return [self.places[path]], ()
-        indices = {
-            place: ELEMENT.fullmatch(name)[2] for name, place in self.places.items() if name.startswith(f"{path}[")
-        }
+        indices = {place: split(name)[1] for name, place in self.places.items() if name.startswith(f"{path}[")}
         if not indices:
             hint = suggestion(path, [*self.names, *self.places])
             raise KeyError(f"{self.path.name} has no signal {path!r}" + (f": {hint}" if hint else ""))
@@ -139,7 +143,7 @@ class Trial:
     @property
     def names(self):
         """Paths of all signals, each once, however many elements it has."""
-        return list(dict.fromkeys(ELEMENT.fullmatch(path)[1] for path in self.signals))
+        return list(dict.fromkeys(split(path)[0] for path in self.signals))
 
     def unit(self, path):
         """Canonical SI string of a signal: "rad", "N·m"; "1" for a plain number."""

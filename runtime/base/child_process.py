@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
+from typing import Any
 
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 
@@ -40,7 +41,7 @@ class ChildProcess:
         places = ",".join(map(str, (their_answers, control, *numbers)))
         path = [os.path.abspath(entry) for entry in sys.path]
         try:
-            self._child = subprocess.Popen(
+            self._child: Any = subprocess.Popen(
                 [sys.executable, "-c", _BOOT, module, _ROOT, places, *path],
                 stdin=subprocess.PIPE,
                 pass_fds=(their_answers, control, *descriptors),

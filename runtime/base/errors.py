@@ -10,4 +10,4 @@ class BadInput(Exception):
     """
 
     code = BAD_INPUT
-    diagnostics = ()
+    diagnostics: tuple = ()

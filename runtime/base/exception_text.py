@@ -61,5 +61,5 @@ def bounded(form, limit, prefix=""):
         return f"{prefix}(no text)"
     thread.join(limit)
     if not found:
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
     return found[0] if found else f"{prefix}(no text within {limit * 1e3:.0f} ms)"

@@ -99,7 +99,7 @@ def place_of(name):
     if spec is None:
         return None
     where = next(iter(spec.submodule_search_locations or ()), spec.origin)
-    return os.path.realpath(os.path.dirname(where))
+    return os.path.realpath(os.path.dirname(where)) if where else None
 
 
 def unbuilt():

@@ -185,9 +185,9 @@ def limit_of(options, found, kind, target):
         raise BadInput(
             f"--model {found.name}: its rated torque is not published: say a --limit in N·m that is safe for your joint"
         )
-    limit = options.limit or SHARE * found.rated
-    if found.rated is None:
-        found = replace(found, rated=found.wire_torque)
+    rated = found.wire_torque if found.rated is None else found.rated
+    limit = options.limit or SHARE * rated
+    found = replace(found, rated=rated)
     if limit > found.rated:
         raise BadInput(f"--limit {limit:g}: at most the rated torque of {found.name}, {found.rated:g} N·m")
     if kind == "torque" and abs(target) > limit:

@@ -1,5 +1,7 @@
 """`python -m runtime FILE`, or `run FILE`: run a diagram."""
 
+from typing import Any
+
 from runtime.base.errors import BadInput
 from runtime.cli.parsing import Parser, add_options, fields_of, instance
 from runtime.console.terminal import complain, program, tell
@@ -24,7 +26,7 @@ def carried_out(request):
     from runtime.report import summary
     from runtime.session.run import prepare, run
 
-    prepared = prepare(request)
+    prepared: Any = prepare(request)
     complain(map(str, prepared.schedule.warnings))
     try:
         result = run(prepared, complain)

@@ -8,6 +8,7 @@ import re
 import sys
 import textwrap
 from dataclasses import dataclass
+from typing import Any
 
 from blocks.families import families
 from graph import Block, Device
@@ -168,7 +169,7 @@ def rows(kinds, console, indent=""):
     return [console.cut(f"{indent}{kind.__name__:<{width}}  {summary(kind) or 'no docstring'}") for kind in kinds]
 
 
-def metadata(library):
+def metadata(library) -> Any:
     """What the distribution says of itself; None for a checkout that was not installed."""
     try:
         return importlib.metadata.metadata(library.name)
@@ -177,7 +178,7 @@ def metadata(library):
 
 
 def title(library, console):
-    data = metadata(library)
+    data: Any = metadata(library)
     return (
         console.bold(library.name + (f" {data['Version']}" if data else "")) + f"  {count(len(library.homes), 'block')}"
     )

@@ -104,7 +104,7 @@ def rasterise(text, target, scale=2.0):
 def with_cairosvg(source, picture, size, scale, folder):
     if find_spec("cairosvg") is None:
         return False
-    import cairosvg
+    import cairosvg  # pyright: ignore[reportMissingImports]
 
     cairosvg.svg2png(url=str(source), write_to=str(picture), scale=scale)
     return True

@@ -12,6 +12,7 @@ from importlib.machinery import SourceFileLoader
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 from graph import Block, Diagram, DiagramError, compile
 from graph.names import suggestion
@@ -46,7 +47,7 @@ class DiagramFile:
         return found if callable(found) else None
 
 
-def load(path, settings=(), rig=None, sha256=None):
+def load(path: Any, settings: Any = (), rig: Any = None, sha256: str | None = None) -> tuple[DiagramFile, Diagram]:
     """Read a diagram file and build its diagram.
 
     path : of the file
@@ -81,7 +82,7 @@ def source(given, plant=None, sha256=None):
     return DiagramFile(path, module, {}, {}, digest, given if isinstance(given, Diagram) else None)
 
 
-def build(file, settings=(), rig=None, before=None):
+def build(file: DiagramFile, settings: Any = (), rig: Any = None, before: list | None = None) -> Diagram:
     """Build the diagram of a DiagramFile. Raises BadInput.
 
     settings : pairs (name, value or its text). A name with a dot is a block's parameter, "left/impedance.stiffness";
@@ -89,7 +90,8 @@ def build(file, settings=(), rig=None, before=None):
     rig : RigFile or None; its device parameters are set before the settings
     before : list that receives (block, parameter, value) of every parameter of a block before it is set
     """
-    path, diagram, build = file.path, getattr(file.module, "diagram", None), file.function("build")
+    path, build = file.path, file.function("build")
+    diagram: Any = getattr(file.module, "diagram", None)
     if build is None and not isinstance(diagram, Diagram):
         raise BadInput(
             f"{path} has no diagram: it must define `diagram = Diagram(...)` or a function `build()` that returns one"
@@ -190,6 +192,7 @@ def execute(path, sha256=None):
     location = os.path.abspath(path)
     source = Source(path.stem, location, sha256)
     spec = importlib.util.spec_from_file_location(path.stem, location, loader=source)
+    assert spec is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules.setdefault(path.stem, module)
     guarded(path, source.exec_module, module)

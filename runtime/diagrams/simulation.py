@@ -54,12 +54,12 @@ def plant_of(file, robot, seed=None):
 
     Returns (Diagram, Schedule, replaced seeds); (None, None, []) for a robot without devices.
     """
-    given = file is not None and file.has_plant
-    diagram = build_plant(file, robot) if given else default_plant(robot)
+    given = file if file is not None and file.has_plant else None
+    diagram = build_plant(given, robot) if given else default_plant(robot)
     if diagram is None:
         return None, None, []
     replaced = [] if seed is None else set_seeds(diagram, seed)
-    return diagram, compiled(file.path if given else robot.name, diagram), replaced
+    return diagram, compiled(given.path if given else robot.name, diagram), replaced
 
 
 def substeps(robot, plant):

@@ -37,8 +37,9 @@ def dynamic_model(machine):
     """Return none, voluntary, full or lazy; "" if unknown."""
     chosen = re.search(r"\((\w+)\)", machine.read("/sys/kernel/debug/sched/preempt"))
     asked = re.search(r"\bpreempt=(\w+)", machine.read("/proc/cmdline"))
-    if chosen or asked:
-        return (chosen or asked)[1]
+    match = chosen or asked
+    if match:
+        return match[1]
     models = {"PREEMPT_NONE": "none", "PREEMPT_VOLUNTARY": "voluntary", "PREEMPT": "full", "PREEMPT_LAZY": "lazy"}
     return next((model for option, model in models.items() if machine.configured(option) == "y"), "")
 

@@ -44,7 +44,7 @@ def idle_states(machine, wants):
             states[machine.read(f"{folder}/name")] = int(machine.read(name) or 0)
     if not states:
         return Finding("idle states", OK, "none")
-    deepest = max(states, key=states.get)
+    deepest = max(states, key=states.__getitem__)
     found = f"{deepest} takes {states[deepest]} µs to wake from"
     if states[deepest] <= WAKE_LATENCY_LIMIT:
         return Finding("idle states", OK, found)
@@ -95,9 +95,10 @@ def power_mode(machine, wants):
     modes = {int(number): name for number, name in models}
     asked = re.search(r"NV Power Mode: (\S+)\s+(\d+)", machine.output("nvpmodel", "-q"))
     stored = re.search(r"pmode:(\d+)", machine.read("/var/lib/nvpmodel/status"))
-    if not modes or not (asked or stored):
+    now = asked[2] if asked else stored[1] if stored else None
+    if not modes or now is None:
         return Finding("power mode", UNKNOWN, "nvpmodel does not tell", cure="sudo nvpmodel -q")
-    now = int(asked[2] if asked else stored[1])
+    now = int(now)
     best = max(modes, key=lambda number: strength(modes[number]))
     if now == best:
         return Finding("power mode", OK, modes[now])

@@ -102,7 +102,7 @@ class Copy:
         body, limit = data[MESSAGE.size :], self.following.rows if self.following else None
         if topic.startswith(messages.BUS):
             if self.following and (
-                self.rows > limit or self.following.since is not None and log_time >= self.following.since
+                self.rows > self.following.rows or self.following.since is not None and log_time >= self.following.since
             ):
                 return
             if self.seam:

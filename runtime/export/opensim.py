@@ -8,6 +8,7 @@ documentation, Storage (.sto) Files)
 
 import copy
 import re
+import sys
 
 import numpy as np
 
@@ -15,9 +16,9 @@ from runtime.base.errors import BadInput
 from runtime.base.suggestions import suggestion
 from runtime.base.unique_name import unique
 
-try:
+if sys.version_info >= (3, 11):
     import tomllib
-except ModuleNotFoundError:  # Python 3.10
+else:
     import tomli as tomllib
 
 CHUNK = 1000  # rows

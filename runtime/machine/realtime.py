@@ -180,7 +180,7 @@ class Realtime:
         try:
             native.lock_memory(as_touched=size > free // 2)
         except OSError as error:
-            raise Refusal(name, error.strerror, limit_cure("memlock", "unlimited")) from None
+            raise Refusal(name, error.strerror or str(error), limit_cure("memlock", "unlimited")) from None
         self._undo.callback(native.unlock_memory)
         native.prefault_stack(min(STACK, stack_limit() // 8))
         return "memory locked"

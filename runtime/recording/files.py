@@ -8,6 +8,7 @@ import fcntl
 import os
 import stat
 from itertools import accumulate, count
+from typing import Any
 
 SIDECAR = ".json"
 INCOMPLETE, DELETED = "incomplete", "deleted while it was written"  # remarks on a file
@@ -50,7 +51,7 @@ def make_folder(path):
     return made
 
 
-def create(stem, ending, overwrite=False):
+def create(stem: Any, ending: str, overwrite: bool = False) -> tuple[str, int]:
     """Open a new file: `stem` + `ending`, or with a number in between where that exists. Returns (path, file
     descriptor).
 
@@ -66,6 +67,7 @@ def create(stem, ending, overwrite=False):
             return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
         except FileExistsError:
             pass
+    raise AssertionError
 
 
 def reserve(folder, stem):
@@ -101,7 +103,8 @@ class WholeFile:
     """
 
     def __init__(self, path, descriptor):
-        self.path, self.descriptor = path, descriptor
+        self.path = path
+        self.descriptor: Any = descriptor
         self.pieces = []
         self.size = 0  # bytes of whole pieces in the file
         self.waiting = 0  # bytes in memory

@@ -14,6 +14,7 @@ import os
 import zlib
 from array import array
 from struct import Struct
+from typing import Any
 
 CHUNK = 256 << 10  # bytes of messages in a piece
 PRIVATE = 0x80  # kinds of records from here on are anybody's
@@ -37,7 +38,7 @@ class McapFile:
         self.schemas, self.channels, self.attachments, self.chunks = [], [], [], []
         self.counts = {}  # messages of each channel
         self.first = self.last = None  # log time of all messages, ns
-        self.begun = None  # where the room of the piece that is being written stands
+        self.begun: Any = None  # where the room of the piece that is being written stands
 
     def begin(self, library):
         """library : what writes it"""

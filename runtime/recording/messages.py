@@ -8,6 +8,7 @@ elements. All of it has a fixed size, so that one call of struct.pack makes the 
 import re
 from itertools import groupby
 from struct import Struct
+from typing import Any
 
 from runtime.base.unique_name import unique
 
@@ -71,7 +72,7 @@ def event(kind, at, text):
     )
 
 
-def read(fields, data):
+def read(fields: Any, data: Any) -> dict[str, Any]:
     """{name: value} of a flat message."""
     found, at = {}, 0
     while at < len(data):
@@ -102,7 +103,7 @@ class Subsystem:
     messages : Names that other messages have: viewers know a message by its name
     """
 
-    def __init__(self, topic, columns, messages):
+    def __init__(self, topic: str, columns: Any, messages: Any) -> None:
         self.topic = topic
         self.name = messages.free(topic.strip("/").replace("/", "_"))
         self.columns = [index for index, _ in columns]
@@ -125,7 +126,7 @@ class Subsystem:
             for text, size in inside:
                 pieces += [head + text, *[b""] * (size - 1)]
                 head = b""
-        self._items = [item for text in pieces for item in (text, 0.0)]
+        self._items: list[Any] = [item for text in pieces for item in (text, 0.0)]
         self._pack = Struct("<" + "".join(f"{len(text)}sd" for text in pieces)).pack
 
     def encode(self, values):

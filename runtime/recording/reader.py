@@ -10,6 +10,7 @@ import os
 import re
 import struct
 from dataclasses import dataclass
+from typing import Any
 
 from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
@@ -65,7 +66,9 @@ class Reader:
     """
 
     def __init__(self, path, progress):
-        self.about = self.end = self.diagram = None
+        self.about: Any = None
+        self.end: Any = None
+        self.diagram: Any = None
         self.events, self.frames, self.seams = [], [], []
         self.began = 0
         self.messages, self.topics, self.sizes = {messages.ROW_END: []}, {}, {}

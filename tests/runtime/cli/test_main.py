@@ -459,7 +459,8 @@ def test_every_field_of_a_request_is_an_option_of_run(command_line):
 def test_a_seed_gives_the_same_noise_as_in_a_script(command_line):
     write(
         command_line.folder,
-        "from blocks.recorders import CsvRecorder\nfrom blocks.sources import GaussianNoise\nfrom graph import Diagram\n"
+        "from blocks.recorders import CsvRecorder\nfrom blocks.sources import GaussianNoise\n"
+        "from graph import Diagram\n"
         "with Diagram('noise', rate=100) as diagram:\n    GaussianNoise(name='a')()\n    CsvRecorder()\n",
     )
     assert command_line("robot.py", "--fast", "--duration", "1", "--seed", "5")[0] == OK
