@@ -91,7 +91,11 @@ def of_bus(found):
         Goal("a bus, beyond its two system calls", found["beyond_us"]["p50"], BUS, "µs a tick"),
         Goal("the guardian, added to p99 of a round trip", found["added_p99_us"], GUARDIAN, "µs"),
         Goal("kill -9 to the last first stop frame, p99", found["stop_ms"]["p99"], STOP, "ms"),
-        Goal("kills that no stop frame followed", found["missed"], 0, ""),
+        Goal("kills that no stop frame followed", found["missed"] + found["guardian_deaths_missed"], 0, ""),
+        *(
+            Goal(f"kill -9 of the guardian to the last first stop frame, p99, {name}", each["p99"], STOP, "ms")
+            for name, each in found["guardian_deaths_ms"].items()
+        ),
     ]
 
 

@@ -32,7 +32,7 @@ def main(arguments):
     )
     parser.add_argument("--json", action="store_true", help="print the same for machines")
     options = parser.parse_args(arguments)
-    from runtime.bench import bus
+    from runtime.bench import bus, guardian_death
 
     report = Report(options.json)
     report.say(["over sockets of this machine; what is compared is taken in turn", *words()], **machine())
@@ -48,9 +48,12 @@ def main(arguments):
         found["direct_us"], found["guardian_us"] = spread(direct), spread(carried)
         found["added_p99_us"] = found["guardian_us"]["p99"] - found["direct_us"]["p99"]
         stops = np.array(bus.kills(options.kills)) * 1e3
+        deaths = {name: np.array(guardian_death.deaths(name, options.kills)) * 1e3 for name in guardian_death.RIGS}
     except OSError as error:
         raise BadInput(str(error)) from None
     found["stop_ms"], found["missed"] = spread(stops[np.isfinite(stops)]), int((~np.isfinite(stops)).sum())
+    found["guardian_deaths_ms"] = {name: spread(times[np.isfinite(times)]) for name, times in deaths.items()}
+    found["guardian_deaths_missed"] = int(sum((~np.isfinite(times)).sum() for times in deaths.values()))
     report.say(
         [
             "",
@@ -61,6 +64,7 @@ def main(arguments):
             row("round trip by python-can, µs", found["direct_us"]),
             row("the same through the guardian, µs", found["guardian_us"]),
             row(f"{len(stops)} times kill -9, to the last first stop, ms", found["stop_ms"]),
+            *(row(f"the same of the guardian, {name}, ms", each) for name, each in found["guardian_deaths_ms"].items()),
         ],
         bus=found,
     )

@@ -36,7 +36,9 @@ def test_it_tells_what_a_bus_costs_what_the_guardian_adds_and_how_soon_the_motor
     assert found["missed"] == 0 and found["stop_ms"]["max"] < 500.0
     assert [goal["what"] for goal in told["goals"]][0] == "a bus, beyond its two system calls" and len(
         told["goals"]
-    ) == 4
+    ) == 6
+    assert list(found["guardian_deaths_ms"]) == ["udp_multicast", "slcan"] and found["guardian_deaths_missed"] == 0
+    assert all(0.0 < each["p50"] <= each["max"] < 500.0 for each in found["guardian_deaths_ms"].values())
     assert [child for child in psutil.Process().children() if child.status() != psutil.STATUS_ZOMBIE] == []
 
 

@@ -1,0 +1,147 @@
+"""How fast a run stops its motors after its guardian, which carries their frames, has been killed: on udp_multicast and
+on slcan over a pty.
+"""
+
+import os
+import pty
+import select
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import tty
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from runtime.base.system import end_with_parent
+from runtime.bench import bus
+from runtime.bench.drives import reply
+
+GUARDIAN = "tickwork-guard"  # name of its process
+STOP_TIMEOUT = 1.0  # s
+RIGS = {
+    "udp_multicast": '[bus.legs]\ninterface = "udp_multicast"\nchannel = "{}"\n',
+    "slcan": '[bus.legs]\ninterface = "slcan"\nchannel = "{}"\noptions = {{ sleep_after_open = 0.05 }}\n',
+}
+
+
+def deaths(interface, count):
+    """Return s from kill -9 of the guardian to the last first stop frame, of `count` runs; inf where one did not come.
+
+    interface : "udp_multicast" or "slcan"
+    """
+    node = multicast if interface == "udp_multicast" else adapter
+    with node() as (channel, commands), tempfile.TemporaryDirectory() as folder:
+        robot, rig = Path(folder, "robot.py"), Path(folder, "rig.toml")
+        robot.write_text(bus.ROBOT)
+        rig.write_text(RIGS[interface].format(channel))
+        return [one_death(commands, robot, rig) for _ in range(count)]
+
+
+def one_death(commands, robot, rig):
+    """commands : returns (s of the wall clock, id, data) of the frames since the last call, within s"""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "runtime", str(robot), "--rig", str(rig), "--yes", "--no-record"],
+        cwd=bus.ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=end_with_parent,
+    )
+    try:
+        deadline = time.monotonic() + bus.PATIENCE
+        while not any(data[:7] != b"\xff" * 7 and data != bus.COMMAND for _, _, data in commands(0.02)):
+            if time.monotonic() > deadline or process.poll() is not None:
+                raise OSError("the run whose guardian was to be killed did not begin")
+        time.sleep(0.05)
+        commands(0.0)
+        killed = time.time()
+        os.kill(guardian_of(process.pid), 9)
+        first = {}
+        while len(first) < 2 and time.time() < killed + STOP_TIMEOUT:
+            for at, identifier, data in commands(0.01):
+                if data == bus.DISABLE:
+                    first.setdefault(identifier, at - killed)
+        return max(first.values()) if len(first) == 2 else float("inf")
+    finally:
+        with suppress(subprocess.TimeoutExpired):  # it ends by itself, with a fault
+            process.wait(5.0)
+        process.kill()
+        process.wait()
+
+
+def guardian_of(pid):
+    """Return the process number of a run's guardian."""
+    for entry in filter(str.isdigit, os.listdir("/proc")):
+        with suppress(OSError):
+            name, _, rest = Path("/proc", entry, "stat").read_text().partition("(")[2].rpartition(")")
+            if name == GUARDIAN and int(rest.split()[1]) == pid:
+                return int(entry)
+    raise OSError("the run has no guardian")
+
+
+@contextmanager
+def multicast():
+    """Two drives on udp_multicast: its channel, and the commands that a third node receives."""
+    group = bus.channel()
+    with bus.drives(group, 1, 2):
+        node = bus.node(group)
+
+        def commands(seconds):
+            found, deadline = [], time.monotonic() + seconds
+            while (message := node.recv(max(0.0, deadline - time.monotonic()))) is not None:
+                data = bytes(message.data)
+                if data[0] != message.arbitration_id:
+                    found.append((message.timestamp, message.arbitration_id, data))
+            return found
+
+        try:
+            yield group, commands
+        finally:
+            node.shutdown()
+
+
+@contextmanager
+def adapter():
+    """An slcan adapter on a pty with two drives behind it: its port, and the commands that it was given."""
+    master, port = pty.openpty()
+    tty.setraw(port)
+    name = os.ttyname(port)
+    os.close(port)  # a run refuses a port that another process has open
+    received, over = [], threading.Event()
+
+    def play():
+        line = b""
+        while not over.is_set():
+            if not select.select([master], [], [], 0.02)[0]:
+                continue
+            try:
+                line += os.read(master, 4096)
+            except OSError:  # no process has the port open
+                time.sleep(0.001)
+                continue
+            at = time.time()
+            *words, line = line.split(b"\r")
+            for word in words:
+                if not word.startswith(b"t"):
+                    os.write(master, b"\r")
+                    continue
+                identifier, data = int(word[1:4], 16), bytes.fromhex(word[5:].decode())
+                received.append((at, identifier, data))
+                os.write(master, b"z\rt%03X8%s\r" % (identifier, reply(identifier, data).hex().upper().encode()))
+
+    def commands(seconds):
+        time.sleep(seconds)
+        found = received[:]
+        del received[: len(found)]
+        return found
+
+    thread = threading.Thread(target=play, daemon=True)
+    thread.start()
+    try:
+        yield name, commands
+    finally:
+        over.set()
+        thread.join()
+        os.close(master)
