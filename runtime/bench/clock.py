@@ -25,7 +25,9 @@ from runtime.bench.c_program import C_GRID, build
 from runtime.console.progress import rounds
 from runtime.diagrams.simulation import Simulation
 from runtime.machine.realtime import Realtime
-from runtime.session.run import Prepared, Request, run
+from runtime.session.prepare import Prepared
+from runtime.session.request import Request
+from runtime.session.session import Session
 
 SIGNALS = 60  # that are recorded
 PYTHON_BLOCKS = 10
@@ -111,7 +113,9 @@ def chunk(rate, seconds, python_blocks, realtime, folder):
     made = diagram(rate, python_blocks)
     schedule = compile(made)
     request = Request(Path(__file__), duration=seconds, record=Path(folder), realtime=realtime)
-    result = run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate)))
+    result = Session(
+        Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * rate))
+    ).carry_out()
     uninterrupted(result.outcome)
     return result
 

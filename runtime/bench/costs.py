@@ -20,7 +20,9 @@ from cext.schedule.program import Program
 from graph import Diagram, compile
 from runtime.base.ending import uninterrupted
 from runtime.bench.clock import SIGNALS, diagram
-from runtime.session.run import Request, prepare, run
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
+from runtime.session.session import Session
 
 KNEE_EXO = Path(__file__).parents[2] / "diagrams" / "knee_exo.py"
 RATES = ("200", "1000", "3000", "333.3", "0.7")  # Hz
@@ -87,7 +89,7 @@ def resident():
 
 def knee_minute():
     """(s of loop time, s of waiting for the recorder) of 60 s of the knee exoskeleton in virtual time."""
-    result = run(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True)))
+    result = Session(prepare(Request(KNEE_EXO, duration=60.0, fast=True, no_record=True))).carry_out()
     uninterrupted(result.outcome)
     found = result.statistics
     return found["busy"], found["waited_for_recorder"]

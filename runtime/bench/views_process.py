@@ -18,7 +18,9 @@ from graph import Diagram, compile, subsystem
 from runtime.diagrams.simulation import Simulation
 from runtime.machine.realtime import RealtimeRefused
 from runtime.recorder import RecorderError
-from runtime.session.run import Prepared, Request, run
+from runtime.session.prepare import Prepared
+from runtime.session.request import Request
+from runtime.session.session import Session
 
 RATE, SIGNALS = 1000, 100  # Hz
 NONE, ALL = "none", "all"
@@ -53,7 +55,9 @@ def chunk(viewed, seconds, realtime, folder, port):
         no_record=not viewed,
         realtime=realtime,
     )
-    return run(Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * RATE)))
+    return Session(
+        Prepared(request, made, schedule, Simulation(None, made, schedule), None, round(seconds * RATE))
+    ).carry_out()
 
 
 def main(name, seconds, realtime, folder, port):

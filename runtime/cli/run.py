@@ -24,12 +24,13 @@ def carried_out(request):
     from runtime.machine.realtime import RealtimeRefused
     from runtime.recorder import RecorderError
     from runtime.report import summary
-    from runtime.session.run import prepare, run
+    from runtime.session.prepare import prepare
+    from runtime.session.session import Session
 
     prepared: Any = prepare(request)
     complain(map(str, prepared.schedule.warnings))
     try:
-        result = run(prepared, complain)
+        result = Session(prepared, complain).carry_out()
     except (RealtimeRefused, RecorderError) as error:
         raise BadInput(str(error)) from None
     if result.outcome.faulted:

@@ -12,7 +12,7 @@ from runtime.report.timing import micro
 
 
 def explain(result):
-    """Return the lines that explain the fault of a run. result : runtime.session.run.Result"""
+    """Return the lines that explain the fault of a run. result : runtime.session.result.Result"""
     outcome = result.outcome
     diagram, schedule, program = result.diagram, result.schedule, result.control
     if result.failed_in_plant:

@@ -13,7 +13,7 @@ def ticks(result, block):
 
     Without a block, the table has the signals of all actuators.
 
-    result : runtime.session.run.Result
+    result : runtime.session.result.Result
     """
     schedule, rows = result.schedule, result.newest
     near = [path for path in dict.fromkeys(nearby(result.diagram, block)) if path in schedule.signals][

@@ -12,7 +12,7 @@ EXPLAINED = ("silent", "no answer", "not following")  # faults that a stalled lo
 def before_fault(result):
     """Return text such as '; the loop had lost 20 ticks before that: ...' for a fault that lost ticks may explain.
 
-    result : runtime.session.run.Result
+    result : runtime.session.result.Result
     """
     outcome = result.outcome
     if result.failed_in_plant:
@@ -34,7 +34,7 @@ def before_fault(result):
 def cause(overruns, first):
     """Return what took the time of the ticks lost since tick `first`: the path of a block, or the machine.
 
-    overruns : list of runtime.session.run.Result
+    overruns : list of runtime.session.result.Result
     """
     recent = [row for row in overruns if row["at_tick"] >= first]
     worst = max(recent, key=lambda row: row["longest"], default=None)

@@ -42,7 +42,7 @@ def stopped(outcome):
 
 
 def summary(result):
-    """Return the lines for standard output. result : runtime.session.run.Result"""
+    """Return the lines for standard output. result : runtime.session.result.Result"""
     schedule, statistics = result.schedule, result.statistics
     passed = statistics["ticks"] + statistics["missed"]
     how = (

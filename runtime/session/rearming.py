@@ -33,13 +33,12 @@ def check(diagram, wanted, keys):
 
 class Rearming:
     """
-    prepared : runtime.session.run.Prepared
+    prepared : runtime.session.prepare.Prepared
     keys : whether there is a terminal for the key r
     """
 
-    def __init__(self, prepared, page, control, keys):
-        self.prepared, self.page, self.control, self.keys = prepared, page, control, keys
-        self.executor = None  # it comes after us
+    def __init__(self, prepared, page, control, executor, keys):
+        self.prepared, self.page, self.control, self.executor, self.keys = prepared, page, control, executor, keys
         self.slots = requests(prepared.diagram, prepared.schedule)
         self.wanted = prepared.request.rearm or bool(self.slots)
         self.fault, self.report = None, []  # the newest one, and what was told of it

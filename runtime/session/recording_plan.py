@@ -28,7 +28,7 @@ def ring_bytes(schedule):
 def plan(prepared, realtime):
     """Return the plan of the recorder process.
 
-    prepared : runtime.session.run.Prepared
+    prepared : runtime.session.prepare.Prepared
     realtime : runtime.machine.realtime.Realtime
     """
     from blocks.recorders import CsvRecorder

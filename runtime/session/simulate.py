@@ -19,9 +19,10 @@ from runtime.diagrams.overrides import restore, set_seeds
 from runtime.diagrams.simulation import Simulation
 from runtime.recorder.report import ending
 from runtime.report.fault import explain
+from runtime.session.prepare import ticks_of
 from runtime.session.recording_plan import limits
 from runtime.session.request import Request
-from runtime.session.run import Result, end_event, ticks_of
+from runtime.session.result import Result
 
 MEMORY_SHARE = 0.5  # of this machine's, that the rows of one run may take
 
@@ -148,7 +149,7 @@ def about(result):
 
 def end(result, ticks):
     """How the run ended: the keys of a recording's end.json. ticks : number of rows"""
-    event = end_event(result)
+    event = result.end_event()
     return {
         "ended": ending(event, False),
         "end": event,

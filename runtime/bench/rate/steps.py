@@ -67,7 +67,7 @@ class OnRig:
 
     rig : RigFile; its first bus is the one
     confirmed : whether nobody has to press Enter any more
-    say : as of runtime.session.run.run
+    say : as of runtime.session.session.Session
     """
 
     def __init__(self, make, ids, rig, seconds=2.0, confirmed=False, realtime="try", say=lambda lines: None):
@@ -79,10 +79,12 @@ class OnRig:
         from runtime.recorder import can_ask
         from runtime.rig import RigBuses
         from runtime.rig.overrides import override
-        from runtime.session.run import NOBODY, Prepared, Request, run
+        from runtime.session.prepare import NO_CONFIRMATION, Prepared
+        from runtime.session.request import Request
+        from runtime.session.session import Session
 
         if not self.confirmed and not can_ask():
-            raise BadInput(NOBODY)
+            raise BadInput(NO_CONFIRMATION)
         diagram = robot(self.make, self.ids, rate)
         override(replace(self.rig, devices={}), diagram)
         for block in diagram:
@@ -91,11 +93,11 @@ class OnRig:
         schedule = compile(diagram)
         request = Request(Path(__file__), rig=self.rig.path, no_record=True, yes=self.confirmed, realtime=self.realtime)
         ticks = max(10, round((self.seconds + SETTLING) * rate))
-        result = run(
+        result = Session(
             Prepared(request, diagram, schedule, None, RigBuses(self.rig, diagram, schedule.buses), ticks),
             self.say,
             count_from=round(SETTLING * rate),
-        )
+        ).carry_out()
         self.confirmed = True  # a person has seen the table: the drives stay the same
         outcome, statistics = result.outcome, result.statistics
         if outcome.stopped:

@@ -24,14 +24,15 @@ MODULES = (
     "runtime/guardian/lock.py",
     "runtime/guardian/process.py",
     "runtime/guardian/stop.py",
-    "runtime/session/run.py",
+    "runtime/session/session.py",
 )
 UNITS = {1e9, 1e-9, 1e6, 1e3, 1e15}  # conversions, and an upper bound of a count
 NO_THRESHOLDS = {  # times of processes and of Python, sizes, bit masks
     "READY_TIMEOUT",
     "LEAVE_TIMEOUT",
     "SWITCH",
-    "FASTEST",
+    "EVENT_TIMEOUT",
+    "POLL_PERIOD",
     "FLAGS",
     "STACK",
     "ORDERS",

@@ -7,7 +7,9 @@ import re
 import pytest
 
 from runtime.report import fault
-from runtime.session.run import Request, prepare, run
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
+from runtime.session.session import Session
 from tests.runtime.runs import write
 
 ROBOT = """
@@ -125,7 +127,7 @@ def test_every_fault_of_motion_and_torque_has_its_value_its_bound_and_its_cure(t
         "faults": "",
     }
     path = write(tmp_path, ROBOT.format(**usual | given))
-    result = run(prepare(Request(path, duration=3.0, fast=True, record=tmp_path / "out")))
+    result = Session(prepare(Request(path, duration=3.0, fast=True, record=tmp_path / "out"))).carry_out()
     lines = fault.explain(result)
     assert re.fullmatch(rf"FAULT at knee, tick \d+ \([\d.]+ s\): {said}.*", lines[0]), lines[0]
     assert result.outcome.status == what.partition(" of ")[0].partition(" by ")[0]

@@ -8,7 +8,9 @@ import pytest
 from cext.clock.stopwatch import MACHINE
 from runtime.report import fault
 from runtime.report.lost_ticks import REMEDY, before_fault
-from runtime.session.run import Request, prepare, run
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
+from runtime.session.session import Session
 from tests.runtime.runs import write
 
 STEADY = [(float(tick), 0.0001) for tick in range(95, 101)]
@@ -91,7 +93,7 @@ def test_an_overrun_of_the_machine_names_the_cure():
 
 
 def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
-    result = run(prepare(Request(write(tmp_path, SLEEPS), duration=0.125, no_record=True)))
+    result = Session(prepare(Request(write(tmp_path, SLEEPS), duration=0.125, no_record=True))).carry_out()
     said = before_fault(
         SimpleNamespace(
             outcome=SimpleNamespace(status="silent", tick=round(result.newest[-1][0]) + 30, culprit=None),
@@ -105,7 +107,7 @@ def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
 
 
 def test_the_first_line_of_a_report_holds_it(tmp_path):
-    result = run(prepare(Request(write(tmp_path, SLEEPS), duration=1.0, fast=True, no_record=True)))
+    result = Session(prepare(Request(write(tmp_path, SLEEPS), duration=1.0, fast=True, no_record=True))).carry_out()
     result.outcome = replace(result.outcome, status="silent", tick=230)
     first = fault.explain(result)[0]
     assert first == (

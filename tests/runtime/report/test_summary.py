@@ -10,7 +10,9 @@ from cext.schedule.outcome import Outcome
 from runtime.analysis.trial import Trial
 from runtime.recorder import RecorderProcess
 from runtime.report import fault, summary, timing
-from runtime.session.run import Request, prepare, run
+from runtime.session.prepare import prepare
+from runtime.session.request import Request
+from runtime.session.session import Session
 from tests.runtime.runs import KNEE, KNEE_EXO, knee, line_of, write, writer_of
 from tests.runtime.terminals import patient
 
@@ -20,7 +22,7 @@ def outcome(status="ok", number=0):
 
 
 def carry_out(file, duration=1.0, **more):
-    return run(prepare(Request(Path(file), duration=duration, fast=True, no_record=True, **more)))
+    return Session(prepare(Request(Path(file), duration=duration, fast=True, no_record=True, **more))).carry_out()
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,7 @@ def test_the_summary_counts_ticks_strides_torque_and_work(walked):
 
 def test_the_clock_is_told_in_real_time_only(walked, tmp_path):
     assert not any(line.startswith(("  rate", "  late by", "  load")) for line in summary.summary(walked))
-    lines = summary.summary(run(prepare(Request(knee(tmp_path), duration=0.3, no_record=True))))
+    lines = summary.summary(Session(prepare(Request(knee(tmp_path), duration=0.3, no_record=True))).carry_out())
     assert [line.split()[0] for line in lines[1:6]] == ["plant", "ticks", "rate", "late", "load"]
     assert "µs median" in lines[4] or "ms median" in lines[4]
 
@@ -210,7 +212,7 @@ def test_a_fault_shows_the_last_ticks_before_it_and_what_every_actuator_was_aske
 
 def test_the_report_of_a_fault_is_in_the_recording(tmp_path):
     path = write(tmp_path, KNEE.format(law="return math.nan if tick == 9 else 1.0"))
-    result = run(prepare(Request(path, duration=1.0, fast=True, record=tmp_path / "out")))
+    result = Session(prepare(Request(path, duration=1.0, fast=True, record=tmp_path / "out"))).carry_out()
     [file] = (tmp_path / "out").glob("*.mcap")
     assert Trial(file).end["end"]["report"] == fault.explain(result)
 
@@ -360,8 +362,8 @@ def test_a_recorder_that_dies_is_told_and_the_run_goes_on(tmp_path, monkeypatch)
             super().configure(plan)
             os.kill(patient(lambda: writer_of(self.pid)), signal.SIGKILL)
 
-    monkeypatch.setattr("runtime.session.run.RecorderProcess", Short)
-    result = run(prepare(Request(knee(tmp_path), duration=0.3, no_record=True)))
+    monkeypatch.setattr("runtime.session.session.RecorderProcess", Short)
+    result = Session(prepare(Request(knee(tmp_path), duration=0.3, no_record=True))).carry_out()
     assert result.outcome.status == "ok"
     [line] = [line for line in summary.summary(result) if line.startswith("  recorder")]
     assert "the writer of part 1 died (SIGKILL); part 2 continues the recording; no record was lost" in line
@@ -375,8 +377,10 @@ def test_ctrl_c_while_the_recording_is_finished_does_not_tear_it(tmp_path, monke
             os.kill(os.getpid(), signal.SIGINT)
             return super().finish()
 
-    monkeypatch.setattr("runtime.session.run.RecorderProcess", Interrupted)
+    monkeypatch.setattr("runtime.session.session.RecorderProcess", Interrupted)
     before = signal.getsignal(signal.SIGINT)
-    result = run(prepare(Request(knee(tmp_path), duration=0.5, fast=True, record=tmp_path / "recordings")))
+    result = Session(
+        prepare(Request(knee(tmp_path), duration=0.5, fast=True, record=tmp_path / "recordings"))
+    ).carry_out()
     assert result.recording["ended"] == "ok" and result.recording["ticks"] == 100
     assert signal.getsignal(signal.SIGINT) is before

@@ -1,0 +1,121 @@
+"""The first stage of a run: everything that can be wrong before it."""
+
+from dataclasses import dataclass, field
+
+from blocks.recorders import CsvRecorder
+from blocks.sinks import PlotJuggler, Rerun
+from runtime.base.errors import BadInput
+from runtime.diagrams.file import compiled, load
+from runtime.diagrams.overrides import set_seeds
+from runtime.diagrams.simulation import Simulation
+from runtime.recorder import can_ask
+from runtime.rig import RigBuses, read, require_ranges
+from runtime.rig.poses import Poses
+from runtime.session import rearming
+from runtime.session.request import Request
+
+NO_CONFIRMATION = (
+    "on a rig the operator reads the pre-flight table and presses Enter, and standard input, output and error are no "
+    "terminal: pass --yes to arm without confirmation"
+)
+RATE_LIMIT = 100_000.0  # Hz; a shorter period is too short to sleep in
+
+
+@dataclass
+class Prepared:
+    """A run that is ready to be armed, in simulation or on a rig.
+
+    ticks : grid points, -1 until stopped
+    poses : of the joints of a rig; they prevent arming where a joint may stand elsewhere than its drive reads
+    source_sha256 : hex digest of the source of the diagram file; None where there is no file
+    """
+
+    request: Request
+    diagram: object
+    schedule: object
+    simulation: Simulation | None
+    rig: RigBuses | None
+    ticks: int
+    poses: Poses | None = field(default=None, kw_only=True)
+    source_sha256: str | None = field(default=None, kw_only=True)
+
+    @property
+    def plant(self):
+        """Program of the plant, None on a rig."""
+        return self.simulation.program if self.simulation is not None else None
+
+    @property
+    def substeps(self):
+        """Ticks of the plant in one tick of the robot."""
+        return self.simulation.substeps if self.simulation is not None else 1
+
+    def ends(self):
+        """The robot's end of each bus, in the order of the schedule."""
+        return (self.simulation if self.rig is None else self.rig).ends()
+
+
+def prepare(request):
+    """Load and compile what a Request names. Returns a Prepared; raises BadInput or DiagramError."""
+    rig = read(request.rig) if request.rig is not None else None
+    file, diagram = load(request.file, request.settings, rig)
+    if rig is not None and not request.bench:
+        require_ranges(rig, diagram)
+    adapt(diagram, request)
+    ticks = ticks_of(request, diagram)
+    schedule = compiled(request.file, diagram)
+    rearming.check(diagram, request.rearm, can_ask())
+    if rig is not None:
+        if not request.yes and not can_ask():
+            raise BadInput(NO_CONFIRMATION)
+        poses = Poses(diagram, schedule, request.poses)
+        return Prepared(
+            request,
+            diagram,
+            schedule,
+            None,
+            RigBuses(rig, diagram, schedule.buses),
+            ticks,
+            poses=poses,
+            source_sha256=file.sha256,
+        )
+    return Prepared(
+        request,
+        diagram,
+        schedule,
+        Simulation(file, diagram, schedule, request.bitrate, request.seed),
+        None,
+        ticks,
+        source_sha256=file.sha256,
+    )
+
+
+def ticks_of(request, diagram):
+    """Return the number of grid points that a run has, -1 until stopped. Raises BadInput."""
+    if diagram.rate > RATE_LIMIT:
+        raise BadInput(f"{diagram.rate:g} Hz is too fast: {RATE_LIMIT:g} Hz at most")
+    ticks = -1 if request.duration is None else round(request.duration * diagram.rate)
+    if ticks == 0:
+        raise BadInput(f"--duration {request.duration:g}: shorter than one tick, which takes {1.0 / diagram.rate:g} s")
+    return ticks
+
+
+def adapt(diagram, request):
+    """Apply the options that change the diagram, before it is compiled."""
+    if request.rate is not None:
+        diagram.rate = request.rate
+    if request.seed is not None:
+        set_seeds(diagram, request.seed)
+    if request.plotjuggler is not None:
+        host, port = request.plotjuggler
+        viewers = [block for block in diagram if isinstance(block, PlotJuggler)]
+        with diagram:
+            for viewer in viewers or [PlotJuggler()]:
+                viewer.host, viewer.port = host, port
+    if request.rerun is not None:
+        viewers = [block for block in diagram if isinstance(block, Rerun)]
+        with diagram:
+            for viewer in viewers or [Rerun()]:
+                viewer.target = request.rerun
+    if request.record is not None and not any(isinstance(block, CsvRecorder) for block in diagram):
+        with diagram:
+            CsvRecorder()

@@ -1,0 +1,68 @@
+"""The end of a run as data."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from cext.safety.shared_state import Page
+from cext.schedule.program import Program
+from runtime.machine.realtime import Realtime
+from runtime.report.held_exceptions import held
+from runtime.session.prepare import Prepared
+
+
+@dataclass
+class Result(Prepared):
+    """A run that has ended.
+
+    outcome : cext.schedule.executor.Outcome
+    statistics : of the page
+    recording : the recorder's report
+    seconds : of the wall clock, from arming to the end of the safe stop
+    control : the robot's Program, as the run has left it
+    realtime : what the system has granted
+    overruns, profile, newest : of cext.schedule.executor.Executor
+    page : the shared state, with everything that was counted
+    report : lines about the fault that ended it
+    """
+
+    outcome: object
+    statistics: dict
+    recording: dict
+    seconds: float
+    control: Program
+    realtime: Realtime
+    overruns: list
+    profile: tuple
+    page: Page
+    newest: list
+    report: list = field(default_factory=list)
+
+    @cached_property
+    def held(self):
+        """The exceptions that blocks have held, as runtime.report.held_exceptions.held returns them."""
+        return held(self.request.file, self.control, self.plant)
+
+    @property
+    def failed_in_plant(self):
+        """Whether the fault came from a block of the plant."""
+        outcome = self.outcome
+        simulated = self.simulation is not None and outcome.faulted and outcome.status != "overrun"
+        return simulated and self.control.culprit is None and outcome.culprit is not None
+
+    def end_event(self):
+        """Return the last event of a recording."""
+        outcome = self.outcome
+        return {
+            "event": "end",
+            "status": outcome.status,
+            "culprit": outcome.culprit,
+            "tick": outcome.tick,
+            "signal": outcome.signal,
+            "stopped": outcome.stopped,
+            "overruns": self.overruns,
+            "late": self.control.late,
+            "answers": self.control.latencies,
+            "held": self.held,
+            "report": self.report,
+            "faults": [[fault.status, fault.culprit, fault.tick] for fault in outcome.faults],
+        }

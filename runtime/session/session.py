@@ -1,0 +1,246 @@
+"""A run in stages: prepare (runtime.session.prepare), arm, run, finish.
+
+    result = Session(prepare(request)).carry_out()
+
+A Session owns everything that a run takes: the shared state, the guardian of a rig, the recorder process, real-time
+priority and the executor. Whatever ends `arm` gives back what it has taken; however `run` ends, it finishes.
+"""
+
+import json
+import signal
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+
+from cext.safety.shared_state import RECORD_EVENT, Page
+from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
+from cext.schedule.executor import Executor
+from cext.schedule.program import Program
+from runtime.base.ending import ENDING_SIGNALS
+from runtime.live.table import describe
+from runtime.machine.realtime import PRIORITY, Realtime
+from runtime.recorder import RecorderProcess, can_ask
+from runtime.report.fault import explain
+from runtime.session.preflight import Preflight
+from runtime.session.rearming import Rearming
+from runtime.session.recording_plan import plan, ring_bytes
+from runtime.session.result import Result
+
+EVENT_TIMEOUT = 5.0  # s, for the recorder to make room for an event
+POLL_PERIOD = 0.001  # s
+
+
+class Session:
+    """One run.
+
+    prepared : Prepared
+    say : function that shows lines to the operator before the run
+    count_from : first tick in which missing replies are counted
+    """
+
+    def __init__(self, prepared, say=lambda lines: None, count_from=0):
+        self.prepared, self.request, self.rig = prepared, prepared.request, prepared.rig
+        self.say, self.count_from = say, count_from
+
+    def carry_out(self):
+        """Arm, run and finish. Returns a Result; raises as `arm` does."""
+        self.arm()
+        return self.run()
+
+    def arm(self):
+        """Take everything that the run needs; no frame is sent yet.
+
+        Raises RigError, RecorderError or RealtimeRefused, and then gives everything back.
+        """
+        request, rig = self.request, self.rig
+        with ExitStack() as undo:
+            self.page = Page(ring_bytes(self.prepared.schedule), live=describe(self.prepared.schedule))
+            if rig is not None:  # the guardian comes first: without it nothing is armed
+                undo.callback(rig.close)
+                priority = None if request.realtime == "off" else request.priority or PRIORITY
+                rig.watch(self.page, self.prepared.schedule, self.prepared.diagram, priority)
+            self.recorder = RecorderProcess(self.page)  # before the priority, memory lock and processor of the loop
+            undo.callback(self.recorder.abandon)
+            self.realtime = Realtime(request.realtime, request.priority or PRIORITY, request.cpu)
+            undo.callback(self.realtime.release)
+            self.realtime.obtain()
+            aside = self.keep_others_aside()
+            self.say(self.remarks())
+            self.recorder.configure(plan(self.prepared, self.realtime))
+            self.control = Program(self.prepared.schedule, self.prepared.ends())
+            self.control.count_from(self.count_from)
+            self.executor = self.loop(aside)
+            self.rearming = Rearming(self.prepared, self.page, self.control, self.executor, can_ask())
+            undo.pop_all()
+
+    def keep_others_aside(self):
+        """Move the other processes of the run off the loop's processor. Returns the processors left to them."""
+        aside = self.realtime.others if self.realtime.processor is not None else ()
+        if self.realtime.others and not self.request.fast:
+            self.recorder.keep_to(self.realtime.others)
+        if aside and self.rig is not None:
+            self.rig.guardian.bring_to(aside)
+        return aside
+
+    def remarks(self):
+        """Lines for the operator before the run."""
+        if self.rig is None:
+            return self.realtime.lines()
+        return [*self.rig.remarks(), *self.realtime.lines(), *self.realtime.risk()]
+
+    def loop(self, aside):
+        """The Executor."""
+        request, rig = self.request, self.rig
+        return Executor(
+            self.control,
+            self.prepared.schedule.rate,
+            plant=self.prepared.plant,
+            substeps=self.prepared.substeps,
+            page=self.page,
+            virtual=request.fast,
+            reader=self.recorder.lifeline,
+            overrun=request.overrun,
+            spin=request.spin,
+            profile=request.profile,
+            guard=GUARDIAN_SILENCE * 1e-9 if rig is not None else 0.0,
+            carried=rig is not None and rig.carries,
+            others=aside,
+        )
+
+    def run(self):
+        """Run until the end, whatever ends it, and finish. Returns a Result."""
+        outcome, began = None, time.monotonic()
+        handler = one_interrupt(self.page)
+        try:
+            outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
+        finally:
+            with undisturbed(handler):
+                result = self.finish(outcome, time.monotonic() - began)
+        return result
+
+    def confirmation(self):
+        """Options of Executor.run: on a rig the operator reads the pre-flight table and confirms it."""
+        rig, page, control = self.rig, self.page, self.control
+        if rig is None:
+            return {}
+        poses = self.prepared.poses
+        interfaces = {name: (bus.interface.bus.interface, bus.interface.bus.channel) for name, bus in rig.buses.items()}
+        table = Preflight(
+            self.prepared.diagram, self.prepared.schedule, interfaces, not self.request.yes, rig.guardian.granted, poses
+        )
+
+        def show():
+            page.push(RECORD_EVENT, json.dumps(table.event(control.values)).encode())
+
+        def permitted():
+            """Return whether every joint stands where its drive reads.
+
+            Where one does not, the operator who has confirmed sees the present table again.
+            """
+            if poses is None or not poses.look(control.values):
+                return True
+            if page.state == "ready":
+                show()
+            return False
+
+        return {"answered": show, "confirm": table.confirm, "permitted": permitted}
+
+    def finish(self, outcome, seconds):
+        """Give everything back and complete the recording.
+
+        outcome : of the executor; None where it raised
+        seconds : of the wall clock, from arming to the end of the safe stop
+
+        Returns a Result, or None without an outcome.
+        """
+        if self.rig is not None and outcome is not None:
+            outcome = stopped_from_here(outcome, self.rig, self.page)
+        self.realtime.release()
+        if self.realtime.spun:
+            self.record({"event": "realtime", "lost": "the priority", "because": self.realtime.summary()})
+        statistics = self.page.statistics()
+        if self.rig is not None:
+            self.record({"event": "buses", **self.rig.finish()})
+            if self.rig.report["stop"] is not None:
+                self.record(self.rig.report["stop"])
+            statistics["frames"] = self.rig.correct(statistics["frames"])
+        result = None if outcome is None else self.result(outcome, statistics, seconds)
+        if result is not None:
+            self.record(result.end_event())
+        self.page.close()
+        report = self.recorder.finish()
+        if result is not None:
+            result.recording.update(report)
+        return result
+
+    def result(self, outcome, statistics, seconds):
+        """The Result, without the recorder's report."""
+        result = Result(
+            **vars(self.prepared),
+            outcome=outcome,
+            statistics=statistics,
+            recording={},
+            seconds=seconds,
+            control=self.control,
+            realtime=self.realtime,
+            overruns=self.executor.overruns,
+            profile=self.executor.profile,
+            page=self.page,
+            newest=self.executor.newest,
+        )
+        if outcome.faulted:
+            result.report += self.rearming.told(outcome) or explain(result)
+        return result
+
+    def record(self, event):
+        """Put an event into the ring, which the recorder may still be emptying."""
+        event, deadline = json.dumps(event).encode(), time.monotonic() + EVENT_TIMEOUT
+        while not self.page.push(RECORD_EVENT, event) and self.recorder.alive and time.monotonic() < deadline:
+            time.sleep(POLL_PERIOD)
+
+
+def stopped_from_here(outcome, rig, page):
+    """Stop the actuators from this process if the guardian that carries their frames no longer answers.
+
+    Returns the Outcome.
+    """
+    if outcome.status != "unguarded" and not (outcome.unconfirmed and rig.carries and not guardian_looks(page)):
+        return outcome
+    if outcome.status in ("silent", "no answer", "bus error"):  # the drives are silent because the guardian is
+        outcome = replace(outcome, status="unguarded", culprit=None)
+    return replace(outcome, unconfirmed=rig.take_over())
+
+
+def guardian_looks(page):
+    """Return whether the guardian reads the shared state within GUARDIAN_LOOK_LIMIT."""
+    before, deadline = page.guarded, time.monotonic() + GUARDIAN_LOOK_LIMIT * 1e-9
+    while page.guarded == before and time.monotonic() < deadline:
+        time.sleep(POLL_PERIOD)
+    return page.guarded != before
+
+
+def one_interrupt(page):
+    """Ignore Ctrl-C once the motors are being stopped: a second one finds Python's handler.
+
+    Returns the handler before.
+    """
+
+    def interrupt(number, frame):
+        if page.state not in ("stopping", "safe"):
+            raise KeyboardInterrupt
+
+    return signal.signal(signal.SIGINT, interrupt)
+
+
+@contextmanager
+def undisturbed(before):
+    """Ignore the ending signals: a second one tears neither the stop of the motors nor the end of a recording.
+
+    before : the handler of SIGINT that is there afterwards
+    """
+    handlers = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS} | {signal.SIGINT: before}
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
