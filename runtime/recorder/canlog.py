@@ -7,15 +7,11 @@ which the control process handled them, which is what a replay needs.
 """
 
 import os
-from struct import Struct
 
 from runtime.recorder.service import Service
 from runtime.recording.files import WholeFile, create
+from runtime.recording.format import BUS_BYTE, Frame
 
-FRAME = Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
-EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
-RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4  # struct canfd_frame's flags
-CLASSIC_BYTES = 8
 FLUSH_FRAMES = 1000
 
 
@@ -47,24 +43,24 @@ class CanLog(Service):
         self.message = Message(data=b"", check=False)  # filled anew for every frame
 
     def frame(self, payload):
-        time, identifier, length, flags, bus, sent, data = FRAME.unpack(payload)
-        if not self.on_can[bus]:
+        if not self.on_can[payload[BUS_BYTE]]:
             return
+        frame = Frame.unpack(payload)
         if self.began is None:
             self.began = 0 if self.plan["virtual"] else self.page.wall
         message = self.message
-        message.timestamp = (self.began + time) * 1e-9
-        message.arbitration_id = identifier & ID_MASK
-        message.is_extended_id = bool(identifier & EXTENDED)
-        message.is_remote_frame = bool(identifier & REMOTE)
-        message.is_error_frame = bool(identifier & ERROR)
-        message.is_fd = length > CLASSIC_BYTES or bool(flags & FLEXIBLE)
-        message.bitrate_switch = bool(flags & RATE_SWITCH)
-        message.error_state_indicator = bool(flags & ERROR_STATE)
-        message.is_rx = not sent
-        message.channel = self.plan["buses"][bus]
-        message.data = data[:length]
-        message.dlc = length
+        message.timestamp = (self.began + frame.time) * 1e-9
+        message.arbitration_id = frame.id
+        message.is_extended_id = frame.extended
+        message.is_remote_frame = frame.remote
+        message.is_error_frame = frame.error
+        message.is_fd = frame.fd
+        message.bitrate_switch = frame.rate_switch
+        message.error_state_indicator = frame.error_state
+        message.is_rx = not frame.sent
+        message.channel = self.plan["buses"][frame.bus]
+        message.data = frame.data
+        message.dlc = len(frame.data)
         self.writer.last_timestamp = None  # or it would move a frame of another bus to a later time
         self.writer.on_message_received(message)
         self.frames += 1

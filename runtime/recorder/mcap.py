@@ -17,18 +17,14 @@ at the end as `end.json`.
 
 import json
 import os
-from struct import Struct
 
 from runtime.recorder.service import Service
 from runtime.recording import messages
 from runtime.recording.files import WholeFile, claim, create
+from runtime.recording.format import Frame
 from runtime.recording.mcap_file import McapFile
 from runtime.recording.reader import LIBRARY
 
-FRAME_HEAD = Struct("=qIBBBB")  # struct Frame of cext/abi.pxd, before its data
-EXTENDED, REMOTE, ERROR, ID_MASK = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
-RATE_SWITCH, ERROR_STATE, FLEXIBLE = 1, 2, 4  # struct canfd_frame's flags
-CLASSIC_BYTES = 8
 FORMAT = "1"
 JSON = "application/json"
 
@@ -110,17 +106,9 @@ class FlightLog(Service):
         self.frames += 1
 
     def frame_head(self, payload):
-        _, identifier, length, flags, bus, sent = FRAME_HEAD.unpack_from(payload)
-        truths = (
-            identifier & EXTENDED,
-            identifier & REMOTE,
-            identifier & ERROR,
-            length > CLASSIC_BYTES or flags & FLEXIBLE,
-            flags & RATE_SWITCH,
-            flags & ERROR_STATE,
-            sent,
-        )
-        return self.buses[bus], messages.frame_head(identifier & ID_MASK, truths) + messages.varint(length), length
+        frame = Frame.unpack(payload)
+        length = len(frame.data)
+        return self.buses[frame.bus], messages.frame_head(frame.id, frame.truths) + messages.varint(length), length
 
     def event(self, event):
         at = self.wall(self.page.first_tick + round(max(0, event.get("tick", 0)) / self.plan["rate"] * 1e9))

@@ -7,7 +7,6 @@ import json
 import os
 from contextlib import suppress
 from operator import itemgetter
-from struct import Struct
 
 from cext.bus.bits import payload_bits
 from cext.safety.shared_state import RECORD_CHANGE, RECORD_EVENT, RECORD_FRAME, RECORD_RECEIVED, RECORD_ROW
@@ -18,11 +17,11 @@ from runtime.recorder.report import STILL_RECORDING, describe, outcome, reason, 
 from runtime.recorder.service import takes
 from runtime.recording import files, provenance
 from runtime.recording.changes import Changes
+from runtime.recording.format import BUS_BYTE, row_struct
 from runtime.recording.repair import Backlog
 from runtime.report import preflight
 
 KEPT_EVENTS = 100_000
-BUS_OF_FRAME = 14  # bytes into struct Frame of cext/abi.pxd
 
 
 class RecordingFailed(Exception):
@@ -41,7 +40,7 @@ class Recording:
         self.plan, self.page = plan, page
         self.part = plan.get("part", 1)
         before = plan.get("before", {"files": {}, "logs": [], "problems": []})  # the parts whose writers have died
-        self.row = Struct(f"={2 + len(plan['signals'])}d")
+        self.row = row_struct(len(plan["signals"]))
         self.ticks, self.first_tick, self.last_tick, self.time = 0, None, None, 0.0
         self.events, self.events_left_out, self.end = [], 0, None
         self.changes = Changes(table.read(page).parameters)
@@ -139,17 +138,17 @@ class Recording:
         """Records as the page's `drain` returns them."""
         for kind, payload in records:
             if kind == RECORD_ROW:
-                row = self.newest = self.row.unpack(payload)
-                tick, lateness = int(row[0]), row[1]
+                values = self.newest = self.row.unpack(payload)
+                tick, lateness = int(values[0]), values[1]
                 time = tick / self.plan["rate"]
                 for service in self.whole_rows:
                     try:
-                        service.every_signal(tick, time, lateness, row[2:])
+                        service.every_signal(tick, time, lateness, values[2:])
                     except Exception as error:
                         self.stop(service, error)
                 for pick, service in self.pickers:
                     try:
-                        service.row(tick, time, pick(row))
+                        service.row(tick, time, pick(values))
                     except Exception as error:
                         self.stop(service, error)
                 if self.ticks == 0:
@@ -157,7 +156,7 @@ class Recording:
                 self.ticks += 1
                 self.last_tick, self.time = tick, time
             elif kind == RECORD_FRAME:
-                bus = payload[BUS_OF_FRAME]
+                bus = payload[BUS_BYTE]
                 self.traffic[bus] += 1
                 self.bits[bus] += payload_bits(payload)
                 for service in self.frames:

@@ -12,9 +12,9 @@ most, dt being the time since the tick before.
 """
 
 import math
-from struct import Struct
 
-CHANGE = Struct("=q4i3d")  # struct Change of cext/ring/mailbox.pxd
+from runtime.recording.format import CHANGE
+
 SET, MARK, STOP, CONFIRM, REARM = range(5)
 ASKED = {STOP: "stop", CONFIRM: "confirm", REARM: "rearm"}
 ORIGINS = {1: "keys", 2: "replay"}

@@ -16,15 +16,13 @@ from runtime.base.errors import BadInput
 from runtime.base.optional_dependencies import need
 from runtime.recording import messages
 from runtime.recording.chunks import Expander, TooLarge, compressed, parsed
+from runtime.recording.format import Frame
 
 FORMATS = ("1",)
 SPLITTING = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029]")  # in a name: what would begin another line on a terminal
 DEEPEST = 64  # levels of lists and objects in JSON
 ATTACHMENTS, LIBRARY = ("about.json", "diagram.json", "end.json"), "tickwork"
 MAGIC = b"\x89MCAP0\r\n"
-FRAME = struct.Struct("=qIBBBB64s")  # struct Frame of cext/abi.pxd
-FLAGS = {"extended": 0x80000000, "remote": 0x40000000, "error": 0x20000000}  # of the identifier
-FD_FLAGS = {"rate_switch": 1, "error_state": 2, "fd": 4}
 LOOK = 4096  # records between two looks at how far the reading is
 # an MCAP chunk: its kind, and the bytes in front of its messages where it is not compressed
 CHUNK, CHUNK_HEAD = b"\x06", 49
@@ -225,12 +223,10 @@ class Reader:
 
     def frame(self, bus, record):
         fields = messages.read(messages.FRAME, record.data)
-        data = fields.get("data", b"")
-        identifier = fields["id"] | sum(bit for name, bit in FLAGS.items() if fields.get(name))
-        flags = sum(bit for name, bit in FD_FLAGS.items() if fields.get(name))
-        sent = bool(fields.get("sent"))
         time = record.log_time - self.began
-        payload = FRAME.pack(time, identifier, len(data), flags, self.about["buses"].index(bus), sent, data)
+        truths = (bool(fields.get(name)) for name, kind in messages.FRAME if kind == messages.BOOL)
+        frame = Frame(time, fields["id"], *truths, self.about["buses"].index(bus), fields.get("data", b""))
+        sent, payload = frame.sent, frame.pack()
         rows = len(self.messages[messages.ROW_END])
         return Recorded(time, bus, sent, record.sequence, record.publish_time - self.began, rows, payload)
 

@@ -3,7 +3,6 @@ else is armed.
 """
 
 import math
-import struct
 from contextlib import ExitStack
 
 import numpy as np
@@ -17,6 +16,7 @@ from runtime.base.ending import uninterrupted
 from runtime.base.errors import BadInput
 from runtime.diagrams.file import compiled
 from runtime.diagrams.simulation import Simulation
+from runtime.recording.format import row_struct
 from runtime.rig.buses import RigBuses
 
 PORTS = ("accel", "gyro", "mag")
@@ -125,7 +125,7 @@ def read(schedule, recorder, control, seconds, **how):
     if not 0.0 < seconds <= LONGEST:
         raise BadInput(f"{seconds:g} s: more than 0, and at most {LONGEST:g}")
     ticks = math.ceil(seconds * schedule.rate)
-    row = struct.Struct(f"={2 + len(schedule.columns)}d")
+    row = row_struct(len(schedule.columns))
     frames = FRAME_BYTES * 8 * len(schedule.devices)
     page = Page(max(1 << 20, (row.size + 16 + frames) * (ticks + 1000)))
     try:

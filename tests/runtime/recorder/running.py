@@ -2,7 +2,6 @@
 
 import json
 from array import array
-from struct import Struct
 
 from blocks.actuators import CubeMars
 from blocks.models import Limb
@@ -14,8 +13,8 @@ from cext.schedule.program import Program
 from graph import Block, Diagram, Output, compile, subsystem
 from runtime.recorder import RecorderProcess
 from runtime.recording.ascii_units import ascii_name
+from runtime.recording.format import FRAME
 
-FRAME = Struct("=qIBBBB64s")  # cext/abi.pxd
 CSV = "runtime.recorder.csv:CsvWriter"
 JUGGLER = "runtime.recorder.plotjuggler:PlotJugglerSender"
 STRIDES = "runtime.recorder.strides:StrideAverage"
