@@ -115,8 +115,17 @@ def test_commands_of_the_pages_run(tmp_path):
             words = [ROOT / file if "/" in file else file, *options, "--duration", "1", "--fast"]
         process = finished(*words, cwd=tmp_path)
         assert process.returncode == OK, f"{words}: {process.stderr}"
-    script = write(tmp_path, python_of(RUNNING)[1], "read.py")
-    reader = subprocess.run([sys.executable, script], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    simulated, reader = (
+        subprocess.run(
+            [sys.executable, write(tmp_path, python_of(RUNNING)[place], "script.py")],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+        for place in (1, 2)
+    )
+    assert simulated.stdout == "1000 ticks, final angle 0.524 rad, fault: None\n", simulated.stderr
     assert re.fullmatch(r"hold_.*\.csv: at 0\.995 s the knee was at 0\.\d\d rad\n", reader.stdout), reader.stderr
 
 
