@@ -53,7 +53,7 @@ class Query:
     A frame that the queries of several families share (the same function, the same purpose) is sent once.
 
     frame : returns the frame for an id, or None for an id that this family cannot have; why : purpose, for the report
-    answers : (heard, can_ids, before) -> list of Answer. heard : frames received during this query; before : frames
+    answers : (received, can_ids, before) -> list of Answer. received : frames during this query; before : frames
         received before any query
     details : dialogue(answer) that asks one drive for more, and returns the Answer to report; None for nothing more
     """

@@ -1,4 +1,4 @@
-"""What the drives that are not there share: their ports, and everything that can be wrong with a drive."""
+"""What emulated drives share: their ports, and every failure of a drive."""
 
 import math
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ ANSWERS, WORDS = 24, 4  # of cext/kernels/devices/drives.pxd
 
 
 class Emulated:
-    """Ports and parameters of an emulated drive: it hears commands, gives torque, and answers each frame with its
+    """Ports and parameters of an emulated drive: it takes commands, gives torque, and answers each frame with its
     state.
 
     A family gives `find` and the native kernel, encode and decode. Every input of a fault at zero is a healthy drive.
@@ -58,26 +58,25 @@ class Emulated:
     velocity = Input("rad/s", "of the joint")
     temperature = Input("°C", "of the drive", default=30.0)
     fault = Input("1", "error code it reports", default=0, dtype=int)
-    silent = Input("1", "it hears and obeys, and answers nothing", default=False, dtype=bool)
+    silent = Input("1", "whether it obeys without answering", default=False, dtype=bool)
     dropped = Input("1", "share of the frames to and from it that get lost, 0 to 1", default=0.0)
     wrong_id = Input("1", "id it answers with instead of its own; 0 for its own", default=0, dtype=int)
     stuck_encoder = Input("1", "its encoder stays where it is", default=False, dtype=bool)
     delay = Input("s", "by which its answers are late", default=0.0)
     power_lost = Input(
         "1",
-        "it is dead; when power is back it has forgotten what it was told, and its reading is "
-        "within a motor turn of zero",
+        "whether it has no power; afterwards its settings are lost, and its reading is within a motor turn of zero",
         default=False,
         dtype=bool,
     )
     torque = Output("N·m", "at the joint")
     enabled = Output("1", "whether it has been enabled", dtype=bool)
     wire = Memory(0.0, "half ranges on the wire, at the joint: position, velocity, stiffness, damping, torque")
-    command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque last heard")
+    command = Memory((0.0,) * 5, "position, velocity, stiffness, damping, torque of the last command")
     state = Memory(
         (0.0,) * 7,
         "enabled, zero of the encoder, luck of frames, position of a stuck encoder, whether it is, time "
-        "last heard, a motor turn",
+        "of the last command, a motor turn",
     )
     outbox = Memory((0.0,) * (2 + ANSWERS * WORDS), "answers that are owed")
 

@@ -15,7 +15,7 @@ RANGES = ("position", "velocity", "stiffness", "damping", "torque")
 
 
 class Ranges:
-    """Parameters that say how an actuator's motor sits at its joint, and what its wire can say.
+    """Parameters for how an actuator's motor sits at its joint, and for the ranges of its frames.
 
     Not inherited but taken over one by one, as their order is that of the items of a kernel.
     """
@@ -114,7 +114,7 @@ class Joint:
         choices=("silent", "warn", "saturate", "throttle", "disable"),
     )
     rms_window = Param(20.0, "s", "of the RMS torque", above=0.0, max=3600.0, fixed=True, kernel=False)
-    warning_temperature = Param(70.0, "°C", "from which on it is told that the drive is warm", fixed=True, kernel=False)
+    warning_temperature = Param(70.0, "°C", "above which the drive is reported as warm", fixed=True, kernel=False)
     derating_temperature = Param(80.0, "°C", "from which on its limit goes down", fixed=True, kernel=False)
     fault_temperature = Param(
         100.0, "°C", "at which nothing is left of its limit, and the run ends", fixed=True, kernel=False
@@ -163,7 +163,7 @@ class Joint:
     torque = Output("N·m", "of the drive, from its current")
     temperature = Output("°C", "of the drive")
     fault = Output("1", "the drive's error code, 0 for none", dtype=int)
-    age = Output("s", "since the newest reply was heard")
+    age = Output("s", "time since the newest reply")
     rms_torque = Output("N·m", "root mean square of its torque over rms_window", kernel=False)
     torque_sent = Output("N·m", "feed-forward torque of the frame, after limits, fade-in and quantisation")
     limited = Output(
@@ -205,7 +205,7 @@ class Joint:
         position = self.wire[0] - abs(self.offset)
         if position < 0.0:
             raise ValueError(
-                f"offset {self.offset:g} rad is beyond what the wire can say of the joint, ± {self.wire[0]:g} rad"
+                f"offset {self.offset:g} rad is outside the drive's position range of ±{self.wire[0]:g} rad"
             )
         self.limits = (position, *self.wire[1:4], self.torque_limit, self.torque_limit, 1.0)
         self.damp_time = self.stop_time if self.safe_stop == "damp" else 0.0
@@ -213,7 +213,7 @@ class Joint:
             self.damp_time or self.stop_damping != type(self).parameters["stop_damping"].default
         ):
             raise ValueError(
-                f"stop_damping is at most what the wire can say, {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}"
+                f"stop_damping must be at most the drive's {self.wire[3]:g} N·m·s/rad, got {self.stop_damping:g}"
             )
         self.check_temperatures()
         self.range = motion_of(self.range)
@@ -289,7 +289,7 @@ class Joint:
         return 1e-2 * TORQUE_ACCURACY * peak
 
     def rated_torque(self):
-        """N·m at the joint; of a model whose rating nobody has published, the limit that was given."""
+        """Return the rated torque at the joint, N·m; the given limit where no rating is published."""
         return self.torque_limit if self.found.rated is None else self.found.rated * self.gear_ratio
 
     def find_limit(self):
@@ -314,7 +314,7 @@ class Joint:
         return min(limit, self.wire[4])
 
     def given_limit(self):
-        """The limit of a model whose rated and peak torque are not known: a number, and no more than its wire says."""
+        """Return the limit of a model without published ratings: a number within the drive's range."""
         limit = self.limit
         if isinstance(limit, (str, bool)) or not isinstance(limit, Real):
             raise ValueError(
@@ -322,7 +322,7 @@ class Joint:
             )
         if not 0.0 < float(limit) <= self.wire[4]:
             raise ValueError(
-                f"limit must be above 0 and at most what the wire of {self.found.name} can say, {self.wire[4]:g} "
+                f"limit must be above 0 and within the range of {self.found.name}, {self.wire[4]:g} "
                 f"N·m, got {self.limit:g}"
             )
         return float(limit)

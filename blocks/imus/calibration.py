@@ -11,7 +11,7 @@
     offset = [12.0, 0.0, 3.0]
     matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
-A part that is not there changes nothing.
+A part that is missing changes nothing.
 """
 
 import math
@@ -32,7 +32,7 @@ FIELDS = {
     "gyroscope": ("gyro_bias",),
     "magnetometer": ("mag_offset", "mag_matrix"),
 }
-ABOUT = "sensor"  # table with what the calibration was made of: told, not used
+ABOUT = "sensor"  # table with the source of the calibration, for information
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Calibration:
 
     @classmethod
     def read(cls, path):
-        """That of a file. ValueError, which says what is wrong in it; OSError if it cannot be read."""
+        """Return the Calibration of a file. Raises ValueError with the cause, OSError if it cannot be read."""
         return cls.of(Path(path).read_text(encoding="utf-8"), path)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""A CubeMars AK drive that is not there: it speaks the same bytes, for a plant."""
+"""Emulated CubeMars AK drive: it exchanges the same bytes, for a plant."""
 
 from blocks.actuators.cubemars import models
 from blocks.actuators.cubemars.frames import REPLIES
@@ -8,9 +8,9 @@ from graph import Device, Param
 
 
 class EmulatedCubeMars(Emulated, Device):
-    """A drive in MIT mode on the in-memory bus: hears commands, gives torque, and answers each frame with its state.
+    """A drive in MIT mode on the in-memory bus: it takes commands, gives torque, and answers each frame with its state.
 
-    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is enabled, after it
+    Torque is the drive's law of the last command, up to the peak torque, and zero until it is enabled, after it
     is disabled and while it has a fault. `EmulatedCubeMars.of(robot["left/knee"])` plays the drive that a robot's block
     commands.
     """

@@ -34,11 +34,11 @@ def with_pole_pairs(found, pole_pairs):
 
 
 class EmulatedCubeMarsV3(Emulated, Device):
-    """A V3.0 board on the in-memory bus: hears force control and servo mode, gives torque, and reports.
+    """A V3.0 board on the in-memory bus: it takes force control and servo mode, gives torque, and reports.
 
-    Torque is the drive's law of the last command heard, up to the peak torque, and zero until it is commanded, after a
-    disable and while it has a fault. It needs no enable, unless `enter`; after its power was lost it says so, and obeys
-    the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    Torque is the drive's law of the last command, up to the peak torque, and zero until it is commanded, after a
+    disable and while it has a fault. It needs no enable, unless `enter`; after its power was lost it reports that, and
+    obeys the next command. `EmulatedCubeMarsV3.of(robot["left/knee"])` plays the drive that a robot's block commands.
     """
 
     report_rate = Boards.report_rate
@@ -68,11 +68,11 @@ class EmulatedCubeMarsV3(Emulated, Device):
 
 
 class EmulatedCubeMarsServo(Emulated, Device):
-    """A board of any generation in servo mode, on the in-memory bus: hears commands, gives torque up to its peak, and
-    reports by itself.
+    """A board of any generation in servo mode, on the in-memory bus: it takes commands, gives torque and reports.
 
-    The gains of its loops of velocity and position are ours: the vendor's are set with his tool. A V3.0 board hears
-    force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block commands.
+    The gains of its loops of velocity and position are ours: the vendor's are set with its tool. A V3.0 board
+    takes force control, too. `EmulatedCubeMarsServo.of(robot["left/knee"])` plays the drive that a robot's block
+    commands.
     """
 
     report_rate = Param(

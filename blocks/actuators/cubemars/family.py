@@ -61,8 +61,8 @@ class CubeMarsFamily(Family):
     configure_note = "Of a CubeMars only the zero can be set; --save keeps it where the drive is in servo mode."
     benchmark = Benchmark(CubeMars, EmulatedCubeMars, {"model": "AK80-9"})
 
-    def reports(self, heard):
-        return queries.reports(heard)
+    def reports(self, received):
+        return queries.reports(received)
 
     def commanded(self, identifier, extended, data):
         found = queries.commanded(identifier, extended, data)

@@ -11,7 +11,7 @@ from graph import ReplyField
 
 # kinds of commands
 DUTY, CURRENT, BRAKE, SPEED, POSITION, ORIGIN, POSITION_SPEED, FORCE, DISABLE = 0, 1, 2, 3, 4, 5, 6, 8, 15
-STATUS, POWER_UP = 0x29, 0x2C  # and of what a drive says
+STATUS, POWER_UP = 0x29, 0x2C  # and of the drive's frames
 
 DEGREES = 3276.8  # half the range of a status' position; the manual has 3200
 POSITION_CODE = math.radians(0.1)  # rad, of a status
@@ -30,7 +30,7 @@ FAULTS = {  # error codes of MIT mode
     6: "transistors too hot",
     7: "stalled",
 }
-EXTENDED_FAULTS = FAULTS | {0x2C: "has lost its power in the run", 0x77: "says that it has been disabled"}
+EXTENDED_FAULTS = FAULTS | {0x2C: "has lost its power in the run", 0x77: "reports that it is disabled"}
 
 
 def frame(kind, can_id, data=b""):
@@ -48,12 +48,12 @@ def origin(can_id, permanent=False):
 
 
 def hears(can_id):
-    """What a drive says, and what anybody commands it."""
+    """Return patterns of the frames of a drive, and of commands to it."""
     return [(STATUS << 8 | can_id, 0x1FFFF8FF, True), (can_id, 0x1FFFE0FF, True)]
 
 
 def replies(can_id):
-    """A status that says that the drive is at rest: with a current within ± QUIET, or with the answer to a disable."""
+    """Return patterns of a status at rest: a current within ± QUIET, or the answer to a disable."""
     status = STATUS << 8 | can_id
     return [
         (status, 0x1FFFFFFF, True, pattern) for pattern in ("." * 8 + "00[01]", "." * 8 + "ff[ef]", "." * 14 + "77")

@@ -1,7 +1,7 @@
 """The CubeMars AK models of board generations V1 and V2, which speak MIT mode.
 
 Three different torques, easily confused:
-    rated   what the motor holds for ever
+    rated   what the motor holds continuously
     peak    what it gives for seconds
     wire    what the largest code on the wire means: a scale, not a rating
 
@@ -143,7 +143,7 @@ def _same_motor(motor):
     """
     for printed, full in MISPRINTED.items():
         if plain(printed) == motor:
-            return f"the manual that says {printed} means {full!r}"
+            return f"{printed} is a misprint in the manual for {full!r}"
     return next((f"did you mean {full!r}?" for full in MODELS if split(full)[0] == motor), "")
 
 

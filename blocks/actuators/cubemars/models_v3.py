@@ -84,8 +84,7 @@ def find(name):
     for without in WITHOUT_WIRE:
         if models.plain(without) == motor and (not generation or generation.startswith("3")):
             raise ValueError(
-                f"{name}: the manual's table of wire ranges does not have it, so that nobody can say "
-                "what its codes mean"
+                f"{name}: the manual's table of wire ranges does not list it, so the meaning of its codes is unknown"
             )
     same = next((model for model in MODELS.values() if models.plain(model.motor) == motor), None)
     older = next((full for full in models.MODELS if models.split(full)[0] == motor), None)

@@ -42,13 +42,13 @@ def state(identifier, extended, data, can_id, model=None):
     return found
 
 
-def states(heard, can_ids, before):
+def states(received, can_ids, before):
     """Return the Answers to the query of MIT mode, one for each id."""
     found = []
     for can_id in can_ids:
-        answers = [answer for frame in heard if (answer := state(*frame, can_id=can_id)) is not None]
+        answers = [answer for frame in received if (answer := state(*frame, can_id=can_id)) is not None]
         found += one_of(answers, can_id, any(state(*frame, can_id=can_id) for frame in before))
-        named = {name for frame in heard if (name := other_id(*frame, can_id=can_id)) is not None}
+        named = {name for frame in received if (name := other_id(*frame, can_id=can_id)) is not None}
         if named and not answers:
             remark = (
                 f"replies with id {' and '.join(map(str, sorted(named)))} in byte 0: the drive is configured to answer "
@@ -111,19 +111,19 @@ def status_of(can_id, model=None):
     return read
 
 
-def reports(heard):
+def reports(received):
     """Return {id: newest Answer} of drives that report: that of a V3.0 board to a disable before any other."""
     found = {}
-    for frame in heard:
+    for frame in received:
         answer = status(*frame)
         if answer is not None and answer.can_id != NO_ID and getattr(found.get(answer.can_id), "family", "") != V3:
             found[answer.can_id] = answer
     return found
 
 
-def all_reports(heard, can_ids, before):
+def all_reports(received, can_ids, before):
     """Return the Answers to the query of V3.0 boards: drives that report, and boards that were asked."""
-    return list((reports(before) | reports(heard)).values())
+    return list((reports(before) | reports(received)).values())
 
 
 def commanded(identifier, extended, data):

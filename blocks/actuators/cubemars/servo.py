@@ -109,7 +109,7 @@ class CubeMarsServo(ExtendedFrames, Actuator):
     current_command = Input("A", "of the motor, the way the joint turns")
     position, velocity, torque, current = Joint.position, Joint.velocity, Reporting.torque, Reporting.current
     temperature = Joint.temperature
-    fault, age, rms_torque = Joint.fault, Output("s", "since the newest report was heard"), Joint.rms_torque
+    fault, age, rms_torque = Joint.fault, Output("s", "time since the newest report"), Joint.rms_torque
     current_sent = Output("A", "current command after fade-in and rounding")
     scales, notice = Reporting.scales, Reporting.notice
     limits = Memory((0.0,) * 3, "lowest and highest command, and the share that is left of it")
@@ -191,8 +191,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.sent_outputs = (self.sent_name,)
         if quantity != "current":
-            told, sent = COMMANDS[quantity]
-            self.inputs = {self.command_name: told.named(self.command_name)}
+            command, sent = COMMANDS[quantity]
+            self.inputs = {self.command_name: command.named(self.command_name)}
             self.outputs = {
                 self.sent_name if name == "current_sent" else name: sent.named(self.sent_name)
                 if name == "current_sent"
@@ -201,8 +201,8 @@ class CubeMarsServo(ExtendedFrames, Actuator):
             }
         if self.mode in ("velocity", "position_velocity") and self.velocity_limit > self.wire[1]:
             raise ValueError(
-                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can be told of the joint, "
-                f"{self.wire[1]:g} rad/s"
+                f"velocity_limit {self.velocity_limit:g} rad/s is outside the drive's range at the joint, "
+                f"±{self.wire[1]:g} rad/s"
             )
         position = self.wire[0] - abs(self.offset)
         limit, scale, largest = {

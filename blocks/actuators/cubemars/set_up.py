@@ -55,7 +55,7 @@ def set_up(request):
     yield from refuse_running(found, request.can_id)
     kept = "and it is kept when its power goes" if request.save else "until its power goes"
     if in_mit_mode:
-        kept = "whether it is kept when its power goes, a `scan` after that tells"
+        kept = "whether it is kept when its power goes depends on the firmware; check it with `scan`"
     position = found.answer.position
     yield Tell((f"id {request.can_id}, {family}", f"  position: {position:.4f} rad -> 0 rad, {kept}"))
     if not (yield Confirm("change that")):

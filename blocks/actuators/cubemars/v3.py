@@ -63,7 +63,7 @@ class Reporting:
 
 
 class ExtendedFrames:
-    """Who a drive in extended frames is on its bus, and what it says of its faults."""
+    """Addresses, frames and faults of a drive on extended frames."""
 
     can_id: Any
 

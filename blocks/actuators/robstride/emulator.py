@@ -1,4 +1,4 @@
-"""A RobStride drive that is not there: it speaks the same bytes, for a plant."""
+"""Emulated RobStride drive: it exchanges the same bytes, for a plant."""
 
 import hashlib
 import re
@@ -14,11 +14,11 @@ VELOCITY_GAIN = 5.0  # N·m·s/rad, ours: the vendor's is tuned to its motor
 
 
 class EmulatedRobStride(Emulated, Device):
-    """A RobStride drive or a CyberGear on the in-memory bus: hears the private protocol in every mode, gives torque,
+    """A RobStride drive or a CyberGear on the in-memory bus: it takes the private protocol in every mode, gives torque,
     and answers.
 
     Torque is the law of its run mode, up to its limits and the peak torque, and zero until it is enabled, after it is
-    stopped, while it has a fault and when it has heard nothing for its canTimeout. `fault`: its six bits of the
+    stopped, while it has a fault and when it has received nothing for its canTimeout. `fault`: its six bits of the
     feedback, which stay until they are cleared, and from bit 8 on those of a fault report. Its parameters can be read,
     written and, on a RobStride, saved; it takes another id, and answers with its unique number and its firmware.
     `EmulatedRobStride.of(robot["left/knee"])` plays the drive that a robot's block commands.

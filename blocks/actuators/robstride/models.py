@@ -1,7 +1,7 @@
 """The RobStride models and the CyberGear, which speak one protocol with ranges of their own.
 
 Three different torques, easily confused:
-    rated   what the motor holds for ever
+    rated   what the motor holds continuously
     peak    what it gives for seconds
     wire    what the largest code on the wire means: a scale, not a rating
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from graph.interval import Interval
 from graph.names import suggestion
 
-TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C that feedback can tell, rounded as the kernels round
+TEMPERATURE = Interval(-32768 * 0.1, 32767 * 0.1)  # °C, range of the feedback, rounded as the kernels round
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Model:
     no_load: float
     too_hot: float
     wire_position: float = 12.57  # rad
-    own_timeout: bool = True  # whether the drive can stop by itself when it hears nothing
+    own_timeout: bool = True  # whether the drive can stop by itself when it receives nothing
 
     @property
     def torque_constant(self):

@@ -100,8 +100,8 @@ class RobStride(Joint, Actuator):
         quantity = "position" if self.mode in POSITION_MODES else self.mode
         if quantity != "current" and self.velocity_limit > self.wire[1]:
             raise ValueError(
-                f"velocity_limit {self.velocity_limit:g} rad/s is beyond what the drive can say of the joint, "
-                f"{self.wire[1]:g} rad/s"
+                f"velocity_limit {self.velocity_limit:g} rad/s is outside the drive's range at the joint, "
+                f"±{self.wire[1]:g} rad/s"
             )
         self.command_name, self.sent_name = f"{quantity}_command", f"{quantity}_sent"
         self.inputs = {self.command_name: COMMANDS[quantity].named(self.command_name)}
@@ -185,7 +185,7 @@ class RobStride(Joint, Actuator):
         return [(self.can_id, True)]
 
     def hears(self):
-        """What is said to the host by this drive, and what anybody says to it."""
+        """Return patterns of the frames of this drive to its host, and of frames to it."""
         return [(self.can_id << 8 | self.host_id, 0xFFFF, True), (self.can_id, 0xFF, True)]
 
     def replies(self):
@@ -202,23 +202,26 @@ class RobStride(Joint, Actuator):
         return frames.frame(kind, self.host_id, self.can_id)
 
     def enable_frames(self):
-        """Stopped, told what it needs to know, and enabled: with a mode that nothing has been commanded in."""
+        """Return frames that stop the drive, write its settings, and enable it in a mode without a command."""
         found, ratio = self.found, self.gear_ratio
-        told = [self.command(frames.STOP)]
+        sequence = [self.command(frames.STOP)]
         if found.own_timeout:
-            told.append(self.write(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)))
-        told += [self.write(frames.RUN_MODE, RUN_MODES[self.mode]), self.write(frames.LIMIT_TORQUE, self.motor_torque)]
+            sequence.append(self.write(frames.CAN_TIMEOUT, frames.timeout_counts(self.can_timeout)))
+        sequence += [
+            self.write(frames.RUN_MODE, RUN_MODES[self.mode]),
+            self.write(frames.LIMIT_TORQUE, self.motor_torque),
+        ]
         if self.mode in POSITION_MODES:
             faster = frames.VEL_MAX if self.mode == "position" and not found.is_cybergear else frames.LIMIT_SPD
-            told.append(self.write(faster, self.velocity_limit * ratio))
+            sequence.append(self.write(faster, self.velocity_limit * ratio))
         if self.mode in ("position", "velocity") and not found.is_cybergear:
-            told.append(
+            sequence.append(
                 self.write(frames.ACC_SET if self.mode == "position" else frames.ACC_RAD, self.acceleration * ratio)
             )
-        told += self.zero_frames() if self.mode != "operation" else []
+        sequence += self.zero_frames() if self.mode != "operation" else []
         if self.active_reporting:
-            told.append(frames.reports(True, self.can_id, self.host_id))
-        return [*told, *self.read_frames(), self.command(frames.ENABLE)]
+            sequence.append(frames.reports(True, self.can_id, self.host_id))
+        return [*sequence, *self.read_frames(), self.command(frames.ENABLE)]
 
     def read_frames(self):
         return [frames.read(frames.CAN_TIMEOUT, self.can_id, self.host_id)] if self.ready else []

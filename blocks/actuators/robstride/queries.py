@@ -141,11 +141,11 @@ def state_in_mit_mode(identifier, extended, data, can_id, model=None):
     return found
 
 
-def states_in_mit_mode(heard, can_ids, before):
+def states_in_mit_mode(received, can_ids, before):
     """Return the Answers to the query of MIT mode, one for each id."""
     found = []
     for can_id in can_ids:
-        answers = [answer for frame in heard if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
+        answers = [answer for frame in received if (answer := state_in_mit_mode(*frame, can_id=can_id)) is not None]
         found += one_of(answers, can_id, any(state_in_mit_mode(*frame, can_id=can_id) for frame in before))
     return found
 
@@ -155,11 +155,11 @@ def question(can_id):
     return get_id(can_id) if can_id <= 127 else None
 
 
-def drives(heard, can_ids, before):
+def drives(received, can_ids, before):
     """Return an Answer for each id with an identity."""
     found = []
     for can_id in can_ids:
-        unique = [number for frame in heard if (number := identity(*frame, can_id=can_id)) is not None]
+        unique = [number for frame in received if (number := identity(*frame, can_id=can_id)) is not None]
         if unique:
             remarks = [same_id(len(unique), can_id)] if len(unique) > 1 else []
             found.append(Answer(EITHER, can_id, unique=" and ".join(unique), remarks=remarks, block="RobStride"))

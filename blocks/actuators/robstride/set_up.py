@@ -113,8 +113,8 @@ class Drive:
 
     def identities(self, can_id):
         yield Send(queries.get_id(can_id), "get id")
-        heard = yield Listen(IDENTITY_TIME)
-        return [unique for frame in heard if (unique := queries.identity(*frame, can_id=can_id)) is not None]
+        received = yield Listen(IDENTITY_TIME)
+        return [unique for frame in received if (unique := queries.identity(*frame, can_id=can_id)) is not None]
 
     def absent(self):
         """Return None where no drive in the MIT protocol answers instead, raise Rejected where one does."""

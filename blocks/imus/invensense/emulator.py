@@ -1,4 +1,4 @@
-"""IMUs of InvenSense that are not there: they answer the same bytes, for a plant."""
+"""Emulated IMUs of InvenSense: they answer the same bytes, for a plant."""
 
 from blocks.controllers.joint import GRAVITY
 from blocks.i2c import I2cDevice
@@ -11,7 +11,7 @@ FIELD = (20.0, 0.0, -44.0)  # µT, as in the middle of Europe: north and down
 
 
 class _Emulated(I2cDevice):
-    """Ports, parameters and faults of an IMU that is not there. It answers at the rates at which it would be asked; at
+    """Ports, parameters and faults of an emulated IMU. It answers at the rates at which it would be asked; at
     rest by default.
     """
 
@@ -28,7 +28,9 @@ class _Emulated(I2cDevice):
     silent = Input("1", "it answers nothing", default=False, dtype=bool)
     stuck = Input("1", "it answers the same bytes again and again", default=False, dtype=bool)
     wrong_address = Input("1", "address that it answers at instead of its own; 0 for its own", default=0, dtype=int)
-    mag_overflow = Input("1", "its magnetometer says that the field is too strong", default=False, dtype=bool)
+    mag_overflow = Input(
+        "1", "whether its magnetometer reports that the field is too strong", default=False, dtype=bool
+    )
     mag_not_ready = Input("1", "its magnetometer has nothing new", default=False, dtype=bool)
 
     identity = Memory(0.0, "place and address")
@@ -57,7 +59,7 @@ class _Emulated(I2cDevice):
 
 
 class EmulatedMPU9250(_Emulated):
-    """An MPU-9250 that is not there: it answers the bytes of its registers at the rate at which it would be read. At
+    """Emulated MPU-9250: it answers the bytes of its registers at the rate at which it would be read. At
     rest by default.
 
     `EmulatedMPU9250.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy
@@ -82,7 +84,7 @@ class EmulatedMPU9250(_Emulated):
 
 
 class EmulatedICM20948(_Emulated):
-    """An ICM-20948 that is not there: it answers the bytes of its registers at the rate at which it would be read. At
+    """Emulated ICM-20948: it answers the bytes of its registers at the rate at which it would be read. At
     rest by default.
 
     `EmulatedICM20948.of(robot["left/shank_imu"])` plays the IMU of a robot. Every input of a fault at zero is a healthy

@@ -16,7 +16,7 @@ FILTERED = 0x01
 
 MAG_WHO_AM_I, MAG_STATUS, MAG_CONTROL_2, MAG_CONTROL_3 = 0x01, 0x10, 0x31, 0x32
 MAG_100_HZ, MAG_RESET = 0x08, 0x01
-MAG_BYTES = 9  # ST1, three axes, one that says nothing, ST2
+MAG_BYTES = 9  # ST1, three axes, one without meaning, ST2
 
 
 class ICM20948(InvenSense):
@@ -71,7 +71,7 @@ class ICM20948(InvenSense):
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x09:
             raise ValueError(
-                f"its magnetometer says {found:#04x}, and an AK09916 says 0x09: magnetometer=False reads it without"
+                f"its magnetometer answers {found:#04x} instead of 0x09 of an AK09916; magnetometer=False reads the rest"
             )
 
     def check(self):

@@ -105,7 +105,7 @@ class MPU9250(InvenSense):
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x48:
             raise ValueError(
-                f"its magnetometer says {found:#04x}, and an AK8963 says 0x48: magnetometer=False reads it without"
+                f"its magnetometer answers {found:#04x} instead of 0x48 of an AK8963; magnetometer=False reads the rest"
             )
         write(self.mag_write(MAG_CONTROL, MAG_POWER_DOWN, 0.001))
         write(self.mag_write(MAG_CONTROL, MAG_FUSES, 0.001))

@@ -20,9 +20,9 @@ class MicroStrain(StreamDevice):
     """MicroStrain inertial sensor (3DM-GX5, CX5, CV5, CV7, GV7 and their kin) over serial, in MIP, found by its serial
     number.
 
-    `quaternion`, `euler` and `rotation` say how the sensor is turned against where it was tared, before that against
+    `quaternion`, `euler` and `rotation` are the attitude of the sensor against that at its tare, before that against
     the earth as the sensor has it (x north, y east, z down); `rotation` takes vectors from the sensor's axes to those.
-    `raw_quaternion` and `raw_euler` are as the sensor tells them. What it was not asked for, has not told yet, or
+    `raw_quaternion` and `raw_euler` are as the sensor sends them. What was not requested, has not arrived yet, or
     itself calls invalid is NaN. The clock of the sensor is mapped to the computer's by the least delay of every second
     (cext/kernels/devices/clock_map.pxd).
     """
@@ -50,7 +50,7 @@ class MicroStrain(StreamDevice):
     attitude = Param(
         "filter",
         "1",
-        "what tells quaternion and euler: the estimation filter, or the complementary filter beside the sensors",
+        "source of quaternion and euler: the estimation filter, or the complementary filter beside the sensors",
         dtype=str,
         choices=("filter", "sensor"),
     )
@@ -69,9 +69,7 @@ class MicroStrain(StreamDevice):
         max=1000.0,
         fixed=True,
     )
-    tare_at_start = Param(
-        False, "1", "whether its first samples say where it is tared; while they do, nothing is armed", fixed=True
-    )
+    tare_at_start = Param(False, "1", "whether its first samples are its tare; arming waits for them", fixed=True)
     tare_time = Param(0.5, "s", "over which a tare takes the mean", min=0.0, max=60.0, fixed=True)
     timeout = Param(0.1, "s", "silence after which the run ends in the safe stop; 0 for never", min=0.0, fixed=True)
 
@@ -87,8 +85,8 @@ class MicroStrain(StreamDevice):
         "rad", "roll, pitch, yaw of the same", shape=(3,), range=(-math.pi, math.pi), circle=(-math.pi, math.pi)
     )
     rotation = Output("1", "matrix of the same", shape=(3, 3))
-    raw_quaternion = Output("1", "attitude as it tells it, w first", shape=(4,))
-    raw_euler = Output("rad", "roll, pitch, yaw as it tells them", shape=(3,), circle=(-math.pi, math.pi))
+    raw_quaternion = Output("1", "attitude as the sensor sends it, w first", shape=(4,))
+    raw_euler = Output("rad", "roll, pitch, yaw as the sensor sends them", shape=(3,), circle=(-math.pi, math.pi))
     temperature = Output("°C", "of the sensor, mean")
     age = Output("s", "since the newest sample came")
     sample_time = Output("s", "when the newest sample was taken, on the clock of the run")
@@ -96,8 +94,8 @@ class MicroStrain(StreamDevice):
     measured_rate = Output("Hz", "samples that came in the second before")
     packets = Output("1", "packets of data that came", dtype=int)
     corrupt = Output("1", "packets whose checksum was wrong", dtype=int)
-    lost = Output("1", "samples that it took, as its clock tells, and that never came", dtype=int)
-    valid = Output("1", "whether the filter calls valid all that it told last", dtype=bool)
+    lost = Output("1", "samples that it took, by its clock, and that did not arrive", dtype=int)
+    valid = Output("1", "whether the filter marks its newest values as valid", dtype=bool)
     tared = Output("1", "whether it has been tared", dtype=bool)
     tare_attitude = Output("1", "attitude that counts as none, w first", shape=(4,))
     connected = Output("1", "whether its line is there", dtype=bool)
@@ -105,7 +103,7 @@ class MicroStrain(StreamDevice):
     pending = Memory((0.0,) * 65, "bytes that are no packet yet")
     index = Memory((0.0,) * 768, "number of the row of each descriptor, by set")
     rows = Memory(0.0, "what each field is, and where it goes")
-    settings = Memory((0.0,) * 4, "rate, time of the tare, whether to tare at the start, set whose rate is told")
+    settings = Memory((0.0,) * 4, "rate, time of the tare, whether to tare at the start, set whose rate is reported")
     state = Memory((0.0,) * 72, "newest times, attitude of the tare, map of the clock")
 
     line = "dialogue"
@@ -138,7 +136,7 @@ class MicroStrain(StreamDevice):
             **type(self).outputs,
             **{
                 field.name: Output(
-                    field.unit, "as it tells it", shape=(field.values,) if field.values > 1 else ()
+                    field.unit, "as the sensor sends it", shape=(field.values,) if field.values > 1 else ()
                 ).named(field.name)
                 for field in extra
             },
@@ -168,7 +166,7 @@ class MicroStrain(StreamDevice):
         for field in FIELDS:
             if field.name not in asked and field.name not in TIMES:
                 continue
-            first = 2 if field.name == "temperatures" else 0  # the mean stands behind least and most
+            first = 2 if field.name == "temperatures" else 0  # the mean follows the smallest and the largest
             rows += [
                 float(roles.get(field.name, PLAIN)),
                 float(field.kind),

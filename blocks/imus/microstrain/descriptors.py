@@ -28,7 +28,7 @@ class Field:
     name : of its values
     layout : of its data, as struct has it without the byte order
     unit : of the values in SI; scale : from the wire to it
-    flagged : whether its last word says that the filter calls it valid
+    flagged : whether its last word states that the filter marks it as valid
     """
 
     set: int
@@ -41,7 +41,7 @@ class Field:
 
     @property
     def values(self):
-        """How many there are, flags and what else stands behind them left out."""
+        """Return the number of values, without flags and what else follows them."""
         return len(self.layout) - len(self.layout.lstrip(self.layout[0])) - (self.flagged and self.layout[0] == "H")
 
     @property
@@ -96,7 +96,7 @@ FIELDS = (
 )
 BY_NAME = {field.name: field for field in FIELDS}
 BY_KEY = {(field.set, field.descriptor): field for field in FIELDS}
-TIMES = ("reference_time", "gps_time", "sensor_time", "filter_time")  # that tell when a sample was taken
+TIMES = ("reference_time", "gps_time", "sensor_time", "filter_time")  # times of a sample
 
 # What a block's channel is on the wire, by where its attitude comes from.
 CHANNELS = {

@@ -1,4 +1,4 @@
-"""A MicroStrain sensor that is not there: it speaks the same bytes, for a plant or on a pseudo-terminal."""
+"""Emulated MicroStrain sensor: it exchanges the same bytes, for a plant or on a pseudo-terminal."""
 
 from blocks.imus.microstrain import models
 from blocks.imus.microstrain.descriptors import BY_NAME, FILTER, SENSOR, STANDARD_GRAVITY, wanted
@@ -10,13 +10,13 @@ INFO = 16  # characters of each text in the device information
 
 
 class EmulatedMicroStrain(Device):
-    """A MicroStrain sensor on an in-memory line or behind a descriptor: hears the commands of MIP, and answers and
+    """A MicroStrain sensor on an in-memory line or behind a descriptor: it takes the commands of MIP, and answers and
     streams byte for byte.
 
     `EmulatedMicroStrain.of(robot["left/shank_imu"])` plays the sensor of a robot's block: it streams from the start as
     that would have set it up. With streaming=False it waits to be set up, as one does that has just been plugged in. A
-    line that is disconnected tells so, and after its return the sensor is as it was saved. Every input of a fault at
-    zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
+    line that is disconnected reports that, and after its return the sensor is as it was saved. Every input of a fault
+    at zero is a healthy sensor. In a tick of the plant it sends 256 bytes at most.
     """
 
     bus = Param("imu", "1", "logical name of its line", dtype=str)
@@ -25,11 +25,11 @@ class EmulatedMicroStrain(Device):
     rate = Param(200.0, "Hz", "of its samples", above=0.0, max=1000.0, fixed=True)
     channels = Param(("accel", "gyro", "mag", "quaternion", "temperature"), "1", "as for the sensor", dtype=tuple)
     attitude = Param("filter", "1", "as for the sensor", dtype=str, choices=("filter", "sensor"))
-    streaming_at_start = Param(True, "1", "whether it streams before it is told to", fixed=True)
+    streaming_at_start = Param(True, "1", "whether it streams before it is set up", fixed=True)
     clock_error = Param(
         0.0, "1", "by how much its clock is slower than the computer's", min=-0.01, max=0.01, fixed=True
     )
-    clock_start = Param(1000.0, "s", "what its clock says at the start", min=0.0, fixed=True)
+    clock_start = Param(1000.0, "s", "time of its clock at the start", min=0.0, fixed=True)
     seed = Param(1, "1", "of what gets lost and spoilt", min=1, max=1_000_000, fixed=True)
 
     accel = Input("m/s²", "specific force", shape=(3,), default=(0.0, 0.0, -STANDARD_GRAVITY))
@@ -37,7 +37,7 @@ class EmulatedMicroStrain(Device):
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 45.0))
     quaternion = Input("1", "attitude against north, east, down, w first", shape=(4,), default=(1.0, 0.0, 0.0, 0.0))
     temperature = Input("°C", "of the sensor", default=30.0)
-    silent = Input("1", "it says nothing", default=False, dtype=bool)
+    silent = Input("1", "whether it sends nothing", default=False, dtype=bool)
     garbage = Input("1", "bytes of garbage in front of a packet, on the mean", default=0.0)
     dropped = Input("1", "share of its bytes that get lost, 0 to 1", default=0.0)
     flipped = Input("1", "share of its packets with a wrong bit, 0 to 1", default=0.0)
@@ -54,7 +54,7 @@ class EmulatedMicroStrain(Device):
     known = Memory(0.0, "its commands and its data")
     settings = Memory((0.0,) * 5, "base rate, generation, error and start of its clock, seed")
     power_on = Memory(0.0, "its formats, and whether it streams")
-    state = Memory((0.0,) * kernels.state_doubles, "what it was told, and what waits to be sent")
+    state = Memory((0.0,) * kernels.state_doubles, "its settings, and bytes that wait to be sent")
 
     medium = "stream"
     decode = kernels.decode

@@ -61,10 +61,10 @@ class SetUp:
         for descriptor_set, fields in formats.items():
             if self.has_set(descriptor_set):
                 stream = descriptor_set if self.newer else LEGACY[descriptor_set][3]
-                yield from self.tell(
+                yield from self.apply(
                     mip.command(mip.COMMAND_3DM, 0x11, "BBB", mip.WRITE, stream, bool(fields)), "its stream"
                 )
-        yield from self.tell(mip.command(mip.BASE, mip.RESUME), "to resume")
+        yield from self.apply(mip.command(mip.BASE, mip.RESUME), "to resume")
 
     def has(self, field):
         return field.set << 8 | field.descriptor in self.known or (
@@ -97,7 +97,7 @@ class SetUp:
             packet = mip.packet(mip.COMMAND_3DM, (GENERIC_FORMAT & 0xFF, data))
         else:
             packet = mip.packet(mip.COMMAND_3DM, (LEGACY[descriptor_set][0], bytes((mip.WRITE, len(fields))) + body))
-        yield from self.tell(
+        yield from self.apply(
             packet, f"the format of set {descriptor_set:02X}: {' '.join(f'{field:02X}' for field in fields)}"
         )
 
@@ -124,13 +124,13 @@ class SetUp:
             return
         magnetic = self.device.heading == "magnetometer"
         if magnetic and (MAGNETIC_FIELD not in self.known or not {HEADING, MEASUREMENT} & set(self.known)):
-            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command that says so"
+            why = "no magnetometer" if MAGNETIC_FIELD not in self.known else "no command for that"
             self.refuse(
                 f"its filter cannot take its heading from a magnetometer: it has {why}",
                 'leave `heading` out, or give it "none"',
             )
         if HEADING in self.known:
-            yield from self.tell(
+            yield from self.apply(
                 mip.command(mip.COMMAND_FILTER, 0x18, "BB", mip.WRITE, MAGNETOMETER_HEADING * magnetic),
                 "its heading source",
             )
@@ -162,12 +162,12 @@ class SetUp:
             if not self.has(field) or field not in self.device.fields:
                 continue
             if NEW_LOW_PASS in self.known:
-                yield from self.tell(
+                yield from self.apply(
                     mip.command(mip.COMMAND_3DM, 0x54, "BBBBBf", mip.WRITE, SENSOR, field.descriptor, 1, 1, cutoff),
                     f"the low-pass of {name}",
                 )
             elif OLD_LOW_PASS in self.known:
-                yield from self.tell(
+                yield from self.apply(
                     mip.command(mip.COMMAND_3DM, 0x50, "BBBBHB", mip.WRITE, field.descriptor, 1, 1, round(cutoff), 0),
                     f"the low-pass of {name}",
                 )
@@ -175,7 +175,7 @@ class SetUp:
                 self.remarks.append("has no command for its low-pass: it stays as it is")
                 return
 
-    def tell(self, packet, what):
+    def apply(self, packet, what):
         """Send a setting, and keep it for a reconnect."""
         yield from self.ask(packet, what)
         self.messages.append(packet)

@@ -1,4 +1,4 @@
-"""An OpenIMU that is not there: it sends the same bytes, for a plant."""
+"""Emulated OpenIMU: it sends the same bytes, for a plant."""
 
 from blocks.imus.openimu import frames
 from cext.kernels.devices.openimu import emulator as kernels
@@ -8,7 +8,7 @@ G = 9.80665
 
 
 class EmulatedOpenImu(Device):
-    """An OpenIMU on the in-memory bus: it takes settings, tells them when it is asked, and sends what its firmware
+    """An OpenIMU on the in-memory bus: it takes settings, returns them on request, and sends what its firmware
     would, truncated as there.
 
     Its inputs are in the axes printed on its case (x forward, y right, z down); unwired, it lies still and level. It
@@ -29,7 +29,7 @@ class EmulatedOpenImu(Device):
     mag = Input("µT", "magnetic field", shape=(3,), default=(20.0, 0.0, 43.0))
     roll = Input("rad", "about x", default=0.0)
     pitch = Input("rad", "about y", default=0.0)
-    silent = Input("1", "it hears and obeys, and says nothing", default=False, dtype=bool)
+    silent = Input("1", "whether it obeys without sending", default=False, dtype=bool)
     dropped = Input("1", "share of the frames to and from it that get lost, 0 to 1", default=0.0)
     power_lost = Input("1", "it is dead; when power is back it is as it was sold", default=False, dtype=bool)
     stored = Memory((0.0,) * 6, "divider, packets, behaviour, orientation, filters at power on")

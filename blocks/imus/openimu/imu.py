@@ -10,7 +10,7 @@ from graph import Device, Interval, Memory, Output, Param
 NEEDED = {
     "300RI": 0b1111,
     "335RI": 0b0111,
-}  # of the settings that must have been told: cext/kernels/devices/openimu/frames.pxd
+}  # of the settings that must have been returned: cext/kernels/devices/openimu/frames.pxd
 SIGNS = {"printed": 1.0, "z up": -1.0}
 
 
@@ -21,7 +21,7 @@ class OpenImu(Device):
     (Aceinna, OpenIMU300RI and OpenIMU335RI, CAN messages.) As it is sold, x and y have changed places in acceleration
     and angular rate, and y and z of the acceleration alone are negated: no rotation brings the two together. So arming
     sets its axes, its packets, their rate and its filters, which lasts until its power is gone, and it has not answered
-    before it has told them back; one that has lost its power and is back gives nothing until it has been told again.
+    before it has returned them; after a loss of power a unit gives nothing until it has been set up again.
     `axes="printed"` is the frame on its case, x forward, y right, z down, in which a unit at rest shows −9.8 m/s² on z;
     "z up" is that, turned about x by half a turn: x forward, y left, z up. What was not measured is NaN. A bus has one
     bitrate, and a unit as it is sold 250 kbit/s, which its own settings alone change.
@@ -92,7 +92,7 @@ class OpenImu(Device):
     told = Param(
         True,
         "1",
-        "whether its settings must have been told back before it counts as answered",
+        "whether the unit must have returned its settings before it counts as answered",
         fixed=True,
         kernel=False,
     )
@@ -106,23 +106,23 @@ class OpenImu(Device):
     mag = Output("µT", "magnetic field", shape=(3,))
     roll = Output("rad", "about x", circle=(-math.pi, math.pi))
     pitch = Output("rad", "about y")
-    age = Output("s", "since the newest whole sample was heard")
+    age = Output("s", "time since the newest whole sample")
     settings = Output(
         "1",
-        "which settings it has told to be as wanted: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters",
+        "which settings it has returned as requested: 1 axes, 2 packets, 4 rate, 8 orientation, 16 filters",
         dtype=int,
     )
     invalid = Output("1", "values so far that it marked as errors or not available", dtype=int)
     wanted = Memory(
         (0.0,) * 11,
         "divider, packets, behaviour, its mask, orientation, filters, sign of y and z, "
-        "settings that must be told, "
-        "s of silence after which it must tell them again, whether it is a 335RI",
+        "settings that must be returned, "
+        "s of silence after which it must return them again, whether it is a 335RI",
     )
     set_up = Memory((), "what sets it up and asks what is set: identifier, length, eight bytes of each")
     state = Memory(
         (0.0,) * 4,
-        "packets since the last whole sample, whether anything was heard, frame that is sent next, time last heard",
+        "packets since the last whole sample, whether a frame was received, frame to send next, time of the last frame",
     )
 
     decode = kernels.decode

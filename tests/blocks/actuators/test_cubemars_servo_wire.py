@@ -232,13 +232,13 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
     [
         ("AK80-6", {}, "torque constant of AK80-6 is not published: give torque_constant="),
         ("AK80-8 V3.0", {}, r"rated and peak torque of AK80-8-V3\.0 are not published: give limit= in N·m"),
-        ("AK80-8 V3.0", {"limit": 64.0}, "at most what the wire of AK80-8-V3.0 can say, 63.414 N·m, got 64"),
+        ("AK80-8 V3.0", {"limit": 64.0}, "within the range of AK80-8-V3.0, 63.414 N·m, got 64"),
         ("AK80-9", {"report_rate": 0.0}, "does not answer commands in servo mode: give the report_rate"),
         ("AK80-9", {"report_rate": 15.0}, "timeout 0.1 s is shorter than two reports at report_rate 15 Hz"),
         (
             "AK80-9",
             {"mode": "velocity", "velocity_limit": 60.0},
-            "velocity_limit 60 rad/s is beyond what the drive can be told .* 55.4",
+            "velocity_limit 60 rad/s is outside the drive's range at the joint, ±55.4",
         ),
         (
             "AK80-64",
@@ -259,7 +259,7 @@ def test_any_frame_at_all_leaves_all_but_the_feedback_alone(identifier, data, le
             "stop_current is at most the current of the limit, 9.524 A, got 20",
         ),
         ("AK10-9", {}, r"CubeMarsV3\('AK10-9-V3\.0'\).*CubeMars\('AK10-9-V2\.0'\).*CubeMarsServo"),
-        ("AKA10-9", {}, "table of wire ranges does not have it"),
+        ("AKA10-9", {}, "table of wire ranges does not list it"),
         ("XM430", {}, "'XM430' is not a CubeMars model"),
         ("AK80-9", {"limit": "most"}, "limit must be 'rated', 'peak' or a torque"),
         ("AK80-9", {"duty_limit": 1.5, "mode": "duty"}, "duty_limit: "),

@@ -38,8 +38,8 @@ def test_a_motor_of_several_generations_needs_the_boards_name(name):
 @pytest.mark.parametrize(
     "name, said",
     [
-        ("AKA10-9", "table of wire ranges does not have it"),
-        ("aka60-6 v3.0", "table of wire ranges does not have it"),
+        ("AKA10-9", "table of wire ranges does not list it"),
+        ("aka60-6 v3.0", "table of wire ranges does not list it"),
         ("AK80-64", r"generation V1 or V2: use CubeMars\('AK80-64'\), or CubeMarsServo"),
         ("AK10-9 V2.0", r"generation V1 or V2: use CubeMars\('AK10-9-V2\.0'\)"),
         ("AK80-9 V1.1", r"use CubeMars\('AK80-9'\)"),
@@ -131,7 +131,7 @@ def test_the_limit_is_rated_peak_or_a_torque_and_never_beyond_the_wire(name):
             with pytest.raises(DiagramError, match="not published: give limit= in N·m"):
                 CubeMarsV3(name, limit=limit)
         for limit in (0.0, -1.0, model.wire_torque * 1.001, float("nan"), float("inf")):
-            with pytest.raises(DiagramError, match="limit must be above 0 and at most what the wire"):
+            with pytest.raises(DiagramError, match="limit must be above 0 and within the range"):
                 CubeMarsV3(name, limit=limit)
         one = CubeMarsV3(name, limit=7.5)
         assert one.command_limits()["torque_command"].high == one.watched().rated == 7.5
@@ -153,7 +153,7 @@ def test_the_three_blocks_know_of_one_another():
     [
         ({"report_rate": 501.0}, "report_rate: must be at most 500"),
         ({"report_rate": 10.0}, "shorter than two reports at report_rate 10 Hz"),
-        ({"stop_damping": 6.0}, "stop_damping is at most"),
+        ({"stop_damping": 6.0}, "stop_damping must be at most"),
         ({"enter": 1}, "enter: expected True or False"),
     ],
 )

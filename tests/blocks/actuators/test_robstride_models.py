@@ -93,7 +93,7 @@ def test_behind_a_gear_all_limits_and_ranges_are_those_of_the_joint(kind, model,
     assert geared.output_range()["velocity"] == Interval(-velocity / 4.0, velocity / 4.0)
     with pytest.raises(DiagramError, match=f"at most the peak torque of {model} behind a gear of 0.5, "):
         kind(model, gear_ratio=0.5, limit=plain.found.peak)
-    with pytest.raises(DiagramError, match=r"offset 4 rad is beyond what the wire can say of the joint, ± 3\.1"):
+    with pytest.raises(DiagramError, match=r"offset 4 rad is outside the drive's position range of ±3\.1"):
         kind(model, gear_ratio=4.0, offset=4.0)
     with Diagram("plant", rate=1000):
         assert geared.emulator().peak == 4.0 * geared.found.peak and geared.emulator().wire == geared.wire
@@ -235,7 +235,7 @@ def test_a_time_out_shorter_than_two_ticks_is_refused():
         ({"gear_ratio": 0.0}, "gear_ratio: must be above 0.0"),
         ({"gear_ratio": math.nan}, "gear_ratio: NaN"),
         ({"wire_torque": -1.0}, "wire_torque: must be at least 0.0 N·m"),
-        ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is beyond what the drive can say"),
+        ({"mode": "velocity", "velocity_limit": 20.1}, "velocity_limit 20.1 rad/s is outside the drive's range"),
         ({"model": "CyberGear", "mode": "csp"}, "the CyberGear has no mode csp"),
         ({"model": "CyberGear", "active_reporting": True}, "does not report without being asked"),
     ],

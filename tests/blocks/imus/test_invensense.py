@@ -253,7 +253,7 @@ def test_the_factory_adjustment_is_read_in_a_mode_of_its_own_and_goes_with_every
         and imu.rounds()[1].period == 0.01
     )
     chip[0x00] = b"\x00"
-    with pytest.raises(ValueError, match="its magnetometer says 0x00, and an AK8963 says 0x48"):
+    with pytest.raises(ValueError, match="its magnetometer answers 0x00 instead of 0x48 of an AK8963"):
         imu.learn(read, write)
 
 

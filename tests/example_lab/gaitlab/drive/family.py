@@ -16,11 +16,11 @@ def reader(can_id):
     return lambda *frame: protocol.state(*frame, can_id)
 
 
-def answers(heard, can_ids, before):
+def answers(received, can_ids, before):
     """Return an Answer for each id that answered."""
     found = []
     for can_id in can_ids:
-        states = [answer for frame in heard if (answer := protocol.state(*frame, can_id)) is not None]
+        states = [answer for frame in received if (answer := protocol.state(*frame, can_id)) is not None]
         found += states[-1:]
     return found
 
