@@ -71,7 +71,8 @@ class ICM20948(InvenSense):
         found = read(MAG_WHO_AM_I, 1, self.mag_address)[0]
         if found != 0x09:
             raise ValueError(
-                f"its magnetometer answers {found:#04x} instead of 0x09 of an AK09916; magnetometer=False reads the rest"
+                f"its magnetometer answers {found:#04x} instead of 0x09 of an AK09916; "
+                "magnetometer=False reads the rest"
             )
 
     def check(self):
