@@ -16,6 +16,12 @@ def end_with_parent():
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
 
 
+def processor_wait():
+    """Return s for which this thread was ready to run and had no processor; 0.0 where the kernel does not count."""
+    fields = read("/proc/thread-self/schedstat").split()
+    return int(fields[1]) * 1e-9 if len(fields) > 1 else 0.0
+
+
 def maps(pid, descriptor):
     """Whether a process has the file behind a descriptor of this process in its memory. It has not any more once it
     runs another program, although it goes on under its number.

@@ -6,6 +6,7 @@ from runtime.report.timing import micro
 
 REMEDY = "machine too busy, see --realtime"
 LOST_TICKS_MINIMUM = 2  # ticks lost among the newest rows; a single one is common and explains no fault
+ARMING_WAIT_MINIMUM = 0.1  # s without a processor; arming may take 1 s
 EXPLAINED = ("silent", "no answer", "not following")  # faults that a stalled loop can cause
 
 
@@ -19,12 +20,18 @@ def before_fault(result):
         return ""
     if outcome.status == "overrun":
         return f"; {REMEDY}" if outcome.culprit == MACHINE else ""
+    if outcome.status == "no answer" and outcome.tick < 0 and result.waited >= ARMING_WAIT_MINIMUM:
+        return f"; the loop had waited {micro(result.waited)} for a processor: {REMEDY}"
     if outcome.status not in EXPLAINED or not result.newest:
         return ""
     first = result.newest[0][0]
     lost = round(outcome.tick - first - sum(row[0] < outcome.tick for row in result.newest))
     if lost >= LOST_TICKS_MINIMUM:
         return f"; the loop had lost {count(lost, 'tick')} before that: {cause(result.overruns, first)}"
+    stall = stall_before(result, first)
+    if stall is not None:
+        count_of_stall = round(stall["longest"] * result.schedule.rate)
+        return f"; the loop had lost {count(count_of_stall, 'tick')} before that: {blamed(stall)}"
     late = max(row[1] for row in result.newest)
     if late * result.schedule.rate >= LOST_TICKS_MINIMUM:
         return f"; the loop was up to {micro(late)} late before that: {cause(result.overruns, first)}"
@@ -37,9 +44,26 @@ def cause(overruns, first):
     overruns : list of runtime.session.result.Result
     """
     recent = [row for row in overruns if row["at_tick"] >= first]
-    worst = max(recent, key=lambda row: row["longest"], default=None)
-    return (
-        REMEDY
-        if worst is None or worst["name"] == MACHINE
-        else (f"{worst['name']} took {micro(worst['longest'])} (tick {worst['at_tick']})")
-    )
+    return blamed(max(recent, key=lambda row: row["longest"], default=None))
+
+
+def blamed(row):
+    """Return what an overrun row blames: the path of a block, or the machine. row : None where there is none"""
+    if row is None or row["name"] == MACHINE:
+        return REMEDY
+    return f"{row['name']} took {micro(row['longest'])} (tick {row['at_tick']})"
+
+
+def stall_before(result, first):
+    """Return the overrun row of the longest stall within the timeout of the device that failed, None for none.
+
+    The newest rows are few: a reply may have been lost with ticks before them. first : tick of the oldest of them
+    """
+    block = result.diagram.blocks.get(result.outcome.culprit)
+    since = first - (getattr(block, "timeout", None) or 0.0) * result.schedule.rate
+    stalls = [
+        row
+        for row in result.overruns
+        if since <= row["at_tick"] < first and row["longest"] * result.schedule.rate >= LOST_TICKS_MINIMUM
+    ]
+    return max(stalls, key=lambda row: row["longest"], default=None)

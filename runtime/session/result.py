@@ -23,6 +23,7 @@ class Result(Prepared):
     overruns, profile, newest : of cext.schedule.executor.Executor
     page : the shared state, with everything that was counted
     report : lines about the fault that ended it
+    waited : s for which the loop's thread was ready to run and had no processor
     """
 
     outcome: object
@@ -36,6 +37,7 @@ class Result(Prepared):
     page: Page
     newest: list
     report: list = field(default_factory=list)
+    waited: float = 0.0
 
     @cached_property
     def held(self):

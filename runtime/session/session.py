@@ -17,6 +17,7 @@ from cext.safety.thresholds import GUARDIAN_LOOK_LIMIT, GUARDIAN_SILENCE
 from cext.schedule.executor import Executor
 from cext.schedule.program import Program
 from runtime.base.ending import ENDING_SIGNALS
+from runtime.base.system import processor_wait
 from runtime.live.table import describe
 from runtime.machine.realtime import PRIORITY, Realtime
 from runtime.recorder import RecorderProcess, can_ask
@@ -110,6 +111,7 @@ class Session:
     def run(self):
         """Run until the end, whatever ends it, and finish. Returns a Result."""
         outcome, began = None, time.monotonic()
+        self.waited = processor_wait()
         handler = one_interrupt(self.page)
         try:
             outcome = self.executor.run(self.prepared.ticks, **self.confirmation(), **self.rearming.options())
@@ -187,6 +189,7 @@ class Session:
             profile=self.executor.profile,
             page=self.page,
             newest=self.executor.newest,
+            waited=processor_wait() - self.waited,
         )
         if outcome.faulted:
             result.report += self.rearming.told(outcome) or explain(result)

@@ -1,11 +1,13 @@
 """Faults that a loop which lost ticks may have caused itself name the machine, or the block that took the time."""
 
+import time
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
 from cext.clock.stopwatch import MACHINE
+from runtime.base.system import processor_wait
 from runtime.report import fault
 from runtime.report.lost_ticks import REMEDY, before_fault
 from runtime.session.prepare import prepare
@@ -44,7 +46,31 @@ def ended(status, tick=121, rows=STEADY, overruns=(), culprit="knee"):
         overruns=list(overruns),
         failed_in_plant=False,
         schedule=SimpleNamespace(rate=200.0),
+        diagram=SimpleNamespace(blocks={"knee": SimpleNamespace(timeout=0.1)}),
     )
+
+
+def test_ticks_lost_before_the_newest_rows_are_seen_within_the_timeout_of_the_device():
+    said = "; the loop had lost 21 ticks before that: machine too busy, see --realtime"
+    assert before_fault(ended("silent", 101, overruns=[blamed(MACHINE, 80)])) == said
+    assert before_fault(ended("silent", 101, overruns=[blamed("law", 80)])).endswith(": law took 104.0 ms (tick 80)")
+    assert before_fault(ended("silent", 101, overruns=[blamed(MACHINE, 70)])) == ""  # 25 ticks before the oldest row
+
+
+def test_a_device_that_does_not_answer_while_the_machine_is_too_busy_to_arm_names_the_machine():
+    result = ended("no answer", -1, [])
+    result.waited = 0.3
+    assert before_fault(result) == "; the loop had waited 300.0 ms for a processor: machine too busy, see --realtime"
+    result.waited = 0.05
+    assert before_fault(result) == ""
+
+
+def test_the_wait_for_a_processor_is_counted():
+    before = processor_wait()
+    deadline = time.monotonic() + 0.2
+    while time.monotonic() < deadline:
+        pass
+    assert 0.0 <= processor_wait() - before <= 0.2
 
 
 def blamed(name, at_tick=100):
@@ -101,6 +127,7 @@ def test_the_rows_of_a_real_run_show_the_ticks_that_a_block_has_cost(tmp_path):
             overruns=result.overruns,
             failed_in_plant=False,
             schedule=result.schedule,
+            diagram=result.diagram,
         )
     )
     assert said.startswith("; the loop had lost ") and said.endswith(" (tick 20)") and ": law took 5" in said
