@@ -40,6 +40,7 @@ def family_of(block: Any) -> Family | None:
 
 
 def drive_of(block: Any, family: Family) -> Drive | None:
+    """Return the Drive of a family that a block stands for, or None."""
     return next((drive for drive in family.drives if isinstance(block, drive.block)), None)
 
 

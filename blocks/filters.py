@@ -77,6 +77,7 @@ class Notch(Biquads):
 
 
 def check_frequency(what, frequency, dt):
+    """Raise ValueError for a frequency, in Hz, at or above half the rate 1 / dt."""
     if frequency * dt >= 0.5:
         raise ValueError(
             f"{what} of {frequency:g} Hz needs a rate above {2 * frequency:g} Hz, and this is {1 / dt:g} Hz"

@@ -166,4 +166,5 @@ class I2cDevice(Device):
 
 
 def listed(addresses):
+    """Return addresses as text, in hexadecimal."""
     return ", ".join(f"{address:#04x}" for address in addresses)

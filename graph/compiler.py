@@ -605,4 +605,5 @@ class Compilation:
 
 
 def names_of(conditions):
+    """Return the paths of conditions, joined by "and"."""
     return " and ".join(signal.path for signal in conditions)

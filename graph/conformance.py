@@ -54,15 +54,18 @@ def check_block(kind, examples=None):
 
 
 def make(kind, parameters):
+    """Return a block in a diagram of its own."""
     with Diagram("conformance", RATE):
         return kind(**parameters)
 
 
 def computes(kind):
+    """Return whether a block class has a step: devices and sinks do not."""
     return not issubclass(kind, (Device, Sink))
 
 
 def check_declarations(kind, parameters):
+    """Check that class, ports and parameters have descriptions and units, and no name is used twice."""
     assert kind.__doc__ and kind.__doc__.strip(), f"{kind.__name__} has no docstring"
     block = make(kind, parameters)
     for name, declaration in (block.inputs | block.outputs | block.parameters).items():
@@ -74,6 +77,7 @@ def check_declarations(kind, parameters):
 
 
 def check_kernels(kind, parameters):
+    """Check that the class does not change the items of a kernel that it inherits."""
     try:
         check_inherited_kernels(kind)
     except TypeError as error:
@@ -81,6 +85,7 @@ def check_kernels(kind, parameters):
 
 
 def check_bounds(kind, parameters):
+    """Check that each numeric parameter rejects values outside its bounds, and NaN."""
     for name, param in kind.parameters.items():
         if not param.numeric or param.dtype is bool:
             continue
@@ -169,6 +174,7 @@ class Drive:
 
 
 def check_outputs(kind, parameters):
+    """Check that a step returns the declared outputs, in shape and dtype."""
     if not computes(kind):
         return
     for seed in (0, 1):
@@ -186,6 +192,7 @@ def check_outputs(kind, parameters):
 
 
 def check_reset(kind, parameters):
+    """Check that a reset block repeats its outputs."""
     if not computes(kind):
         return
     for seed in (2, 3):
@@ -203,6 +210,7 @@ def check_reset(kind, parameters):
 
 
 def check_nan(kind, parameters):
+    """Check that a NaN or infinity at the float inputs reaches a float output."""
     drive = Drive(kind, parameters, 4) if computes(kind) else None
     if drive is None or not any(p.dtype == "float" for p in drive.block.inputs.values()):
         return
@@ -221,6 +229,7 @@ def check_nan(kind, parameters):
 
 
 def check_range(kind, parameters):
+    """Check that outputs stay inside `output_range`, for random inputs."""
     if not computes(kind):
         return
     for seed, bound in ((5, 1.0), (6, 1e6), (7, 10.0)):
@@ -241,6 +250,7 @@ def check_range(kind, parameters):
 
 
 def check_json(kind, parameters):
+    """Check that a diagram with the block is the same after conversion to JSON and back."""
     if not loadable(kind, registered()):
         return
     with Diagram("conformance", RATE) as diagram:
@@ -250,6 +260,7 @@ def check_json(kind, parameters):
 
 
 def check_live(kind, parameters):
+    """Check that a change of each live parameter takes effect, and parameters without effect are fixed."""
     for name, param in kind.parameters.items():
         if param.fixed or param.live and not computes(kind):
             continue
@@ -287,6 +298,7 @@ def tried(param, value):
 
 
 def takes(kind, parameters, name, value):
+    """Return whether a block accepts a value of a parameter."""
     try:
         return bool(Drive(kind, parameters | {name: value}, 8))
     except DiagramError:

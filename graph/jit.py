@@ -54,6 +54,7 @@ def compile_block(block):
 
 
 def is_state(block, name):
+    """Return whether an attribute of a block is state: no parameter, not private, not of its class."""
     return name not in block.parameters and not name.startswith("_") and not hasattr(type(block), name)
 
 

@@ -39,6 +39,7 @@ def interval_of(source, ranges):
 
 
 def interval_of_numbers(source):
+    """Return the Interval of an array of numbers."""
     return (
         Interval.point(float(source))
         if source.ndim == 0

@@ -361,14 +361,17 @@ def promised(block, **inputs):
 
 
 def inside(interval, bound):
+    """Return whether an interval lies inside a bound, up to rounding."""
     slack = SLACK * (bound.high - bound.low)
     return bound.low - slack <= interval.low and interval.high <= bound.high + slack
 
 
 def apart(interval, bound):
+    """Return whether an interval and a bound have no number in common, up to rounding."""
     slack = SLACK * (bound.high - bound.low)
     return interval.high < bound.low - slack or interval.low > bound.high + slack
 
 
 def is_point(interval):
+    """Return whether an interval is one number, up to rounding."""
     return interval.high - interval.low <= SLACK * abs(interval.high)

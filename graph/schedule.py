@@ -148,6 +148,8 @@ class Proof:
 
 @dataclass
 class Schedule:
+    """A compiled diagram: arena, steps in order, devices, recorded signals, proofs and warnings."""
+
     name: str
     rate: float
     arena: np.ndarray

@@ -58,6 +58,7 @@ def describe(diagram):
 
 
 def describe_block(block, known, source):
+    """Return a block as a JSON object, with the hash of its source."""
     kind = type(block)
     data = {"path": block.path, "type": f"{kind.__module__}:{kind.__qualname__}", "source": source}
     if not loadable(kind, known):
@@ -88,6 +89,7 @@ def describe_block(block, known, source):
 
 
 def describe_wire(wire):
+    """Return a wire as a JSON object."""
     data = {"to": wire.block.path}
     if wire.port is not None:
         data["port"] = wire.port
@@ -112,6 +114,7 @@ def encode(value):
 
 
 def decode(value):
+    """Return the value that `encode` wrote: arrays as tuples."""
     if isinstance(value, dict):
         if set(value) == {"float"}:
             return float(value["float"])
@@ -131,6 +134,7 @@ def unchanging(entry):
 
 
 def digest(data):
+    """Return the content hash of a diagram in JSON form."""
     essence = {key: data[key] for key in ("name", "rate", "blocks", "wires")}
     essence["blocks"] = [unchanging(entry) for entry in data["blocks"]]
     text = json.dumps(essence, ensure_ascii=False, separators=(",", ":"))
@@ -233,6 +237,7 @@ def from_json(text, *, trust=()):
 
 
 def parameters_of(entry):
+    """Return {name: value or Live} of a block in JSON form."""
     parameters = {}
     for name, value in entry.get("parameters", {}).items():
         if isinstance(value, dict) and set(value) == {"live"}:
@@ -245,15 +250,18 @@ def parameters_of(entry):
 
 
 def held_by(entry):
+    """Return the constructor argument `hold_exceptions` of a block in JSON form, if it has one."""
     return {"hold_exceptions": entry["hold_exceptions"]} if "hold_exceptions" in entry else {}
 
 
 def signal_at(diagram, path):
+    """Return the Signal at a path such as "left/knee.position"."""
     block, _, port = path.rpartition(".")
     return Signal(diagram[block], port)
 
 
 def find_type(entry, libraries, trust):
+    """Return the class of a block in JSON form. Raises DiagramError unless its module is trusted and found."""
     module, _, qualname = entry["type"].partition(":")
     top = module.split(".")[0]
     if entry.get("local") and module not in trust:

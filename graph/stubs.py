@@ -173,6 +173,7 @@ def plain_class(kind: Any, node: ast.ClassDef) -> list[str]:
 
 
 def heading(node: ast.ClassDef) -> str:
+    """The first line of a class."""
     bases = ", ".join(map(ast.unparse, [*node.bases, *node.keywords]))
     return f"class {node.name}({bases}):" if bases else f"class {node.name}:"
 
@@ -292,6 +293,7 @@ def makes_ports(kind: type[Block], field: str) -> bool:
 
 
 def is_field(node: ast.AST | None, field: str) -> bool:
+    """Return whether an expression is `self.inputs` or `self.outputs`, by the name of the field."""
     return (
         isinstance(node, ast.Attribute)
         and node.attr == field

@@ -43,6 +43,7 @@ def split_unit(name):
 
 
 def place_of(name, names, file):
+    """Return the index of a column. Raises ValueError if the file has none of that name."""
     for index, (found, _) in enumerate(names):
         if found == name:
             return index

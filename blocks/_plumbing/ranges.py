@@ -17,6 +17,7 @@ def rising(function, u, ulps=0):
 
 
 def falling(function, u, ulps=0):
+    """Return the interval of a function that falls over u, rounded outward by some ulps."""
     return outward(function(u.high), function(u.low), ulps)
 
 
@@ -44,10 +45,12 @@ def total(intervals):
 
 
 def can_be_true(u):
+    """Return whether an interval has a value other than 0."""
     return not u.low == u.high == 0.0
 
 
 def can_be_false(u):
+    """Return whether an interval contains 0."""
     return 0.0 in u
 
 

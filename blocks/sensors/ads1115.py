@@ -169,5 +169,6 @@ class EmulatedADS1115(I2cDevice):
 
 
 def told(name):
+    """Return the description of a channel: "a0" or, differential, "a0_a1"."""
     first, _, second = name.partition("_")
     return f"at input {first[1]}" + (f", against input {second[1]}" if second else "")

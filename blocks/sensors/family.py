@@ -6,6 +6,8 @@ from graph.family import Chip, Family
 
 
 class ConverterFamily(Family):
+    """Analogue-to-digital converters on I2C: NAU7802, ADS1115 and ADS1015."""
+
     name = "analogue-to-digital converters"
     chips = (
         Chip((0x2A,), (0x1F, {0x0F: "NAU7802"}, 0x0F), NAU7802),

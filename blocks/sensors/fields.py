@@ -79,6 +79,7 @@ def read(declared, taken):
 
 
 def field(declared, number):
+    """Return the Field of a declaration (name, type, unit, scale). Raises ValueError if it is invalid."""
     if not isinstance(declared, (tuple, list)) or not 2 <= len(declared) <= 4:
         raise ValueError(f"field {number} is (name, type, unit, scale), the last two 1 by default, got {declared!r}")
     name, kind, unit, scale = (*declared, *("1", 1.0)[len(declared) - 2 :])

@@ -130,6 +130,7 @@ def parameter_cards(block):
 
 
 def same(value, default):
+    """Return whether a value is the default."""
     try:
         return bool(value == default)
     except ValueError:  # arrays
@@ -246,6 +247,7 @@ def torque_texts(bound):
 
 
 def diagnostic_text(diagnostic):
+    """Return a diagnostic as one line."""
     return f"{diagnostic.code} {diagnostic.title}: {diagnostic.message}" + (
         f"; {diagnostic.hint}" if diagnostic.hint else ""
     )
@@ -281,6 +283,7 @@ def tap_cards(block, found):
 
 
 def output_card(block, port, found, targets):
+    """Return the card of an output: unit, shape, proved range and targets."""
     signal = Signal(block, port.name)
     unit = found.units[block, port.name]
     return port_card(port) | {

@@ -268,6 +268,7 @@ def name_of(level, thing, key):
 
 
 def box(node, x, y, level):
+    """Return the Box of a block, with its ports, at a position."""
     plan = node.what
     ports = [
         Port(plan.labels[key], "in", x, y + offset, plan.notes.get(key, ""), key in plan.wrong_ports)

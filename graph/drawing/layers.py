@@ -258,6 +258,7 @@ def crossings(order, leaving):
 
 
 def places(column):
+    """Return {node: index} of a column."""
     return {node: index for index, node in enumerate(column)}
 
 

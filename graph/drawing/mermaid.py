@@ -52,6 +52,7 @@ def wires(drawing):
 
 
 def follow(line, following, back):
+    """Yield (signal, target, whether it is feedback) for each block that a line reaches through pins."""
     back = back or line.back
     if isinstance(line.target, str) or line.target[1] == "enabled":
         yield line.signal, line.target, back
@@ -60,4 +61,5 @@ def follow(line, following, back):
 
 
 def quoted(text):
+    """Return text as a Mermaid string."""
     return '"' + text.replace("#", "#35;").replace('"', "#quot;") + '"'

@@ -54,10 +54,12 @@ FOLDING = (("fold", "fold every subsystem", "fold all"), ("unfold", "unfold ever
 
 
 def button(name, title, text, hidden=False):
+    """Return the HTML of a button."""
     return f'<button id="{name}" title="{title}"{" hidden" * hidden}>{text}</button>'
 
 
 def asset(name):
+    """Return the text of a file beside this module."""
     return (HERE / name).read_text(encoding="utf-8")
 
 
@@ -74,6 +76,7 @@ def data(drawing):
 
 
 def legend(drawing):
+    """Yield the HTML of each entry of the legend."""
     for name in used(drawing):
         family = FAMILIES[name]
         yield f'<span><i style="--edge: {family.edge}; --head: {family.head}"></i>{family.title}</span>'

@@ -79,6 +79,7 @@ def stack(column, present, wishes):
 
 
 def gap(upper, lower):
+    """Return the vertical distance between two neighbours of a column."""
     if upper.side and lower.side:
         return ROW
     return (

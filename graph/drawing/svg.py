@@ -97,6 +97,7 @@ def legend(drawing):
 
 
 def heading(drawing):
+    """Return the title of a drawing: name and rate."""
     return f"{drawing.name}, {drawing.rate:g} Hz"
 
 
@@ -106,10 +107,12 @@ def used(drawing):
 
 
 def legend_item(text):
+    """Return the width of an entry of the legend."""
     return 22.0 + text_width(text, SMALL) + 18.0
 
 
 def legend_width(drawing):
+    """Return the width of title and legend."""
     items = sum(legend_item(FAMILIES[name].title) for name in used(drawing)) + legend_item(FEEDBACK) + 12.0
     return math.ceil(3 * MARGIN + text_width(heading(drawing), TITLE, bold=True) + items + MARGIN)
 
@@ -165,6 +168,7 @@ def line(item, start, drawing):
 
 
 def joints(lines):
+    """Return the SVG of the joints where lines of one signal branch."""
     names = "joint" + " back" * lines[0].back
     data = f'data-signal="{escape(lines[0].signal)}" data-in="{escape(lines[0].subsystem)}"'
     places = sorted({joint for item in lines for joint in item.joints})
@@ -227,6 +231,7 @@ def toward(corner, other):
 
 
 def box(item, drawing):
+    """Return the SVG of a box with its ports."""
     w, h, head = number(item.width), number(item.height), HEAD + (LINE - 2.0 if item.subtitle else 0.0)
     right, corner = number(item.width - 0.6), number(item.width - 6)
     names = f"box {item.family}" + " wrong" * bool(item.wrong)

@@ -10,6 +10,8 @@ WITHOUT_BLOCK = {0x68: "MPU-6050", 0x70: "MPU-6500", 0x47: "ICM-42688-P"}
 
 
 class InvenSenseFamily(Family):
+    """IMUs by InvenSense on I2C: MPU-9250, MPU-9255 and ICM-20948."""
+
     name = "InvenSense"
     chips = (
         Chip(ADDRESSES, (0x75, {0x71: "MPU-9250", 0x73: "MPU-9255"}, 0xFF), MPU9250),

@@ -39,6 +39,8 @@ def parse(data):
 
 
 class MicroStrainFamily(Family):
+    """IMUs by MicroStrain on a serial line."""
+
     name = "MicroStrain"
     sensors = (MicroStrain,)
     benchmark = Benchmark(MicroStrain, EmulatedMicroStrain, stream=stream, parse=parse)

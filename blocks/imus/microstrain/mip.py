@@ -13,6 +13,7 @@ WRITE, READ = 1, 2
 
 
 def fletcher(data):
+    """Return the two bytes of the Fletcher checksum of a packet."""
     one = two = 0
     for byte in data:
         one = one + byte & 0xFF
